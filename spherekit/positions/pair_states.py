@@ -195,11 +195,14 @@ def evaluate_pair_states(joints: tuple[Joint, ...], values: Floats) -> PairState
 
 
 def has_penetration(joints: Sequence[Joint], states: PairStates) -> Bools:
-    """Return (n,) whether the profiles of a contact enter each other beside the contact.
+    """Return (n,) whether the profiles of any contact enter each other.
 
-    The curvatures at the contact point decide: the curvature of the first profile must be
-    greater than that of the second. Profiles whose curvatures differ by less than
-    `EQUAL_CURVATURE` count too, because they do not determine the motion.
+    Two profiles touch at a point with a common tangent. Their geodesic curvatures there
+    decide whether they enter each other next to this point. A curvature is positive if the
+    profile turns to the left of the tangent, where the body of the first profile is. The
+    profiles are apart if the first curvature is greater than the second. The result is also
+    True if it is greater by less than `EQUAL_CURVATURE`, because such profiles do not
+    determine the motion.
 
     Parameters
     ----------

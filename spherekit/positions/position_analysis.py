@@ -141,6 +141,7 @@ class PositionAnalysis:
         # The mobility is first counted on the graph of links and pairs. Constraints that
         # repeat each other make this count too small. Then the rank of the velocity
         # equations at the configurations decides.
+        # `by_rank` tells `_search_modes` which of the two to use.
         self.by_rank = False
         try:
             self.assembly_modes = self._search_modes(search)
@@ -149,7 +150,10 @@ class PositionAnalysis:
             try:
                 self.assembly_modes = self._search_modes(search)
             except SpherekitError:
+                # The user sees the error of the count, which names links and pairs.
                 raise count_error from None
+        # The signs of the groups distinguish modes. In a mode that passes crossings of
+        # curves they change, so the modes without such changes are kept, too.
         self._modes_with_constant_signs = self.assembly_modes
         if crossings == "pass" and follow:
             self._pass_crossings()
@@ -183,6 +187,15 @@ class PositionAnalysis:
     def _search_modes(self, search: bool) -> tuple[AssemblyMode, ...]:
         """Plan the assembly, search its modes and return them.
 
+        The mobility is counted on the graph of links and pairs, or with `by_rank` follows
+        from the rank of the velocity equations. If modes are not to be searched at all
+        (`follow` of the class), only the plan is made.
+
+        Parameters
+        ----------
+        search
+            Whether modes other than that of the reference pose are searched.
+
         Raises
         ------
         PlanError
@@ -202,7 +215,8 @@ class PositionAnalysis:
         self.claim = mode_search.claim
         self._probe_count = mode_search.probes
         self._crossings = mode_search.crossings
-        # The solver replaces nearby results by crossings, which are known more accurately.
+        # Crossings are singular: what the solver computes near one has half the digits. If
+        # a result is near a crossing at the same inputs, the solver returns the crossing.
         self.solver.exact_configurations += [
             crossing.values for crossing in mode_search.crossings
         ]
@@ -236,7 +250,9 @@ class PositionAnalysis:
                     f"{name}: {sentence}; narrow the range "
                     'to one side of that input, or leave crossings at "end"'
                 )
-        # The anchor is the input of the reference pose, if there is one.
+        # `numbering_input` is the input at which smooth curves get their numbers. The low
+        # end of the range may be a crossing, where modes coincide, so an input a little
+        # above it is used. The anchor, the input of the reference pose, is preferred.
         low, high = self.input_grid.range
         self.numbering_input = low + MIN_CROSSING_DISTANCE_RAD
         anchor = float(self.solver.anchor_inputs[0])
@@ -323,32 +339,40 @@ class PositionAnalysis:
             The message advises to analyse the inputs q instead, as the path of a new
             position analysis.
         """
-        # In irreducible groups Newton's method starts from verified configurations of the
-        # mode, its guide. With one input they form a curve, which gives a start at any
-        # input. With several inputs they are known at the samples of a grid only.
+        # Newton's method closes an irreducible group from a start near the solution. Each
+        # mode has verified configurations for this, called its guide. With one input they
+        # form a curve, which gives a start at any input. With several inputs they are known
+        # at the samples of a grid only.
         if any(isinstance(mode.guide, ModeOverGrid) for mode in self.assembly_modes):
             raise SolveError(
                 f"{self.mechanism.name}: with several inputs and irreducible groups the "
                 "motion is known at the samples of the position analysis only; give these "
                 "inputs as its path"
             )
-        return self._evaluate(make_path(q, len(self.inputs)).q, None)
+        return self._evaluate(make_path(q, len(self.inputs)).q, rows=None)
 
     def given(self, values: Floats) -> Motion:
         """Return closed configurations (n, variables), rad, as a motion of one mode."""
         return make_motion(self.solver, values)
 
     def _evaluate(self, q: Floats, rows: Indices | None) -> Motion:
-        """Return all assembly modes at inputs.
+        """Return the configurations of all assembly modes at some inputs, as a motion.
 
         Parameters
         ----------
         q
             (k, inputs) inputs (rad).
         rows
-            (k,) the samples that have these inputs, None if they are not samples.
+            (k,) numbers of the samples that have these inputs, None if they are not
+            samples. With several inputs, configurations of some modes are known at samples
+            only, from which they are computed.
+
+        Returns
+        -------
+        Rows for mode after mode, in each the k inputs in order.
         """
         if not self.assembly_modes:
+            # A motion without rows, which still states the number of inputs of each mode.
             no_values = np.empty((0, len(self.mechanism.variable_owners)))
             return replace(make_motion(self.solver, no_values), samples=len(q))
         configurations = ModeConfigurations.concatenate(

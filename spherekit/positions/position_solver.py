@@ -126,9 +126,13 @@ class PositionSolver:
         for pair in assembly.inputs:
             driven += mechanism.variables_of(pair)
         self.driven = tuple(driven)
-        # Inputs from which angles are counted over full revolutions.
+        # Inputs at which the angles of passive pairs are in (-pi, pi]. From there they are
+        # counted over full revolutions. They are those of the reference pose, if the file
+        # has one.
         self.anchor_inputs = np.zeros(len(self.driven))
-        # Configurations that are known but for rounding; callers add crossings of curves.
+        # Configurations that are known up to rounding: the reference pose, and crossings of
+        # configuration curves, which callers add. They are singular or may be. Near such a
+        # configuration a computed result has half the digits, and is replaced by it.
         self.exact_configurations: list[Floats] = []
         if self.reference is not None:
             self.anchor_inputs = self.reference[list(self.driven)]
@@ -176,6 +180,10 @@ class PositionSolver:
     def shift_inputs(self, values: Floats, q: Floats) -> Floats:
         """Return the same configurations at inputs that are whole periods away.
 
+        A period is the growth of an input after which the configurations repeat: one
+        revolution, or several if wheels roll on each other. Wheels have rolled further then
+        (`gear_phases`, None without rolling contacts).
+
         Parameters
         ----------
         values
@@ -197,10 +205,11 @@ class PositionSolver:
 
     @cached_property
     def wheel_trains(self) -> frozenset[int]:
-        """Positions, in solving order, of the groups that gear ratios place completely.
+        """Positions, in solving order, of the groups that are trains of wheels.
 
-        The angles of the pairs of such a group follow from the inputs, and all its contacts
-        are rolling contacts between wheels of the gear train.
+        A group is a set of bodies that are placed together. Gear ratios give the angles of
+        some R pairs from the inputs. In a train of wheels these angles are enough to place
+        all bodies of the group. All its contacts are rolling contacts between wheels.
         """
         gear_train = self._gear_train
         if gear_train is None:
@@ -208,8 +217,8 @@ class PositionSolver:
         positions = set()
         for position, group in enumerate(self.assembly.groups):
             contacts = {pair for pair in group.pairs if not self.joints[pair].has_axis}
-            # The first body of a group is placed before the group. Each path of R pairs
-            # with known angles (`followers`) places one more.
+            # The first body of a group is placed before the group. From it, each R pair
+            # with a known angle (`followers`) places one more body.
             placed_count = 1 + len(find_train_paths(group, gear_train.followers))
             are_all_placed = placed_count == len(group.bodies)
             if are_all_placed and contacts and contacts <= {*gear_train.contacts}:
@@ -237,6 +246,9 @@ class PositionSolver:
     ) -> Linearisation:
         """Place the bodies of a train of wheels, and merge them into one body of `state`.
 
+        A mechanism is placed group by group. A group is a set of bodies that become one
+        rigid body when the pairs between them are closed.
+
         Parameters
         ----------
         state
@@ -244,7 +256,8 @@ class PositionSolver:
             to each other. The bodies of the train become one of them, and `state` gets the
             values of their pairs.
         position
-            Position of the group in solving order, one of `wheel_trains`.
+            Position of the group in the order in which groups are placed, one of
+            `wheel_trains`.
         q
             (n, inputs) inputs (rad).
 
@@ -262,9 +275,10 @@ class PositionSolver:
             angles=self.gear_train_angles(q),
         )
         rotations = [np.broadcast_to(rotation, (len(q), 3, 3)) for rotation in rotations]
-        # The ratios give angles of some pairs only. On a copy of the state, all angles are
-        # read from the orientations of the placed bodies, and all rolled lengths follow
-        # from the inputs. Newton's method starts from these values.
+        # The ratios give the angles of as many R pairs as are needed to place all bodies.
+        # On a copy of the state, the angles of the other pairs are read from the
+        # orientations of the bodies. If there are rolling contacts, `gear_phases` states
+        # how far their wheels have rolled. Newton's method starts from these values.
         predicted = state.copy()
         predicted.merge(group, np.stack(rotations, axis=1))
         predicted.read_values(group)
@@ -365,13 +379,15 @@ class PositionSolver:
     ) -> ModeConfigurations:
         """Return the configurations of a mode with pieces at inputs q (n, 1) rad.
 
-        A piece is an interval of the input in which the mode is one of the modes without
-        pieces. Such a mode follows a smooth curve of configurations through crossings with
-        other curves, and changes to another mode without pieces at each crossing.
+        A mode with pieces follows a smooth curve of configurations through crossings with
+        other curves. A piece is the interval of the input between two crossings. In each
+        piece the mode is the same as one of the modes without pieces, whose signs are
+        constant.
         """
         piece_numbers = assembly_mode.pieces_at(q[:, 0])
-        # The results are computed piece after piece. `order` lists the samples in this
-        # order, and its inverse permutation puts the results back in the order of q.
+        # The results are computed piece after piece; a piece without samples adds no rows.
+        # `order` lists the samples in this order, and its inverse permutation puts the
+        # results back in the order of q.
         order = np.argsort(piece_numbers, kind="stable")
         results_of_pieces = [
             self.evaluate(mode, q[piece_numbers == number])
@@ -504,14 +520,18 @@ class PositionSolver:
     ) -> Bools:
         """Return which samples (n,) lie between the last node of a curve and its end.
 
-        The curve of a mode ends at a dead centre, and its last node is a little before it.
-        Beyond the node the variables of these samples are set to those of the node.
+        The nodes of a mode are verified configurations at successive values of a single
+        input (`ModeCurve`), between which it is interpolated. At both ends the curve may
+        end at a dead centre, where the input reverses. The last node on each side is at
+        most `LAST_NODE_DISTANCE_RAD` before it. A sample up to this distance beyond the
+        node is beside the dead centre. Its variables are set to those of the node. The
+        caller then computes it more accurately.
 
         Parameters
         ----------
         assembly_mode
-            The mode. Only one with a `ModeCurve` as guide has nodes: configurations at
-            successive values of a single input between which it is interpolated.
+            The mode. Its `guide`, which predicts configurations, has nodes if it is a
+            `ModeCurve`.
         q
             (n, inputs) inputs (rad).
         state
@@ -523,8 +543,8 @@ class PositionSolver:
         mode_curve = assembly_mode.guide
         is_out = status == Status.OUT_OF_REACH
         if isinstance(mode_curve, ModeCurve) and np.any(is_out):
-            # The input of the nearest point of the curve, which is its last node for inputs
-            # beyond it.
+            # The input of the nearest point of the curve. For inputs below or above the
+            # curve it is that of its first or of its last node.
             nearest_q = np.clip(q[:, 0], mode_curve.inputs[0], mode_curve.inputs[-1])
             is_past_end = is_out & (np.abs(q[:, 0] - nearest_q) < LAST_NODE_DISTANCE_RAD)
             values, _ = mode_curve.interpolate(nearest_q[is_past_end])

@@ -53,16 +53,18 @@ def largest_change(values: Array, start: Array) -> Floats:
 class LoopEvaluation:
     """The loop equations of a group at n rows of its variables.
 
+    Arrays in quad precision have elements of the type `quad()`, with 33 digits.
+
     Attributes
     ----------
     rotations
         For each body the rotation (n, 3, 3) from its axes to those of body 0, in quad
         precision.
     residual
-        (n, 3 loops) rotation vectors (rad, to first order) by which the loops are open, in
-        quad precision.
+        (n, m) rotation vectors (rad, to first order) by which the loops are open, in quad
+        precision. Each loop has three components, so m is three times the number of loops.
     jacobian
-        (n, 3 loops, pairs) derivatives of the residual, in float64.
+        (n, m, pairs) derivatives of the residual by the variables, in float64.
     """
 
     rotations: list[Array]
@@ -74,9 +76,10 @@ class LoopEvaluation:
 class GroupFold:
     """The fold of a group near given variables, at n rows.
 
-    Along the right singular vector v of the smallest singular value of the Jacobian, loops
-    open by f(x) = e + h x^2 / 2 in the direction of the left singular vector u, where x is
-    the distance from the fold. The group closes at the roots of f.
+    At a fold two configurations of the group meet, and the Jacobian of its loop equations
+    has a singular value 0, with the right singular vector v and the left one u. If the
+    variables are moved from the fold by x (rad) along v, loops open by
+    f(x) = e + h x^2 / 2 (rad) along u. The group closes at the roots of f.
 
     Attributes
     ----------
@@ -99,9 +102,10 @@ class GroupFold:
     def estimate_root(self, loops: "GroupLoops", start: Array, determinant: float) -> Array:
         """Estimate the root of f that belongs to an assembly mode.
 
-        At a fold two configurations of the bodies meet. f(x) = e + h x^2 / 2 is the closure
-        residual at the distance x from the fold. Its two roots, x = +- sqrt(-2 e / h),
-        belong to two modes, with opposite signs of the determinant.
+        f(x) = e + h x^2 / 2 is the closure residual at the distance x from the fold. Its
+        two roots, x = +- sqrt(-2 e / h), belong to two modes, with opposite signs of the
+        determinant of the Jacobian. In rows without a fold (`is_known`) the result has no
+        meaning and may be NaN.
 
         Parameters
         ----------
@@ -123,6 +127,7 @@ class GroupFold:
             for side in (1.0, -1.0)
         ]
         if determinant:
+            # NaN, in rows without a fold, would be an error in `slogdet`.
             jacobian = np.nan_to_num(loops.evaluate(roots[0]).jacobian)
             is_first = np.linalg.slogdet(jacobian)[0] * determinant > 0.0
         else:
@@ -248,7 +253,11 @@ class GroupLoops:
         left singular vectors of the smallest singular value s of the Jacobian. Loops moved
         by x along v are open along u by f(x) = e + s x + h x^2 / 2. At the fold the slope s
         is zero, and the loops close in all directions but u. Both conditions are solved by
-        Newton's method, whose step along v is -s / h.
+        Newton's method, whose step along v is -s / h. The loops may remain open along u by
+        e, which is part of the result: it decides whether the group closes near the fold.
+
+        The Jacobian and its singular vectors are computed in float64. Their errors only
+        slow Newton's method down. Only the residual needs quad precision.
         """
         values = values.copy()
         start = values.copy()
@@ -261,7 +270,8 @@ class GroupLoops:
             # The vectors v and u of the smallest singular value.
             direction = right_vectors[:, -1]
             residual_direction = left_vectors[:, :, -1]
-            # The change of the Jacobian along v, by a central difference.
+            # The derivative of the Jacobian along v, by a central difference. A larger step
+            # has a larger truncation error, a smaller one a larger rounding error.
             probe_step = (FOLD_PROBE_RAD * direction).astype(quad())
             jacobian_ahead = self.evaluate(values + probe_step).jacobian
             probe_step = (-FOLD_PROBE_RAD * direction).astype(quad())
@@ -277,6 +287,7 @@ class GroupLoops:
             inverse = scaled_vectors @ np.swapaxes(left_vectors[:, :, :-1], 1, 2)
             step = -rotate_vectors(inverse.astype(quad()), evaluation.residual)
             step = step + (step_to_fold[:, None] * direction).astype(quad())
+            # A fold that is farther from the start belongs to another configuration.
             length = np.max(np.abs(step.astype(float)), axis=1)
             is_known &= length < NEAREST_START_RAD
             values = np.where(is_known[:, None], values + step, values)

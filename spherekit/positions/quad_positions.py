@@ -64,17 +64,23 @@ configurations have no bound.
 class QuadConfigurations(NamedTuple):
     """Configurations of a mechanism at n rows of its inputs.
 
+    The links are placed group by group. A group is a set of bodies that become one rigid
+    body when the pairs between them are closed. The inputs are float64 numbers, which may
+    stand for decimal numbers of degrees that differ by a rounding error. The status takes
+    this error into account.
+
     Attributes
     ----------
     values
         (n, variables) pair variables (rad) in float64.
     error
-        (n,) bound of the error of `values` (rad) by the decimal sizes, with their rounding
-        to float64. Infinite if they are not reliable.
+        (n,) bound of the error of `values` (rad). The correct values are those for the
+        decimal sizes of links in the file. The error of rounding `values` to float64 is
+        included. Infinite if they are not reliable.
     status
-        (n,) OK; OUT_OF_REACH if a group does not close for any input within its rounding;
-        AT_SINGULARITY if a group is at its dead centre within the rounding of the inputs,
-        or if the error bound is too large.
+        (n,) status of each configuration. OUT_OF_REACH: a group does not close for any
+        input within the rounding error. AT_SINGULARITY: a group is at its dead centre for
+        an input within the rounding error, or the error bound is too large. Otherwise OK.
     exact_values
         (n, variables) pair variables (rad) in quad precision.
     rotations
@@ -92,8 +98,9 @@ class QuadConfigurations(NamedTuple):
 class _Bodies:
     """The bodies of a mechanism at n rows of inputs, while its groups are placed.
 
-    A body is a set of links whose relative orientations are known already. At the end there
-    is one body.
+    A body is a set of links whose relative orientations are known already. A group is a set
+    of bodies that become one rigid body when the pairs between them are closed. At the end
+    there is one body.
 
     Attributes
     ----------
@@ -107,12 +114,14 @@ class _Bodies:
         (n,) bound of the error (rad) of the rotations if the inputs are exact. At a dead
         centre it also covers the rounding of the inputs.
     rounding
-        (n,) rounding error (rad) of the inputs.
+        (n,) rounding error (rad) of the inputs, by which they may differ from the numbers
+        that the user has in mind.
     is_out_of_reach
         (n,) whether a group closes for no input within this rounding error.
     is_at_dead_centre
-        (n,) whether a group is at its dead centre for an input within this rounding error,
-        or whether its configuration is not reliable.
+        (n,) whether a group is at its dead centre for an input within this rounding error.
+        Also True if this cannot be excluded, because Newton's method has not reached a
+        reliable configuration.
     """
 
     body_from_link: dict[int, Array]
@@ -232,9 +241,10 @@ class QuadAssembly:
     def _place_input_bodies(self, q: Floats) -> _Bodies:
         """Return the bodies before any group of links is placed.
 
-        Groups are placed one after another. At the beginning, links that input pairs join
-        are one body, because the inputs q (n, inputs), in rad, fix their relative
-        orientations. All numbers are computed in quad precision (33 digits).
+        A body is a set of links whose relative orientations are known. Groups of bodies are
+        placed one after another. At the beginning, links that input pairs join are one
+        body, because the inputs q (n, inputs), in rad, fix their relative orientations. All
+        numbers are computed in quad precision (33 digits).
         """
         n = len(q)
         mechanism = self.mechanism
@@ -248,14 +258,17 @@ class QuadAssembly:
         for pair, input_values in zip(self.assembly.inputs, q.T, strict=True):
             (variable,) = mechanism.variables_of(pair)
             values[:, variable] = input_values.astype(quad_type)
-        # The tree begins at the first link of each body. Each of its branches is an input
-        # pair, a link that is placed in its body, and the link that the pair adds to it.
+        # `assembly.bodies` has the number of the first link of each body. The tree begins
+        # at these links. Each of its branches is an input pair, a link that is placed in
+        # its body, and the link that the pair adds to it.
         first_link_of_body = self.assembly.bodies
         branches = find_spanning_tree(
             mechanism.ends, start=first_link_of_body, pairs=self.assembly.inputs
         )
         for pair, parent, child in branches:
-            # R_second = R_first F_first Z(angle) F_second^T.
+            # R_second = R_first F_first Z(angle) F_second^T for the rotations R of the two
+            # links of the pair. F are the frames of the pair in the axes of the links, with
+            # the pair axis as z axis, and Z is the rotation about z.
             first_frame, second_frame = self.frames[pair]
             (variable,) = mechanism.variables_of(pair)
             angle = values[:, variable]
@@ -266,7 +279,8 @@ class QuadAssembly:
                 within[parent],
                 first_from_second if is_forward else transpose_matrices(first_from_second),
             )
-        # `error` is the error of the rotations if the inputs are exact, `rounding` that of
+        # `error` is the error of the rotations if the inputs are exact. `ROUNDING_RAD` is
+        # large enough for any chain of links that inputs join. `rounding` is the error of
         # the inputs, which are float64 numbers.
         return _Bodies(
             body_from_link=within,
@@ -480,11 +494,17 @@ def _sine_of_arc(arc: HalfAngle) -> Floats:
 def _dyad_error(error: Floats, triple: Floats, sines: Sequence[Floats]) -> Floats:
     """Return a bound of the error of the bodies of a dyad, after it is placed.
 
-    With the error e of the body that carries the outer axes, the triple product t of the
-    axes, and the smallest sine s of the three arcs of the spherical triangle, the bound is
-    4 (e + min(e / t, sqrt(2 e) / s)). The first part applies away from the dead centre,
-    where t is zero. There the dyad is a flat spherical triangle, and the errors of its
-    angles are square roots of e.
+    A dyad is two bodies that a middle pair joins to each other and outer pairs join to a
+    third body, which carries the outer axes. The three axes form a spherical triangle. With
+    the error e of the third body, the triple product t of the axes, and the smallest sine s
+    of the three arcs, the bound is 4 (e + min(e / t, sqrt(2 e) / s)).
+
+    - e / t: away from the dead centre, the angles change by the error over the determinant
+      of the velocity equations, which is t.
+    - sqrt(2 e) / s: at the dead centre t is zero, and the triangle is flat. If its angles
+      change by x, an arc changes by s^2 x^2 / 2 at least. So x is at most sqrt(2 e) / s.
+
+    The factor 4 enlarges the bound; it is not derived from these formulas.
 
     Parameters
     ----------
@@ -498,12 +518,14 @@ def _dyad_error(error: Floats, triple: Floats, sines: Sequence[Floats]) -> Float
 
     Returns
     -------
-    (n,) bound (rad). It is infinite if both bounds are, or at a dead centre with a sine
-    that is not large compared with the root of the error. The dyad can then turn about a
-    line.
+    (n,) bound (rad). It is infinite if neither part gives a bound. This is so at a dead
+    centre if s is not much larger than sqrt(2 e): two axes coincide nearly, so the dyad may
+    turn about them.
     """
     smallest_sine = np.minimum.reduce(sines)
     flat_error = np.where(smallest_sine > 0.0, np.sqrt(2.0 * error) / smallest_sine, np.inf)
+    # The formula of the flat triangle is only valid for small errors.
     flat_error = np.where(flat_error < LARGEST_FLAT_DYAD_ERROR_RAD, flat_error, np.inf)
     regular_error = np.where(triple > 0.0, error / triple, np.inf)
+    # `fmin` takes the other one if one of them is NaN.
     return 4.0 * (error + np.fmin(regular_error, flat_error))

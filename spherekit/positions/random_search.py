@@ -72,7 +72,10 @@ ERROR_SPREAD = 8.0
 
 @dataclass
 class SearchStatistics:
-    """Counts how often random starts led to each of the things that were found.
+    """Counts how often random starts led to each of the solutions that were found.
+
+    Solutions are, for example, closed configurations. They are numbered from 0 in the order
+    in which they were found.
 
     Attributes
     ----------
@@ -83,7 +86,7 @@ class SearchStatistics:
     starts
         Number of starts so far.
     counts
-        Number of starts that led to each thing, by its number.
+        Number of starts that led to each solution, by the number of the solution.
     """
 
     variable_count: int
@@ -99,10 +102,11 @@ class SearchStatistics:
         starts
             Number of starts.
         hits
-            (k,) number of the thing to which each start led, or -1 if it led to none.
-            Starts that did not close may be left out.
+            (k,) index of the solution to which each start led, or -1 if it led to none.
+            Starts that led to none may also be left out.
         total
-            Number of things found so far. Things that no start has reached count as 0.
+            Number of solutions that exist so far. Some may be known from elsewhere, and
+            have been reached by no random start: their count is 0.
         """
         self.starts += starts
         self.counts.update(dict.fromkeys(range(total), 0))
@@ -110,7 +114,7 @@ class SearchStatistics:
 
     @property
     def closed_starts(self) -> int:
-        """Number of starts that led to something."""
+        """Number of starts that led to a solution."""
         return self.counts.total()
 
     @property
@@ -127,30 +131,33 @@ class SearchStatistics:
 
     @property
     def missed_share(self) -> float:
-        """Largest share of starts that may lead to a thing that was missed.
+        """Largest share of starts that may lead to a solution that was missed.
 
-        A thing with this share is missed with the probability `MISS_PROBABILITY`.
+        A solution with this share is missed with the probability `MISS_PROBABILITY`.
         """
         return 1.0 - MISS_PROBABILITY ** (1.0 / max(self.starts, 1))
 
     def describe(self, things: str) -> str:
         """Return a sentence about what the search is worth.
 
-        `things` is the word for what was searched, in the plural.
+        The sentence ends with the share p of starts that a solution must attract so that
+        the search has met it with the probability 1 - `MISS_PROBABILITY`. `things` is the
+        word for solutions, in the plural.
         """
         result = f"{self.starts} random starts"
         if not self.closed_starts:
             result += ", none closed"
         else:
-            # How often each thing was reached.
+            # How often each solution was reached.
             counts = [*self.counts.values()]
             counted_things = counted(len(counts), things.removesuffix("s"))
             result += f", {self.closed_starts} closed on {counted_things}, on "
             if min(counts) > 1:
                 result += f"each at least {min(counts)} times"
             else:
-                # Good's estimate: the probability that the next start leads to a new thing
-                # is the share of starts that led to things reached only once.
+                # Good's estimate: the probability that the next closing start leads to a
+                # new solution is the share of starts that led to solutions reached once.
+                # Solutions that no random start has reached do not enter it.
                 rare_count = sum(count <= 1 for count in counts)
                 new_probability = counts.count(1) / self.closed_starts
                 result += (
@@ -251,13 +258,14 @@ class DistinctConfigurations:
         """Add closed configurations that are new.
 
         Configurations whose profiles enter each other, or end before the contact, are left
-        out.
+        out. Configurations in which wheels have rolled on by whole revolutions count as
+        copies of each other. The one in which wheels have rolled least is added first, so
+        that it represents its copies.
 
         Parameters
         ----------
         values
-            (n, variables) closed configurations (rad). Those with the smallest rolled
-            lengths are added first, so that they represent their copies.
+            (n, variables) closed configurations (rad).
 
         Returns
         -------
@@ -272,7 +280,10 @@ class DistinctConfigurations:
         singular_values = np.linalg.svd(linearisation.jacobian, compute_uv=False)
         smallest = singular_values[:, -1]
         is_singular = smallest < SINGULAR_MODE_RATIO * singular_values[:, 0]
-        # First-order error of a solution. Copies of one solution may differ by some errors.
+        # First-order error of a solution. Two computed copies of one solution may differ by
+        # some errors. The tolerance is limited: it must not be smaller than rounding
+        # errors, and at a dead centre, where the error is largest, not so large that other
+        # configurations count as copies.
         error = np.maximum(linearisation.closure_residual, EPS) / np.maximum(smallest, EPS)
         tolerance = np.clip(ERROR_SPREAD * error, SAME_MODE, SAME_DEAD_CENTRE)
         rolled_sum = np.sum(np.abs(values[:, self._rolling_variables]), axis=1)
@@ -313,8 +324,9 @@ class DistinctConfigurations:
 
         Returns
         -------
-        (k,) largest difference of a component of the rotation matrices. It is 0 if the
-        rolled lengths differ by whole revolutions of wheels.
+        (k,) largest difference of a component of the rotation matrices. Configurations
+        whose rolled lengths differ by whole revolutions of wheels count as the same: their
+        distance is 0, whatever the orientations are.
         """
         kept_rotations = np.array(self._rotations).reshape(-1, *rotations.shape)
         kept_values = np.array(self.values).reshape(-1, len(values))
@@ -322,11 +334,14 @@ class DistinctConfigurations:
         # Variables that count how far two wheels have rolled, with their joints.
         is_repetition = np.ones(len(differences), dtype=bool)
         for variable, joint in self._rolling:
-            # Revolutions of either wheel: axes are wheel, configuration.
+            # `closed_lengths` are the circumferences of the wheels with a closed profile.
+            # The difference in revolutions of each of them: axes are wheel, configuration.
+            # It is enough that one wheel has made whole revolutions.
             revolutions = differences[:, variable] / np.array(joint.closed_lengths)[:, None]
             off_whole = np.abs(revolutions - np.round(revolutions))
             off_whole = np.min(off_whole, axis=0, initial=np.inf)
-            # No difference at all counts as a whole number of revolutions, too.
+            # Without a closed profile there are no revolutions, and the initial value is
+            # infinite. No difference at all is a repetition in this case, too.
             off_whole = np.minimum(off_whole, differences[:, variable])
             is_repetition &= off_whole <= SAME_MODE
         has_rolled = np.any(differences[:, self._rolling_variables] > SAME_MODE, axis=1)
@@ -341,7 +356,8 @@ def search_group(
     """Search the closed configurations of a group at one sample from random starts.
 
     A group is a set of bodies that are placed together by closing their loops. The search
-    ends when each configuration was reached often enough, or at a limit of time.
+    ends when each configuration was reached often enough, when the number of starts is
+    limited by time, or when there are `MAX_MODES` configurations.
 
     Parameters
     ----------
@@ -360,10 +376,12 @@ def search_group(
     low, high = starting_range(closure)
     if start_values is not None:
         distinct.add(_close_by_newton(closure, start_values))
-    statistics = SearchStatistics(len(low))
+    statistics = SearchStatistics(variable_count=len(low))
     progress = ProgressReporter("searching the modes of a group at an input")
     while statistics.needs_more_starts and len(distinct.values) < MAX_MODES:
         starts = random.uniform(low, high, (STARTS_PER_ROUND, len(low)))
+        # Newton's method would fail from most random starts. The Levenberg-Marquardt method
+        # first leads near a closed configuration, or to a minimum that is not closed.
         values, is_near_closed = descend_to_closure(closure, starts)
         # The index of the configuration to which each start has led, -1 for none.
         hits = distinct.add(_close_by_newton(closure, values[is_near_closed]))
