@@ -138,9 +138,10 @@ class ModesOverRange:
     def __init__(self, solver: PositionSolver, input_grid: InputGrid, search: bool) -> None:
         """Search the assembly modes of a mechanism over the range of its input.
 
-        A mode is a curve of configurations over the input. The mode of the reference pose
-        is followed first, then all others are searched, if `search` asks for them, if there
-        is no reference pose, or if its mode is not in the range.
+        An assembly mode is one of the ways to assemble the mechanism: a curve of
+        configurations on which the input rises. The mode of the reference pose is followed
+        first. All others are searched if `search` asks for them, if there is no reference
+        pose, or if its mode is not in the range.
         """
         self.solver = solver
         self.input_grid = input_grid
@@ -154,13 +155,15 @@ class ModesOverRange:
         self.claim = REFERENCE_ONLY
         self.probes = 0
         self.crossings: tuple[Crossing, ...] = ()
-        # A mode that ends inside the range continues as another one on the same curve of
-        # configurations. All modes on one curve are a family. `_families` has the number of
-        # the family of each mode, and `_curves` the curves that were followed.
+        # Where a mode ends inside the range, the input turns back, and the configurations
+        # continue as another mode. All modes on one such curve are a family. `_families`
+        # has the number of the family of each mode. `_curves` has the curves that were
+        # followed in arc length, through the turning points of the input.
         self._families: list[int] = []
         self._curves: list[ArcCurve] = []
-        # The number of degrees of freedom at each start, from the rank of the closure
-        # Jacobian. Only needed, and otherwise empty, if a group has redundant constraints.
+        # The number of degrees of freedom at each start, from the rank of the velocity
+        # equations. It is computed if a group has redundant constraints, because counting
+        # links and pairs then gives a wrong number. Otherwise the list stays empty.
         self._mobilities: list[int] = []
         self._steps_along_modes = 0
         # Number of modes whose curves were followed beyond the ends of the mode.
@@ -170,10 +173,11 @@ class ModesOverRange:
         self._add_reference()
         if search or not self.assembly_modes:
             self.claim = self._search_all_modes()
-        # If there is no mode, the reason may be that the mobility is not 1.
+        # If there is no mode, the reason may be that the mobility is not 1 at a start. An
+        # error then says so. If no mobility was computed, it is 1 by counting.
         if not self.assembly_modes:
             check_mobility(solver, min(self._mobilities, default=1))
-        if self._is_full:
+        if self._has_enough_modes:
             reason = (
                 f"stopped at {counted(len(self.assembly_modes), 'mode')} after "
                 f"{self._steps_along_modes} steps along them; there may be more"
@@ -181,8 +185,12 @@ class ModesOverRange:
             self.claim = Completeness(Guarantee.SAMPLED, reason)
 
     @property
-    def _is_full(self) -> bool:
-        """Whether no further assembly mode is followed."""
+    def _has_enough_modes(self) -> bool:
+        """Whether no further assembly mode is followed.
+
+        There are then `MAX_ASSEMBLY_MODES`, or one or more modes have taken so many steps
+        that the search would take too long.
+        """
         count = len(self.assembly_modes)
         has_taken_long = self._steps_along_modes > MAX_STEPS_ALONG_MODES
         return count >= MAX_ASSEMBLY_MODES or (count > 0 and has_taken_long)
@@ -190,29 +198,36 @@ class ModesOverRange:
     def _add_reference(self) -> None:
         """Add the assembly mode of the reference pose, if there is one.
 
+        The reference pose is the configuration in which a file gives the axes of all pairs.
+
         Raises
         ------
         PlanError
-            If the reference pose cannot move. Then the search for other modes would take
-            long and would not be what the user wants.
+            If the reference pose cannot move, by the rank of its velocity equations. The
+            search for other modes, which would take long, is not begun.
         """
         solver = self.solver
         if solver.reference is None:
             return
         reference_input = solver.reference[list(solver.driven)]
-        # Shift the input by whole periods into the range, or as near to it as possible.
+        # An input outside of the range is shifted by whole periods, as near to the middle
+        # of the range as these allow.
         low, high = self.input_grid.range
-        distance = 0.5 * (low + high) - reference_input
-        is_outside = np.abs(distance) > 0.5 * np.ptp(self.input_grid.q, axis=0)
-        shift = np.where(is_outside, whole_laps(distance, solver.periods), 0.0)
+        distance_to_middle = 0.5 * (low + high) - reference_input
+        half_range = 0.5 * np.ptp(self.input_grid.q, axis=0)
+        is_outside = np.abs(distance_to_middle) > half_range
+        shift = np.where(is_outside, whole_laps(distance_to_middle, solver.periods), 0.0)
         values = solver.shift_inputs(solver.reference[None], reference_input + shift)
         ((closed_values, curve),) = self._follow_configurations(values)
         self._add_mode(closed_values, curve)
-        # With rolling contacts (`gear_phases`), the curve of the pose may reach the range
-        # although its mode does not.
+        # If the input of the pose is not in the range, its mode may end before the range
+        # begins. With rolling contacts (`gear_phases`) the input may be impossible to
+        # shift. The whole curve through the pose is then followed, beyond the turning
+        # points of the input at which the mode ends. Other modes on it may reach the range.
         if not self.assembly_modes and solver.gear_phases is not None:
             self._add_modes_on_curve(values[0])
-        # Mobilities by rank are known only for mechanisms with redundant constraints.
+        # `_mobilities` is empty without redundant constraints. Its first number is that of
+        # the pose. `check_mobility` raises the error.
         if self._mobilities and self._mobilities[0] < 1:
             check_mobility(solver, self._mobilities[0])
 
@@ -220,6 +235,9 @@ class ModesOverRange:
         self, values: Floats
     ) -> list[tuple[Floats, ModeCurve | None]]:
         """Close configurations and follow them over the range.
+
+        If a group has redundant constraints, the mobility of each configuration is appended
+        to `_mobilities`.
 
         Parameters
         ----------
@@ -234,7 +252,8 @@ class ModesOverRange:
         solver = self.solver
         values = solver.closure.solve(values, fixed=solver.driven).values
         # With redundant constraints, the rank of the velocity equations decides whether a
-        # configuration can move.
+        # configuration can move. Without them, all can move, because the numbers of links
+        # and pairs leave one degree of freedom.
         is_mobile = np.ones(len(values), dtype=bool)
         if any(group.redundant for group in self.groups):
             mobilities = [solver.compute_mobility(row) for row in values]
@@ -266,7 +285,7 @@ class ModesOverRange:
         values
             (variables,) the configuration from which the curve was followed (rad).
         curve
-            The curve, None if there is none.
+            The curve, with rising values of the input. None if there is none.
         family
             Number of the family of the mode, which is the set of modes that lie on one
             configuration curve. None for a new family.
@@ -277,17 +296,20 @@ class ModesOverRange:
         low, high = self.input_grid.range
         if curve.inputs[0] > high or curve.inputs[-1] < low:
             return False
-        # The signs that distinguish the mode are those at the middle of its curve, because
-        # `values` may be at a dead centre, where determinants are zero.
-        values = curve.values[len(curve.values) // 2]
-        (determinants,) = group_signs(self.solver, values[None], least=0.0)
+        # Every group of links has a matrix, for example the axes of a dyad (two links and
+        # three R pairs). The sign of its determinant is constant in a mode. It is computed
+        # at the middle of the curve, because `values` may be at a dead centre, where the
+        # determinant is zero. With `least` 0 it is computed however small it is.
+        middle_values = curve.values[len(curve.values) // 2]
+        (determinant_signs,) = group_signs(self.solver, middle_values[None], least=0.0)
         self.assembly_modes.append(
             AssemblyMode(
                 number=len(self.assembly_modes),
-                signs=signs_at(self.solver, values),
+                # Signs of dyads, by which their closed form is chosen; 0 for other groups.
+                signs=signs_at(self.solver, middle_values),
                 # The configurations from which Newton's method starts at other inputs.
                 guide=curve,
-                determinants=tuple(determinants.tolist()),
+                determinants=tuple(determinant_signs.tolist()),
             )
         )
         self._progress.report_if_due(lambda: f"{len(self.assembly_modes)} followed")
@@ -299,24 +321,27 @@ class ModesOverRange:
     def _search_all_modes(self) -> Completeness:
         """Search further modes in the whole range, and return how complete they are.
 
-        Elimination gives all configurations of a group at an input. It is used if it
-        applies to all groups. Otherwise modes are searched from random starts. If wheels
-        have rolled lengths that do not follow from the input, only one curve is followed.
+        Elimination reduces the closure equations of a group of links to one polynomial,
+        which gives all configurations of the group at an input. It is used if it applies to
+        all groups. Otherwise modes are searched from random starts. If wheels have rolled
+        lengths that do not follow from the input, they can be put together in infinitely
+        many ways, and only one curve is followed.
         """
         solver = self.solver
         q = self.input_grid.q
         # Mechanisms with rolling contacts have gear phases: how far wheels have rolled.
         if solver.gear_phases is not None:
             if not self.assembly_modes:
-                self._probe(q[:1])
+                self._compute_modes_at(q[:1])
             if not solver.gear_phases.all_known:
-                return self._find_as_assembled()
+                return self._find_on_one_curve()
         # Dyads and trains of wheels have closed forms.
         can_eliminate = all(
             group.is_dyad or position in solver.wheel_trains or has_elimination(group)
             for position, group in enumerate(self.groups)
         )
         if can_eliminate:
+            # None if a polynomial could not be solved completely at one of the inputs.
             claim = self._find_by_elimination()
             if claim is not None:
                 return claim
@@ -328,30 +353,36 @@ class ModesOverRange:
         statistics = self._search_from_random_starts()
         if not self.assembly_modes:
             # Configurations near a dead centre are left out of the random search.
-            self._probe(q[len(q) // 2][None])
+            self._compute_modes_at(q[len(q) // 2][None])
+        # Components are families of modes: each is one connected curve.
         return Completeness(Guarantee.SAMPLED, statistics.describe("components"))
 
-    def _find_as_assembled(self) -> Completeness:
+    def _find_on_one_curve(self) -> Completeness:
         """Find the modes on one curve, if wheels can be put together in any position.
 
         The rolled length of a contact is the arc over which a wheel has rolled there. If it
         does not follow from the input, the wheels can be put together with any rolled
         length, so there are infinitely many curves of configurations. Only one is followed:
-        that of the reference pose, whose mode is already in `assembly_modes`. Without such
-        a mode it is that of the first configuration that is computed at some inputs.
+
+        - If the reference pose has a mode in the range, it is in `assembly_modes` already.
+          Its curve is followed beyond the ends of the mode.
+        - Otherwise all configurations are searched at a few inputs in turn, until some are
+          found at one of them. The curves through these are followed.
 
         Returns
         -------
-        How complete the modes are: all on the curve of the reference pose are known, but on
-        another curve only those that the probed inputs led to.
+        How complete the modes are: in the first case all modes on the curve, in the second
+        case those that the examined inputs led to.
         """
         q = self.input_grid.q
+        # A few samples spread over the range, in rising order.
         for row in np.unique((PROBED_FRACTIONS * len(q)).astype(np.intp)):
             if self.assembly_modes:
                 break
-            self._probe(q[row : row + 1])
-        self._follow_curves_beyond_ends()
-        # No input was probed if the reference pose gave a mode.
+            self._compute_modes_at(q[row : row + 1])
+        self._follow_modes_beyond_their_ends()
+        # `probes` is the number of inputs at which configurations were searched. It is 0 in
+        # the first case.
         if not self.probes:
             return AS_ASSEMBLED
         reason = f"modes found at {counted(self.probes, 'input')}"
@@ -362,6 +393,8 @@ class ModesOverRange:
 
         Two modes meet, and end, at a turning point of the input. Between two turning points
         the number of modes is constant, so one input in each interval shows all of them.
+        At these inputs, elimination reduces the closure equations of each group of links to
+        a polynomial, whose roots are all its configurations.
 
         Returns
         -------
@@ -374,22 +407,31 @@ class ModesOverRange:
         self.crossings = turning_points.crossings
         # Where turning points may have been missed, inputs are examined at this distance.
         step = (high - low) / PROBED_INTERVALS
-        self._probe(turning_points.probes(step)[:, None])
+        self._compute_modes_at(turning_points.probes(step)[:, None])
         if not all_complete(self.methods):
             return None
+        # The claim says how complete the modes at these inputs are. A gap is the width of
+        # the widest interval between them in which a mode may be missing; 0 if there is
+        # none.
         claim = turning_points.claim(step)
         if not turning_points.gap(step):
             return claim
-        # Modes in the gaps between these inputs may be missing. A random search follows.
-        self._follow_curves_beyond_ends()
+        # Modes that exist only in gaps may lie on the same curves as known modes, or be
+        # reached from random starts.
+        self._follow_modes_beyond_their_ends()
         statistics = self._search_from_random_starts()
         reason = f"{claim.reason}; between them {statistics.describe('components')}"
         return replace(claim, reason=reason)
 
-    def _probe(self, inputs: Floats) -> None:
-        """Add all modes at inputs (n, 1) in rad, until some may be missing at an input."""
+    def _compute_modes_at(self, inputs: Floats) -> None:
+        """Compute all configurations at inputs (n, 1) in rad, and add their modes.
+
+        Nothing is computed at further inputs after one at which some configurations may be
+        missing, or when no further mode may be added. The caller then searches from random
+        starts. `probes` and `methods` are updated.
+        """
         for q in inputs:
-            if self._is_full:
+            if self._has_enough_modes:
                 break
             configurations = enumerate_assemblies(self.solver, q)
             self.probes += 1
@@ -402,7 +444,7 @@ class ModesOverRange:
             ]
             self._add_new_modes(configurations.values)
             if not all_complete(self.methods):
-                break  # A random search follows.
+                break
 
     def _add_new_modes(
         self,
@@ -431,13 +473,14 @@ class ModesOverRange:
         -------
         (n,) number of the family of each configuration; -1 if its mode is not in the range.
         """
-        # -1 marks a configuration on no mode so far. Some of these are followed together,
-        # which is faster. Their results are used one by one, because each new mode may have
-        # further configurations.
+        # The number -1 marks a configuration that is on no mode so far. Some of these are
+        # followed together, which is faster. Their results are used one by one: after each
+        # new mode, the configurations that are on it get its family, and their own results
+        # are not used.
         families = self._find_families(values, first_mode=0)
         followed: dict[int, tuple[Floats, ModeCurve | None]] = {}
         for row in np.flatnonzero(families < 0).tolist():
-            if families[row] >= 0 or self._is_full:
+            if families[row] >= 0 or self._has_enough_modes:
                 continue
             if row not in followed:
                 unknown = np.flatnonzero(families < 0)
@@ -446,9 +489,12 @@ class ModesOverRange:
                 followed = dict(zip(rows.tolist(), results, strict=True))
             first_new_mode = len(self.assembly_modes)
             closed_values, curve = followed[row]
+            # A mode is not added if it is not in the range, or if it cannot move.
             if not self._add_mode(closed_values, curve, family):
                 continue
-            self._follow_curves_beyond_ends()
+            # If the new mode ends inside the range, the modes that continue it are added.
+            # They may contain some of the configurations, too.
+            self._follow_modes_beyond_their_ends()
             families[row] = self._families[first_new_mode]
             unknown = np.flatnonzero(families < 0)
             families[unknown] = self._find_families(values[unknown], first_new_mode)
@@ -481,21 +527,25 @@ class ModesOverRange:
             self.assembly_modes[first_mode:], self._families[first_mode:], strict=True
         ):
             (rows,) = np.nonzero(families < 0)
-            # The guide is the curve of verified configurations of the mode. Its prediction
-            # is interpolated between two nodes that differ by `spread`, which is a bound of
-            # its error. This quick test selects the configurations to compare exactly.
+            # 1. A quick test selects the configurations to compare exactly. The guide is
+            # the curve of verified configurations (nodes) of the mode. Its prediction is
+            # interpolated between two nodes. The largest change of a variable from node to
+            # node, `spread`, is taken as the error of the prediction. Inputs agree, so only
+            # passive angles are compared.
             assert mode.guide is not None
+            # A guide of one input is a curve, which needs no numbers of rows.
             prediction = mode.guide.predict(q[rows], rows=None)
             difference = wrap(prediction.values - values[rows])[:, passive_angles]
             is_near = max_abs(difference, axis=1) < prediction.spread + MODE_DISTANCE_RAD
             rows = rows[is_near & (prediction.status == Status.OK)]
+            # 2. The exact configuration of the mode has the same rotations of all links.
             if len(rows):
                 mode_rotations = self.solver.evaluate(mode, q[rows]).rotations
                 distance = max_abs(mode_rotations - rotations[rows], axis=(1, 2, 3))
                 families[rows[distance < SAME_MODE]] = family
         return families
 
-    def _follow_curves_beyond_ends(self) -> None:
+    def _follow_modes_beyond_their_ends(self) -> None:
         """Add the modes that are on the same curves as modes that end inside the range.
 
         Where a mode ends, for example because the input turns back, its configuration curve
@@ -534,10 +584,12 @@ class ModesOverRange:
         values
             (variables,) the configuration (rad). Nothing is added if it is singular.
         family
-            Number of the family of the modes, None for a new family.
+            Number of the family, as which all modes on one curve count. None for a new
+            family.
         """
-        # Wheels are free if their rolled lengths do not follow from the input. Then the
-        # curve need not close.
+        # The rolled length of a contact is the arc over which a wheel has rolled there.
+        # Wheels are free if these lengths do not follow from the input. The curve then need
+        # not close, so that only a limited length is followed.
         gear_phases = self.solver.gear_phases
         has_free_wheels = gear_phases is not None and not gear_phases.all_known
         longest = MAX_ROLLED_CURVE_LENGTH_RAD if has_free_wheels else MAX_CURVE_LENGTH_RAD
@@ -549,6 +601,7 @@ class ModesOverRange:
         # The input rises or falls on each piece of the curve, so each piece is one mode. It
         # is added by the configuration in its middle.
         low, high = self.input_grid.range
+        # Growth of the only input after which all configurations repeat.
         (period,) = self.solver.periods
         pieces = monotone_pieces(
             curve, driven=self.solver.input_variable, low=low, high=high, period=period
@@ -562,14 +615,16 @@ class ModesOverRange:
         Returns
         -------
         How often the starts led to each family, which is the set of modes that lie on one
-        configuration curve.
+        configuration curve. Messages call it a component.
         """
         low, high = self.input_grid.range
         rounds = random_starts(self.solver, np.array([low]), np.array([high]))
         variable_count = len(self.solver.mechanism.variable_owners)
         statistics = SearchStatistics(variable_count, min_rounds=RANGE_ROUNDS)
-        self._follow_curves_beyond_ends()
-        while statistics.needs_more_starts and not self._is_full:
+        # Families that are known already must be complete, or a start that leads to another
+        # of their modes would count as a new family.
+        self._follow_modes_beyond_their_ends()
+        while statistics.needs_more_starts and not self._has_enough_modes:
             # A round gives the number of its starts, and the configurations that closed.
             start_count, values, _ = next(rounds)
             families = self._add_new_modes(values, together=RANDOM_STARTS_FOLLOWED_TOGETHER)

@@ -100,28 +100,29 @@ class SampledModes:
     ) -> None:
         """Search the assembly modes of a mechanism at the samples of its inputs.
 
-        Configurations are the nodes of a graph, and verified paths between neighbouring
-        samples join them to modes. A sheet is the set of nodes that such paths reach from
-        one start. `search` says whether to look for modes other than that of the reference
-        pose, and `shares_numbers` whether modes with the same signs and no neighbouring
-        samples become one mode.
+        An assembly mode is one of the ways to assemble the mechanism. Configurations are
+        the nodes of a graph, and verified paths between neighbouring samples join them to
+        modes. A sheet is the set of nodes that such paths reach from one start. `search`
+        says whether to look for modes other than that of the reference pose. If
+        `shares_numbers` is true, modes with the same signs that occur on separate parts of
+        a path of samples count as one mode, so that there are fewer of them.
         """
         self.solver = solver
         self.input_grid = input_grid
         # Results. `claim` states how complete the modes are, `methods` by which method the
         # configurations of each group of links were computed, and `probes` at how many
-        # samples.
-        # `mobilities` are numbers of degrees of freedom at starts of sheets.
+        # samples. `mobilities` are numbers of degrees of freedom at starts of sheets.
         self.claim = REFERENCE_ONLY
         self.groups = solver.assembly.groups
         self.methods: list[SolutionMethod | None] = [None] * len(self.groups)
         self.probes = 0
         self.mobilities: list[int] = []
         self._graph = ConfigurationGraph(solver, input_grid)
-        # (nodes of the graph,) number of the sheet that reached each node first. If the
-        # configurations at all samples were computed, some of these nodes are numbered as
-        # if each were a sheet (`_number_nodes`). They count in `_sheet_count` too, and
-        # alone in `_numbered_count`.
+        # (nodes of the graph,) number of the sheet that reached each node first. The
+        # statistics of random starts count how often each number is reached. Nodes that
+        # were computed without a start are counted, too: each gets a number of its own
+        # (`_number_nodes`). `_sheet_count` is the count of all numbers, `_numbered_count`
+        # of those of single nodes.
         self._sheet_of_node = np.empty(0, dtype=np.intp)
         self._sheet_count = 0
         self._numbered_count = 0
@@ -136,7 +137,7 @@ class SampledModes:
             # Either compute all configurations at all samples, or search some by chance.
             is_enumerated = self._can_enumerate
             if is_enumerated:
-                self._enumerate()
+                self._enumerate()  # sets `claim`
             if search:
                 reference_node = self._reach_reference(is_enumerated)
             if not is_enumerated:
@@ -147,17 +148,20 @@ class SampledModes:
     def _can_enumerate(self) -> bool:
         """Whether all configurations can be computed at one sample or more.
 
-        This is tested at up to `MAX_SEARCHED_SAMPLES` samples. It is False for mechanisms
-        with redundant equations, or with rolled lengths that do not follow from the inputs.
+        The closure equations of each group of links are then solved in closed form, or by
+        elimination, which reduces them to a polynomial. This is impossible for groups with
+        redundant equations. Wheels must not have rolled lengths that do not follow from the
+        inputs, because they can then be put together in infinitely many ways.
         """
         solver = self.solver
-        if (
-            not can_enumerate(solver)
-            or any(group.redundant for group in self.groups)
-            or (solver.gear_phases is not None and not solver.gear_phases.all_known)
-        ):
+        gear_phases = solver.gear_phases
+        has_free_wheels = gear_phases is not None and not gear_phases.all_known
+        has_redundant_equations = any(group.redundant for group in self.groups)
+        if not can_enumerate(solver) or has_redundant_equations or has_free_wheels:
             return False
-        # An elimination fails at every sample if a link has an arc of 0 or 180 deg.
+        # If a link has an arc of 0 or 180 deg, an elimination fails at every sample, so a
+        # few samples show it. If it fails at some samples only, random starts are made at
+        # these in addition.
         rows = spread_rows(len(self.input_grid), MAX_SEARCHED_SAMPLES)
         probes = enumerate_configurations(solver, self.input_grid.q[rows])
         return bool(np.any(probes.is_complete))
@@ -166,14 +170,17 @@ class SampledModes:
         """Compute all configurations at all samples, add them to the graph, and join them.
 
         A node of the graph is one configuration at one sample. Joined nodes become an
-        assembly mode. Sets `methods`, `claim` and `probes`. At some of the samples at which
-        configurations may be missing, random starts are tried as well.
+        assembly mode. At some of the samples at which configurations may be missing, random
+        starts are tried as well. Three attributes are set: the `methods` by which groups of
+        links were solved, the `claim` how complete the modes are, and the number `probes`
+        of samples.
         """
         q = self.input_grid.q
         configurations = enumerate_configurations(self.solver, q)
         self.probes = len(q)
         self.methods = []
         for position, group in enumerate(self.groups):
+            # A dyad (two links and three R pairs) and a train of wheels have closed forms.
             if group.is_dyad or position in self.solver.wheel_trains:
                 self.methods.append(CLOSED_FORM)
             else:
@@ -182,7 +189,9 @@ class SampledModes:
                     SolutionMethod(f"elimination: all {root_count} complex roots")
                 )
         self._graph.add(configurations.sample, configurations.values)
-        # The signs of the determinants of all configurations at a sample have the sum zero.
+        # The determinant of the velocity equations with locked inputs has a sign in each
+        # configuration. These signs have the sum zero at every sample: modes appear and
+        # vanish in pairs with opposite signs, and for some arcs there are none at all.
         # Another sum shows that a configuration is missing.
         is_unbalanced = self._graph.find_unbalanced()
         is_complete = configurations.is_complete & ~is_unbalanced
@@ -195,6 +204,7 @@ class SampledModes:
             searched_samples = incomplete[
                 spread_rows(len(incomplete), MAX_SEARCHED_SAMPLES)
             ]
+            # The statistics also count the configurations that are known at these samples.
             self._number_nodes(searched_samples)
             statistics = self._search(searched_samples)
             words += (
@@ -232,8 +242,8 @@ class SampledModes:
         Returns
         -------
         The node, or None: without a reference pose, if no sample is reached, if the pose
-        has another mobility than there are inputs, or if no configuration reached is a
-        node.
+        has another mobility than there are inputs (`_follow_sheet` tests this), or if no
+        configuration reached is a node.
         """
         solver = self.solver
         q = self.input_grid.q
@@ -242,10 +252,14 @@ class SampledModes:
             return None
         inputs = reference[list(solver.driven)]
         # An input of the pose that is outside the range of the samples is moved by whole
-        # periods, as near to the middle of the range as they allow.
-        offset = 0.5 * (np.min(q, axis=0) + np.max(q, axis=0)) - inputs
-        is_outside = np.abs(offset) > 0.5 * np.ptp(q, axis=0)
-        input_shift = np.where(is_outside, whole_laps(offset, solver.periods), 0.0)
+        # periods, as near to the middle of the range as they allow. `whole_laps` rounds the
+        # distance to the middle to whole periods.
+        range_middle = 0.5 * (np.min(q, axis=0) + np.max(q, axis=0))
+        distance_to_middle = range_middle - inputs
+        is_outside = np.abs(distance_to_middle) > 0.5 * np.ptp(q, axis=0)
+        input_shift = np.where(
+            is_outside, whole_laps(distance_to_middle, solver.periods), 0.0
+        )
         values = solver.shift_inputs(reference[None], inputs + input_shift)
         sheet = self._follow_sheet(values)
         if sheet is None:
@@ -253,6 +267,7 @@ class SampledModes:
         (samples,) = np.nonzero(sheet.status == Status.OK)
         if not is_enumerated:
             self._add_sheet(sheet)
+            # All configurations of the sheet are nodes now, so the first one is enough.
             samples = samples[:1]
         # The node of each configuration of the sheet, -1 if it is not a node.
         nodes = self._graph.find(samples, sheet.values[samples])
@@ -261,7 +276,9 @@ class SampledModes:
     def _follow_sheet(self, values: Floats) -> ModeOverGrid | None:
         """Return the sheet that verified steps reach from a configuration.
 
-        A sheet is a set of configurations, at most one at each sample of the inputs.
+        A sheet is a set of configurations, at most one at each sample of the inputs. Steps
+        lead from sample to neighbouring sample. They are verified: tests detect a step that
+        leads to configurations of another assembly mode.
 
         Parameters
         ----------
@@ -271,9 +288,11 @@ class SampledModes:
 
         Returns
         -------
-        The configurations at the samples, or None if no sample is reached. It is also None
-        if a group has redundant equations and the mobility by rank is not the number of
-        inputs. The mobility is appended to `mobilities`.
+        The configurations at the samples, or None if no sample is reached.
+
+        If a group has redundant equations, the mobility is computed from the rank of the
+        velocity equations, and appended to `mobilities`. If it is not the number of inputs,
+        the inputs do not determine the motion, and the result is None.
         """
         driven = list(self.solver.driven)
         closed_values = self.solver.closure.solve(values, driven).values
@@ -282,6 +301,7 @@ class SampledModes:
             self.mobilities.append(mobility)
             if mobility != len(driven):
                 return None
+        # One configuration leads to one sheet.
         (sheet,) = sheets_through(
             self.solver.closure, driven, self.input_grid, values=closed_values
         )
@@ -350,10 +370,11 @@ class SampledModes:
         the set of configurations that verified steps reach from it.
 
         Mechanisms with rolling contacts have gear phases, which are the lengths that wheels
-        have rolled. One sample is probed for them before the random starts. If some of the
-        lengths do not follow from the inputs, the wheels can be put together in infinitely
-        many ways. Then only one sheet is followed: that of the reference pose, or of the
-        first configuration at up to `MAX_SEARCHED_SAMPLES` samples.
+        have rolled. Without a sheet of the reference pose, all groups of links are solved
+        at one sample before the random starts. If some of the lengths do not follow from
+        the inputs, the wheels can be put together in infinitely many ways, and random
+        starts are not made. Then the sheet of the reference pose is the only one, or those
+        of the first of up to `MAX_SEARCHED_SAMPLES` samples at which configurations exist.
 
         Returns
         -------
@@ -362,14 +383,15 @@ class SampledModes:
         gear_phases = self.solver.gear_phases
         if gear_phases is not None:
             if not self._sheet_count:
-                self._probe(0)
+                self._search_sample(0)
             if not gear_phases.all_known:
                 probed_samples = spread_rows(len(self.input_grid), MAX_SEARCHED_SAMPLES)
                 for sample in probed_samples.tolist():
                     if self._sheet_count:
                         break
-                    self._probe(sample)
-                # No sample was probed if the reference pose gave a sheet.
+                    self._search_sample(sample)
+                # `probes` counts the samples at which configurations were searched. It is 0
+                # if the reference pose gave a sheet.
                 if self.probes:
                     reason = f"modes found at {counted(self.probes, 'input')}"
                     return Completeness(Guarantee.SAMPLED, reason)
@@ -382,18 +404,20 @@ class SampledModes:
         ]
         statistics = self._search(np.arange(len(self.input_grid)))
         if not self._sheet_count:
-            # Random starts skip configurations next to a dead centre, which a probe
-            # includes.
-            self._probe(len(self.input_grid) // 2)
+            # Random starts skip configurations next to a dead centre. The solution of all
+            # groups at one sample includes them.
+            self._search_sample(len(self.input_grid) // 2)
         reason = statistics.describe("modes")
         if self._has_most_sheets:
             reason += f"; stopped at {self._sheet_count} modes, there may be more"
         return Completeness(Guarantee.SAMPLED, reason)
 
-    def _probe(self, sample: int) -> None:
-        """Search the configurations at one sample, and add their sheets.
+    def _search_sample(self, sample: int) -> None:
+        """Solve all groups of links at one sample, and add the sheets of the solutions.
 
-        The result need not be complete. `probes` and `methods` are updated.
+        A sheet is the set of configurations that verified steps reach from one of them, at
+        most one at each sample. Solutions may be missing. `probes` and `methods` are
+        updated.
         """
         sample_assemblies = enumerate_assemblies(self.solver, self.input_grid.q[sample])
         self.probes += 1
@@ -441,8 +465,8 @@ class SampledModes:
         """Return the assembly modes, from the modes of the graph.
 
         A mode of the graph lists its node (configuration) at each sample, or -1. If there
-        are more modes than `_mode_limit`, those with the most samples are kept, and `claim`
-        is changed to state this.
+        are more modes than `_mode_limit`, those with the most samples are kept. The
+        attribute `claim`, which states how complete the modes are, then says so.
 
         Parameters
         ----------
@@ -450,7 +474,8 @@ class SampledModes:
             A node of the mode of the reference pose, which becomes mode 0. None without
             one.
         shares_numbers
-            Whether modes with the same signs and no neighbouring samples become one mode.
+            Whether modes with the same signs that occur on separate parts of a path of
+            samples become one mode with one number, so that there are fewer modes.
         """
         graph = self._graph
         # The largest modes come first.
@@ -466,7 +491,10 @@ class SampledModes:
             self.claim = Completeness(Guarantee.SAMPLED, reason)
 
         def sort_key(mode: Indices) -> tuple[bool, tuple[int, int]]:
-            """Return a key that puts the mode of the reference pose before all others."""
+            """Return a key that puts the mode of the reference pose before all others.
+
+            The other modes are sorted by their first sample, then by their node there.
+            """
             is_reference = reference_node is not None and bool(
                 np.any(mode == reference_node)
             )
@@ -482,7 +510,10 @@ class SampledModes:
     def _signs_of_modes(self, modes: Sequence[Indices]) -> SmallIntegers:
         """Return the sign of each group of links in each mode.
 
-        A mode is given by its nodes in the graph, which are configurations at samples.
+        The sign of a group is that of the determinant of a matrix: of the three axes of a
+        dyad (two links and three R pairs), or of the velocity equations of another group.
+        It is the same in all configurations of a mode that are not singular. A mode is
+        given by its nodes in the graph, which are configurations at samples.
 
         Parameters
         ----------
@@ -491,14 +522,17 @@ class SampledModes:
 
         Returns
         -------
-        (modes, groups) signs of determinants, as `group_signs` describes, at a regular node
-        of each mode.
+        (modes, groups) the signs at a node of each mode that is not singular.
         """
+        # With `least` 0 a sign is computed however small the determinant is.
         regular_nodes = [self._graph.regular_node(mode) for mode in modes]
         return group_signs(self.solver, self._graph.values[regular_nodes], least=0.0)
 
     def _unite_separate_modes(self, modes: Sequence[Indices]) -> list[Indices]:
         """Return the modes, with modes united that have equal signs and separate samples.
+
+        Assembly modes can occur on separate parts of a path of samples. Two of them with
+        equal signs of all groups of links get one number, so that there are fewer modes.
 
         Parameters
         ----------
@@ -515,6 +549,8 @@ class SampledModes:
             modes_by_signs.setdefault(tuple(signs), []).append(mode)
         united_modes = []
         for modes_of_signs in modes_by_signs.values():
+            # `share_numbers` unites modes that have no nodes at the same or at neighbouring
+            # samples.
             united_modes += share_numbers(
                 sorted(modes_of_signs, key=self._graph.first_node)
             )
@@ -524,7 +560,7 @@ class SampledModes:
         """Return an assembly mode, from its nodes in the graph.
 
         A node is one configuration at one sample of the inputs. The configurations of the
-        mode become its guide, from which Newton's method starts.
+        mode become its guide: Newton's method starts from them if the mode is evaluated.
 
         Parameters
         ----------
@@ -534,13 +570,15 @@ class SampledModes:
             (n,) node at each sample, or -1. The values at samples without a node are NaN,
             and their status is OUT_OF_REACH.
         signs
-            (groups,) signs of determinants at a regular node of the mode.
+            (groups,) for each group of links the sign of the determinant that distinguishes
+            its modes, in a configuration that is not singular.
         """
         has_node = mode >= 0
         values = nans((len(mode), self._graph.values.shape[1]))
         values[has_node] = self._graph.values[mode[has_node]]
         status = np.where(has_node, Status.OK, Status.OUT_OF_REACH).astype(np.int8)
-        # The sign of a dyad selects one of its two closed forms. Other groups have none.
+        # The sign of a dyad (two links and three R pairs) selects one of its two closed
+        # forms, so it must not be 0. Other groups have no closed form, and get 0.
         dyad_signs = [
             (1 if sign >= 0 else -1) if group.is_dyad else 0
             for group, sign in zip(self.groups, signs.tolist(), strict=True)

@@ -308,22 +308,28 @@ def arrange_rows(
 ) -> Motion:
     """Return the configurations of some modes at common samples as a motion.
 
+    An assembly mode is one of the ways to assemble the mechanism at given inputs. A row of
+    the motion is the configuration of one mode at one sample of the inputs.
+
     Parameters
     ----------
     solver
         The mechanism with its inputs.
     assembly_modes
-        The modes; without any, the rows are those of one nameless mode.
+        The modes. If their modes were not determined, it is empty. All rows then have the
+        number 0 of a mode.
     q
         (samples, inputs) values of the inputs (rad).
     sample
         (samples,) numbers of the samples.
     configurations
-        Mode after mode, in each the samples in order.
+        The configurations in the order of the rows: mode after mode, in each the samples in
+        order. They have the pair variables, the rotations of all links, the status, the
+        closure residual, and bounds of the errors near dead centres (`singular_error`).
     is_path
         Whether successive samples are neighbours.
     """
-    # The rows of all modes follow each other, so the samples are repeated for each mode.
+    # The samples are repeated for each mode.
     mode_numbers = [mode.number for mode in assembly_modes] or [0]
     count = len(mode_numbers)
     return Motion(

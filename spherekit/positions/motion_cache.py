@@ -54,9 +54,10 @@ def kinematics_only(mechanism: Mechanism) -> Mechanism:
 def assembly_by_count_or_rank(mechanism: Mechanism) -> Assembly:
     """Return the groups of a mechanism in the order in which they are solved.
 
-    A group is a set of bodies that are placed together by closing their loops. If counting
-    links and pairs gives too few degrees of freedom, configurations are searched and the
-    rank of the velocity equations decides.
+    A group is a set of bodies that are placed together by closing their loops. Counting
+    links and pairs gives too few degrees of freedom if constraints repeat each other. Then
+    closed configurations are searched, and the rank of their velocity equations gives the
+    number of degrees of freedom.
 
     Raises
     ------
@@ -67,8 +68,11 @@ def assembly_by_count_or_rank(mechanism: Mechanism) -> Assembly:
     """
     try:
         return plan_assembly(mechanism)
-    except CountError:
-        return position_analysis_of(driven_at(mechanism)).assembly
+    except CountError:  # by counting, the mechanism does not move as its inputs require
+        # `driven_at` checks that all inputs can be driven. The position analysis searches
+        # configurations, and plans the groups by rank.
+        position_analysis = position_analysis_of(driven_at(mechanism))
+        return position_analysis.assembly
 
 
 def is_mobile_by_rank_only(mechanism: Mechanism) -> bool:
