@@ -49,9 +49,14 @@ def processor_identity() -> dict[str, str]:
 def _hash_results() -> str:
     """Compute test results with NumPy, and return the SHA-256 checksum of their bits.
 
-    The tests cover elementary functions, complex numbers, sums, matrix products and
-    decompositions. The checksum is a hexadecimal text.
+    NumPy and its linear algebra library choose, by the type of the processor, among several
+    implementations (kernels) of each operation, which round differently. Two processes with
+    the same checksum are expected to use the same kernels, so that all of their results are
+    equal bit by bit. The tests cover elementary functions, complex numbers, sums, matrix
+    products and decompositions. The checksum is a hexadecimal text.
     """
+    # The numbers have no meaning. Most of them are not exact in binary, so that each
+    # operation rounds.
     x = np.arange(1, VECTOR_SIZE + 1) / 7.0
     z = x + 1j * x[::-1]
     matrix = np.sin(np.outer(x, x[::-1] + 0.3))

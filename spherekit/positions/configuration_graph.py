@@ -506,9 +506,10 @@ class ConfigurationGraph:
         # before this is judged, so the result does not depend on their size.
         paths_to_end = np.bincount(ends, minlength=len(self.sample))[ends]
         is_sound = (paths_to_end == 1) & (self._partner[direction ^ 1][ends] < 0)
-        # A verified path passes no singular configuration, so the determinant of the
-        # closure Jacobian (with locked inputs) keeps its sign. If it leads to an old node
-        # with the other sign, it has jumped. New nodes are not tested.
+        # Along a path the determinant of the closure Jacobian with locked inputs keeps its
+        # sign, which each step tests. A new node has the values at the end of the path, so
+        # its sign is right. An old node equals them only up to a small difference, and can
+        # be on the other side of a singular configuration.
         is_sound &= (ends >= old_node_count) | (
             self._determinant_sign[ends] == self._determinant_sign[starts]
         )
@@ -526,8 +527,9 @@ class ConfigurationGraph:
         """Follow straight paths of the inputs from configurations to other samples.
 
         Each input takes the shorter of the two routes around its period, if it has one.
-        Each step is tested: Newton's method must show that the configuration at its end is
-        the continuation of that at its start. Steps that fail are shortened.
+        Each step is tested: Newton's method has to change the predicted configuration
+        little, and the determinant of the closure Jacobian with locked inputs has to keep
+        its sign. Steps that fail are shortened.
 
         Parameters
         ----------

@@ -134,9 +134,9 @@ def enumerate_configurations(solver: PositionSolver, q: Floats) -> SampleConfigu
 def _polish(solver: PositionSolver, values: Floats) -> Floats:
     """Return closed configurations after one more Newton step of all their loops.
 
-    The loops count as closed at a residual below 1e-15 rad. Multiplied by the inverse of
-    the Jacobian, this is an error of about 1e-14 rad in the variables. A tenth of it is
-    rounding; the step removes the rest.
+    The loops count as closed at a residual below 1e-15 rad. The error of the variables is
+    this residual times the inverse of the Jacobian, about 1e-14 rad. Rounding accounts for
+    a tenth of this error only. The step removes the rest.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def _polish(solver: PositionSolver, values: Floats) -> Floats:
     Returns
     -------
     (k, variables) corrected configurations (rad). A configuration is unchanged if its step
-    exceeds `LARGEST_POLISHING_STEP_RAD`.
+    exceeds `LARGEST_POLISHING_STEP_RAD`, which is far larger than these errors.
     """
     linearisation = solver.closure.linearise(values)
     passive = np.delete(np.arange(values.shape[1]), solver.driven)
@@ -164,7 +164,8 @@ def _polish(solver: PositionSolver, values: Floats) -> Floats:
 def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
     """Return all configurations at one batch of inputs q (n, inputs), in rad.
 
-    Only the groups are closed. `_polish` is not applied.
+    The groups are solved one after the other, so the errors of earlier groups remain in the
+    configurations. The caller removes them by a Newton step of all loops together.
     """
     # A row is a partial configuration of one sample, in which the groups up to the current
     # one are placed. `sample` has the sample of each row, and `state` the placed bodies.
@@ -183,7 +184,8 @@ def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
                 parent = np.flatnonzero(train.closure_residual < CLOSURE_TOLERANCE)
                 state = state.rows(parent)
             else:
-                # In the result, `sample` numbers the rows of the closure.
+                # The equations of the group are written for each row. `solutions.sample`
+                # is therefore the row of each solution.
                 closure = group_closure(state, group)
                 solutions = _eliminate_distinct_rows(group, closure, sample)
                 is_complete[sample[~solutions.is_complete]] = False
@@ -223,11 +225,13 @@ def _place_both_modes(state: AssemblyState, group: Group) -> tuple[AssemblyState
     parents = []
     for sign in (1, -1):
         placed = state.copy()
+        # The sine is zero at the dead centre, where the axes of the dyad are in one plane.
         sine = place_dyad(placed, group, sign)
         closes = ~placed.is_open
         # Both signs give the same configuration of a flat dyad. Sign 1 has it already.
+        is_flat = sine < SINGULAR_DYAD_SINE
         if sign < 0:
-            closes &= ~(sine < SINGULAR_DYAD_SINE)
+            closes &= ~is_flat
         parents.append(np.flatnonzero(closes))
         states.append(placed.rows(parents[-1]))
     parent = np.concatenate(parents)
@@ -247,7 +251,7 @@ def _eliminate_distinct_rows(
     Parameters
     ----------
     group
-        A group that has an elimination.
+        A group of R pairs whose equations elimination reduces to a polynomial in one angle.
     closure
         The loop equations of the group at k rows.
     sample
@@ -255,8 +259,8 @@ def _eliminate_distinct_rows(
 
     Returns
     -------
-    The configurations at the k rows. In this result, `sample` are rows of `closure`, and
-    `is_complete` has one value per row.
+    The configurations at the k rows. The field `sample` of this result has the row of each
+    configuration, and `is_complete` one value per row.
     """
     # `first` is the first row of the sample of each row. A row needs no solution of its own
     # if the rotations from links to bodies, and therefore the pair frames, are those of
@@ -281,9 +285,11 @@ def _eliminate_distinct_rows(
     # One entry for each configuration: its row, and its position among those of this row.
     rows = np.repeat(np.arange(len(sample)), counts)
     position_in_row = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
+    # Index in `solutions` of each configuration.
+    solution_index = first_solutions[source_position[rows]] + position_in_row
     return SampleConfigurations(
         sample=rows,
-        values=solutions.values[first_solutions[source_position[rows]] + position_in_row],
+        values=solutions.values[solution_index],
         is_complete=solutions.is_complete[source_position],
         problem=solutions.problem,
     )
@@ -451,12 +457,15 @@ def _solve_all_roots(
 def _examine_samples(
     group: Group, closure: Closure, rows: Indices
 ) -> Iterator[tuple[int, Floats, str]]:
-    """Compute the configurations of a group at some samples, one by one, with all checks.
+    """Compute the configurations of a group at some samples, one by one.
+
+    This takes longer than solving all samples together, but it checks each sample: whether
+    a solution was lost, and whether solutions that nearly coincide are different.
 
     Parameters
     ----------
     group
-        A group that has an elimination.
+        A group of R pairs whose equations elimination reduces to a polynomial in one angle.
     closure
         The loop equations of the group.
     rows

@@ -34,14 +34,17 @@ NODES_PER_BLOCK = 1024
 
 
 class ModeSpline(NamedTuple):
-    """A spline through successive nodes of one mode.
+    """A spline through successive nodes of one assembly mode.
+
+    Nodes are the samples, one of several, that are solved. The spline interpolates the
+    samples between them.
 
     Attributes
     ----------
     mode
-        Position of the mode among the modes of the analysis.
+        Position of the assembly mode in `PositionAnalysis.assembly_modes`.
     first, last
-        The samples of the first and the last node.
+        Numbers of the samples that are the first and the last node.
     evaluate
         Returns the passive variables (n, passive) rad at sample numbers (n,).
     """
@@ -55,7 +58,12 @@ class ModeSpline(NamedTuple):
 def make_sample_predictor(
     position_analysis: PositionAnalysis,
 ) -> Callable[[int, int, Floats], None] | None:
-    """Return a function that predicts samples, or None if they are not close together.
+    """Return a function that predicts configurations at samples of a path of inputs.
+
+    If samples are close together, only one of several, called node, has to be solved by the
+    position analysis. Splines through the nodes predict the configurations at the samples
+    between them, which the caller then corrects. The result is None if samples are not
+    close enough for this to save time.
 
     The function has the arguments start, stop and out. It writes the variables of the
     samples from start up to, but without, stop into out (variables, modes, samples), in
@@ -65,11 +73,14 @@ def make_sample_predictor(
     q = position_analysis.input_grid.q
     if not position_analysis.input_grid.is_path or not position_analysis.assembly_modes:
         return None
-    # Nodes are solved, and the samples between them are interpolated. The largest change of
-    # an input from sample to sample determines the number of samples for each node.
-    step = max(NODE_DISTANCE_RAD / MAX_SAMPLES_PER_NODE, max_abs(np.diff(q, axis=0)))
+    # Between two nodes no input changes by more than `NODE_DISTANCE_RAD`. The largest
+    # change from sample to sample therefore determines the number of samples for each node.
+    # If the inputs hardly change, this number is limited. There also have to be more nodes
+    # than the degree of the spline.
+    smallest_step = NODE_DISTANCE_RAD / MAX_SAMPLES_PER_NODE
+    largest_step = max(smallest_step, max_abs(np.diff(q, axis=0)))
     samples_per_node = min(
-        int(NODE_DISTANCE_RAD / step), (len(q) - 1) // PREDICTION_SPLINE_DEGREE
+        int(NODE_DISTANCE_RAD / largest_step), (len(q) - 1) // PREDICTION_SPLINE_DEGREE
     )
     if samples_per_node < MIN_SAMPLES_PER_NODE:
         return None
@@ -96,7 +107,8 @@ def make_sample_predictor(
             high = min(stop, spline.last + 1)
             if low < high:
                 values = spline.evaluate(np.arange(low, high, dtype=float)).T
-                # Only the few angles outside (-pi, pi) are reduced, which saves time.
+                # Only the few angles outside (-pi, pi) are reduced, which saves time. The
+                # negated comparison includes both ends, so that -pi becomes pi.
                 angles = values[is_angle]
                 is_outside = ~(np.abs(angles) < np.pi)
                 angles[is_outside] -= TURN * np.ceil((angles[is_outside] - np.pi) / TURN)

@@ -72,6 +72,10 @@ class Verification:
     ) -> Bools:
         """Return (n,) whether predictions were nearly right and Newton's method contracted.
 
+        A step along a path predicts a configuration, which Newton's method corrects. If the
+        correction is large, or the method converges slowly, it may have led to another
+        path.
+
         Parameters
         ----------
         step_sizes
@@ -80,8 +84,9 @@ class Verification:
         length
             (n,) lengths of the steps along the path (rad).
         """
-        # The first Newton step is the error of the prediction. Rounding may cause up to
-        # `slack` of it, and `settled` is the size below which the ratio is rounding.
+        # The first Newton step is the error of the prediction. It may be a small part,
+        # `correction`, of the length of the step. Rounding may add up to `slack`. A first
+        # step below `settled` is rounding, and so is its ratio to the second one.
         first_step, ratio = step_sizes
         is_near = first_step <= self.correction * length + self.slack
         contracts = (first_step <= self.settled) | (ratio <= MAX_STEP_CONTRACTION)

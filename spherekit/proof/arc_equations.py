@@ -147,21 +147,35 @@ class ArcEquations:
     def __init__(
         self, decimal_mechanism: DecimalMechanism, construction: Construction
     ) -> None:
-        """Compute the constants by which each link is placed, in balls."""
+        """Compute the constants by which each link is placed, in balls.
+
+        A ball is a number with a bound of its error.
+
+        Parameters
+        ----------
+        decimal_mechanism
+            The mechanism with its decimal sizes.
+        construction
+            The order of placing its links. A link is placed in one of two ways. It rotates
+            by a variable about the axis of one pair, or, as the second link of a dyad, it
+            is put on two axes of links placed before. The latter gives an equation.
+        """
         self.decimal_mechanism = decimal_mechanism
         self.construction = construction
         self.unknown_count = construction.unknown_count
         self.variable_count = len(construction.pairs)
         self.degrees = construction.degrees
         self.pair_frames = decimal_mechanism.pair_frames()
-        # If followers (pairs that wheels drive) have no variables of their own, they share
-        # the variable of the input. Their offsets are the angles at the input 0.
+        # Followers are pairs that wheels drive. Either each is a variable of its own and is
+        # listed in `follower_pairs`, or all share the variable of the only input. Then the
+        # angle of a follower is a multiple of this variable plus an offset, its angle at
+        # the input 0.
         self.follower_offsets: dict[int, Ball] = {}
         if not construction.follower_pairs:
-            _, *angles = decimal_mechanism.known_angles([exact_ball(0.0)])
+            _input, *angles = decimal_mechanism.known_angles([exact_ball(0.0)])
             followers = decimal_mechanism.structure.followers
             self.follower_offsets = dict(zip(followers, angles, strict=True))
-        # By link: how it rotates across its pair, or how it is put on two axes.
+        # By link: how it rotates across its only pair, or how it is put on two axes.
         self._rotation_terms = {
             step.link: self._pair_rotation_terms(step)
             for step in construction.steps
@@ -185,7 +199,9 @@ class ArcEquations:
         Returns
         -------
         (3, 3, 3) matrices T such that T[0] + cos(x) T[1] + sin(x) T[2] rotates from link
-        axes to the axes of the parent. x is the variable times `step.angle_factor`.
+        axes to the axes of the parent. The angle x is the variable, which is the angle of
+        the pair. Wheels can share one variable: then x is `step.angle_factor` times this
+        variable, and an offset is added to it.
         """
         (pair,) = step.pairs
         terms = revolute_rotation_terms(*self.pair_frames[pair])
@@ -208,6 +224,8 @@ class ArcEquations:
     def _place_dyad(self, step: PlacementStep) -> DyadPlacement:
         """Return the constants by which a link is put on two axes of links placed before.
 
+        All numbers are balls: numbers with a bound of their error.
+
         Raises
         ------
         PlanError
@@ -219,7 +237,9 @@ class ArcEquations:
         )
         normal = np.cross(first_axis, second_axis)
         sine_squared = normal @ normal
-        # The factor covers the rounding of square root and product.
+        # A float64 lower bound of the sine. `lower_magnitude` is a lower bound of the ball.
+        # The square root and the product each have a relative error of at most one unit
+        # roundoff, which the factor covers several times.
         arc_sine = np.sqrt(lower_magnitude(sine_squared)) * (1 - 8 * UNIT_ROUNDOFF)
         if not arc_sine > MIN_PROOF_ARC_SINE:
             structure = self.decimal_mechanism.structure
@@ -387,15 +407,20 @@ class ArcEquations:
     def derivative_bound(self) -> Floats:
         """(equations,) bounds C of the derivatives of f at real angles, of any order >= 1.
 
-        A derivative of order k by variables j1 to jk is at most C times the product of the
-        degrees in these variables. In the equation f = U . W - cos(arc), U and W are unit
-        axes of two links, which products of link orientations carry to common axes. The
+        An equation f is a polynomial in the cosines and sines of the variables. Its degree
+        d_j in variable j means powers up to cos(d_j angle) and sin(d_j angle). The bound
+        holds for all real angles:
+
+            abs(derivative of f by the variables j1 to jk) <= C d_j1 ... d_jk
+
+        The equation is f = U . W - cos(arc). U and W are unit axes of two links. The
+        orientations of links, one multiplied by the other, rotate them to common axes. The
         norm of a product is at most the product of the norms, and derivatives do not depend
         on the constant. C is therefore the product of the norms of all these orientations.
         """
-        # By link: bound of the norm of its orientation relative to its reference link, and
-        # of the derivatives of the orientation over the degrees. A rotation about a fixed
-        # axis has norm 1, as have its derivatives by the angle.
+        # By link: a bound of the norm of its orientation relative to its reference link. It
+        # also bounds the derivatives of the orientation, divided by the degrees. A rotation
+        # about a fixed axis has norm 1, as have its derivatives by the angle.
         norms = dict.fromkeys(self._rotation_terms, 1.0)
         bounds = []
         for step in self.construction.equation_steps:
@@ -403,8 +428,10 @@ class ArcEquations:
             first = prod(norms[link] for link in paths.first)
             second = prod(norms[link] for link in paths.second)
             # The orientation of a link on two axes is U a^T + W b^T + (U x W) n^T. The
-            # vectors a, b, n, its dual rows, have lengths of at most 1 / sine(arc).
-            # The factors exceed the rounding of these few sums, products and a quotient.
+            # vectors a, b, n are the dual basis of the two pair axes of the link and of
+            # their cross product. Their lengths are at most 1 / sine(arc). Each sum,
+            # product and quotient rounds by one unit roundoff. There are fewer of them than
+            # the factors 16 and 64 allow for.
             sum_of_norms = (first + second + first * second) * (1 + 16 * UNIT_ROUNDOFF)
             norms[step.link] = sum_of_norms / self._dyad_placements[step.link].arc_sine
             bounds.append(first * second)

@@ -110,7 +110,7 @@ def make_ball_curve(profile: Profile, backwards: bool = False) -> Curve:
 
 @lru_cache(maxsize=MAX_CACHED_CURVES)
 def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
-    """Return the curve of a profile, and its length if it is open.
+    """Return the curve of a profile, and its length (0 if it is closed).
 
     The curve is a function that returns at arc lengths (n,) the frames (n, 3, 3), whose
     columns are tangent, normal and point. All numbers are balls: a ball has a centre and a
@@ -142,9 +142,10 @@ def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
         return _by_arc_length(path, exact_balls([0.0, 2.0]) * pi_ball(), True)
     # A circle about z with the angular radius r: point = z cos(r) + (x cos(a) + y sin(a))
     # sin(r), where the azimuth a is the arc length over sin(r). The frame is therefore a
-    # linear function of 1, cos(a) and sin(a). A great circle has a radius of 90 degrees.
-    # Each list has the factors in the tangent, the normal and the point.
+    # linear function of 1, cos(a) and sin(a). Each list has the factors in the tangent, the
+    # normal and the point.
     x, y, z = axes
+    # A great circle, the only other kind, has a radius of 90 degrees.
     sine, cosine = exact_balls([1.0, 0.0])
     if profile.kind == "circle":
         sine, cosine = exact_ball(profile.radius or 0.0).sin_cos()
@@ -244,10 +245,12 @@ def _by_arc_length(path: Path, knots: Array, closed: bool) -> tuple[Curve, Ball]
 
 
 def _convergence_distance(coefficients: list[Ball], bits: int) -> float:
-    """Return the distance from its centre up to which a series has all digits.
+    """Return the distance from its centre up to which a power series has all digits.
 
-    The distance x is the largest one with |c_n| x^n of at most 2 ** -bits for each of the
-    last four coefficients c_n, shortened by a margin.
+    The terms that the series lacks are estimated by its last terms. The distance x is the
+    largest one with abs(c_n) x^n of at most 2 ** -bits for each of the last four
+    coefficients c_n. There are several, because a single one can be zero by chance. The
+    factor `CONVERGENCE_MARGIN` makes x smaller, because the estimate is not a bound.
 
     Parameters
     ----------
@@ -274,21 +277,27 @@ def _make_fourier_path(axes: Array, cosines: Array, sines: Array) -> Path:
     axes
         (3, 3) rows: the directions of azimuth 0 and 90 degrees, and the centre.
     cosines, sines
-        Coefficients (rad) of the waves 0, 1, 2, ... of the colatitude.
+        Coefficients (rad) of the harmonics 0, 1, 2, ... of the colatitude.
     """
     x, y, z = axes
 
     def path(azimuth: Array) -> tuple[Array, Array]:
-        """Return points (n, 3) at azimuths (n,) rad, and their derivatives by azimuth."""
-        # The colatitude and its derivative (slope) by the azimuth.
+        """Return points (n, 3) at azimuths (n,) rad, and their derivatives by azimuth.
+
+        The azimuths are balls (intervals with a centre and a radius), or power series with
+        such coefficients. The results are of the same kind.
+        """
+        # The colatitude (angle from the centre z of the profile) and its derivative (slope)
+        # by the azimuth. The zeros at which the sums begin are of the kind of the azimuths.
         colatitude = 0 * azimuth
         slope = 0 * azimuth
-        for wave, (a, b) in enumerate(zip_longest(cosines, sines, fillvalue=0)):
-            sine, cosine = sine_cosine(wave * azimuth)
+        for harmonic, (a, b) in enumerate(zip_longest(cosines, sines, fillvalue=0)):
+            sine, cosine = sine_cosine(harmonic * azimuth)
             colatitude = colatitude + (a * cosine + b * sine)
-            slope = slope + wave * (b * cosine - a * sine)
-        # The point is cos(r) z + sin(r) outward, with the unit vector `outward` at the
-        # azimuth. Its derivative by the azimuth is `along`.
+            slope = slope + harmonic * (b * cosine - a * sine)
+        # With the colatitude r the point is cos(r) z + sin(r) outward. The unit vector
+        # `outward`, across z, has the azimuth, and its derivative by the azimuth is
+        # `along`.
         sine, cosine = (part[:, None] for part in sine_cosine(colatitude))
         azimuth_sine, azimuth_cosine = (part[:, None] for part in sine_cosine(azimuth))
         outward = azimuth_cosine * x + azimuth_sine * y
@@ -302,8 +311,13 @@ def _make_fourier_path(axes: Array, cosines: Array, sines: Array) -> Path:
 def _make_spline(spline_path: SplinePath) -> Path:
     """Return the radial projection of a quintic spline in space onto the sphere.
 
-    The spline and its derivative are evaluated by de Boor's algorithm, in balls. Its
-    float64 knots and control points count as exact.
+    The spline and its derivative are evaluated by de Boor's algorithm, in balls: numbers
+    with a centre and a radius, which bounds their error. Its float64 knots and control
+    points count as exact.
+
+    Between two knots the spline is a polynomial. A ball that contains a knot is evaluated
+    with the polynomial at its centre for the whole ball. Up to the fourth derivative the
+    neighbouring polynomial is the same at a simple knot.
 
     Returns
     -------
@@ -320,8 +334,10 @@ def _make_spline(spline_path: SplinePath) -> Path:
         The parameter is an array of balls (intervals with a centre and a radius), or of
         power series with such coefficients. The results are of the same kind.
         """
+        # The first and the last degree + 1 knots are the ends of the spline.
         inner_knots = spline_knots[degree + 1 : len(control_points)]
-        # The interval between knots is chosen by the constant coefficient, as a float.
+        # The interval between knots is chosen by the centre of the ball. Of a power series
+        # it is that of the constant coefficient.
         parameter_floats = centre_floats(series_coefficient(parameter, 0))
         # Number of the interval between knots in which each parameter is.
         first = np.searchsorted(inner_knots, parameter_floats, side="right")

@@ -34,12 +34,12 @@ def exact_inertia(rows: ExactRows) -> tuple[Array, Array]:
 def equivalent_inertia(
     mechanism: Mechanism, rotations: Array, w: Array, dw: Array
 ) -> tuple[Array, Array]:
-    """Return the equivalent inertia B of a coordinate and its derivative.
+    """Return the equivalent inertia B of a coordinate and its derivative, in balls.
 
-    With the angular velocity w_j at unit rate of the coordinate and the inertia tensor I_j
-    about the centre of the sphere, B is the sum of w_j . I_j w_j over all links j with
-    mass. Its derivative is twice the sum of w_j' . I_j w_j; the terms from the rotation of
-    I_j cancel.
+    A ball is a number with a bound of its error: a centre and a radius. With the angular
+    velocity w_j at unit rate of the coordinate and the inertia tensor I_j about the centre
+    of the sphere, B is the sum of w_j . I_j w_j over all links j with mass. Its derivative
+    is twice the sum of w_j' . I_j w_j; the terms from the rotation of I_j cancel.
 
     Parameters
     ----------

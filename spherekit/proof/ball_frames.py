@@ -104,16 +104,19 @@ def frames_from_sizes(
 ) -> Frames:
     """Return the frames of R pairs from the arcs and angles of the links.
 
-    A frame (3, 3) has the rows zero direction, side and axis of the pair, in link axes. The
-    zero direction points towards another axis of the link, or is any direction across the
-    axis if there is no other.
+    All numbers are balls: a ball is a centre and a radius, which bounds the error. A frame
+    (3, 3) has three rows in link axes: the zero direction, from which the pair angle is
+    counted, the cross product of axis and zero direction (side), and the axis of the pair.
+    The zero direction points towards another axis of the link that does not coincide with
+    the axis. If there is no such axis, it is any direction at right angles to the axis.
 
     Parameters
     ----------
     mechanism
         The mechanism, for its pairs.
     geometry
-        The same sizes in float64, which decide whether two axes of a link coincide.
+        The same sizes in float64. They decide whether two axes of a link coincide, so that
+        no zero direction can point from one to the other.
     sizes
         By link: its list of arcs and its list of angles (rad), in balls.
     zeros
@@ -122,7 +125,7 @@ def frames_from_sizes(
     Returns
     -------
     By name of the pair its frames in its first and second link. The first one is rotated by
-    the zero of the pair.
+    the zero of the pair, so that the variable of the pair is the angle between both frames.
     """
     # 1. Axes of all pairs of a link in link axes, by link and pair.
     float_axes = {link: axes_from_sizes(given) for link, given in geometry.links.items()}
@@ -154,13 +157,16 @@ def frames_from_pose(
     """Return the frames of R pairs from the axes in the reference pose.
 
     In the reference pose the coordinate axes of all links coincide with those of the
-    ground, so each pair axis has the same components in both links. A frame (3, 3) has the
-    rows zero direction, side and axis of the pair, in link axes.
+    ground, so each pair axis has the same components in both links. All numbers are balls:
+    a ball is a centre and a radius, which bounds the error. A frame (3, 3) has three rows
+    in link axes: the zero direction, from which the pair angle is counted, the cross
+    product of axis and zero direction (side), and the axis of the pair.
 
     Parameters
     ----------
     geometry
-        The axes in float64, which decide from which coordinate axis angles are counted.
+        The axes in float64. The zero direction of a pair is at right angles to its axis and
+        to a coordinate axis: the one that is farthest from this float64 axis.
     axes
         By pair: its unit axis in the reference pose, as balls.
     values
@@ -201,7 +207,7 @@ def _exact_by_name(numbers: Mapping[str, float]) -> dict[str, Ball]:
 def _reference_frame(
     axes: Mapping[str, Vector], float_axes: Mapping[str, Floats], name: str
 ) -> Frame:
-    """Return the frame of a pair in a link.
+    """Return the frame of a pair in a link, as balls (numbers with a bound of their error).
 
     The zero direction, from which the pair angle is counted, points towards another axis of
     the link: the first one that does not coincide with the axis of the pair. If there is no
@@ -220,7 +226,9 @@ def _reference_frame(
     for other_name, other_axis in axes.items():
         sine = np.linalg.norm(np.cross(float_axes[name], float_axes[other_name]))
         if sine > COLLINEAR_SINE:
-            return _frame_toward(axis, np.cross(np.cross(axis, other_axis), axis))
+            # The part of the other axis that is at right angles to the axis.
+            perpendicular = np.cross(np.cross(axis, other_axis), axis)
+            return _frame_toward(axis, perpendicular)
     return _frame_across(axis, float_axes[name])
 
 

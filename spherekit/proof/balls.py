@@ -224,15 +224,21 @@ def lower_magnitude(ball: Ball) -> float:
 def cosines_and_sines(angles: Any) -> Floats:
     """Return the cosines and sines of angles, each with one rounding to float64.
 
+    They are computed in ball arithmetic, with more digits than a float64 has, and then
+    rounded. A ball is a centre and a radius, which bounds the error. Proofs need this bound
+    of the rounding; the errors of NumPy's functions have no guaranteed bound.
+
     Parameters
     ----------
     angles
-        (...) angles (rad): float64 numbers, which count as exact, or balls that are far
-        narrower than a rounding.
+        (...) angles (rad): float64 numbers, which count as exact, or balls whose radius is
+        far smaller than the rounding error of a float64.
 
     Returns
     -------
     (..., 2) cosine and sine of each angle.
     """
-    sine, cosine = sine_cosine(np.frompyfunc(flint_library().arb, 1, 1)(angles))
+    # Convert each angle to a ball of the library.
+    balls = np.frompyfunc(flint_library().arb, 1, 1)(angles)
+    sine, cosine = sine_cosine(balls)
     return centre_floats(np.stack([cosine, sine], axis=-1))
