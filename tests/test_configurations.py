@@ -124,7 +124,7 @@ def test_components_between_five_equally_spaced_inputs_are_found():
     expected_deg = [[118.793, 140.852], [324.223, 346.282]]
     assert np.allclose(ranges_deg[1:], expected_deg, atol=2e-3)
 
-    turning_points = find_input_turning_points(solver, 0.0, TURN).places
+    turning_points = find_input_turning_points(solver, 0.0, TURN).turning_inputs
     on_curves = np.sort(np.concatenate([turning_inputs(solver, x) for x in curves]))
     assert np.allclose(on_curves, turning_points, rtol=0, atol=1e-5)
 

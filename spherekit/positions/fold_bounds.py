@@ -202,9 +202,18 @@ class _FoldModel:
     def __init__(self, linearisation: Linearisation, free: Indices) -> None:
         """Compute the coefficients of the quadratic f(x) = e + s x + h x^2 / 2.
 
-        J is the closure Jacobian by the variables that are not inputs, with the numbers
-        `free`. s is its smallest singular value, v (`_direction`) and u (`_side`) are the
-        right and left singular vectors. Loops moved by x along v are open along u by f.
+        J is the Jacobian of the closure residual F, by the variables that are not inputs.
+        Its smallest singular value s has the right singular vector v (`_direction`) and the
+        left one u (`_side`). If the variables move by the distance x along v, the component
+        u . F of the residual becomes f(x), up to terms of third order. e is this component
+        at the configuration, and h = u . D^2 F [v, v] with the second derivative D^2 F.
+
+        Parameters
+        ----------
+        linearisation
+            n configurations, which are nearly closed.
+        free
+            Numbers of the variables that are not inputs.
         """
         self._linearisation = linearisation
         self._free = free
@@ -219,10 +228,11 @@ class _FoldModel:
         self.slope = self._sizes[:, -1]
         self._direction = self._right[:, :, -1]
         self._side = left_vectors[:, :, -1]
-        # Frobenius norm of the left inverse of J.
+        # Frobenius norm of the left inverse of J: a bound of the change of the variables
+        # per change of the residual.
         with np.errstate(divide="ignore"):
             self.sensitivity = np.sqrt(np.sum(self._sizes**-2.0, axis=1))
-        # h = u . D^2 F [v, v]: the second derivative of the closure residual F along v.
+        # `bias` returns D^2 F [rates, rates], here with the rates v.
         rates = np.zeros_like(linearisation.values)
         rates[:, free] = self._direction
         self.curvature = np.vecdot(self._side, linearisation.bias(rates))

@@ -53,6 +53,9 @@ recognised.
 class GearPhases(NamedTuple):
     """The rolled lengths that follow from the inputs by gear ratios.
 
+    A rolled length is how far two wheels have rolled on each other, as an arc length. It
+    tells the phase of the wheels, also after many revolutions.
+
     Attributes
     ----------
     variables
@@ -65,8 +68,9 @@ class GearPhases(NamedTuple):
         (m, inputs) derivatives of the rolled lengths by the inputs.
     periods
         (inputs,) growth (rad) of each input after which the same configurations return.
-        Infinite if they never return. NaN if some rolled length does not follow from the
-        inputs: then only a configuration curve shows when it returns
+        Infinite if they never return, or if a rolled length does not follow from the inputs
+        although others do. NaN if no rolled length follows from the inputs. In these cases
+        the period is not known from gear ratios, but a configuration curve shows it
         (`spherekit.positions.configuration_curve.ArcCurve.returns_after`).
     all_known
         Whether the rolled lengths of all contacts follow from the inputs.
@@ -95,27 +99,32 @@ def variable_periods(closure: Closure) -> Floats:
 def make_gear_phases(
     closure: Closure, anchor: Floats, train: GearTrain | None
 ) -> GearPhases | None:
-    """Return how far wheels have rolled at given inputs.
+    """Return how far wheels have rolled on each other, as linear functions of the inputs.
+
+    Wheels that are put together one tooth further also close the loops. Which assembly is
+    meant is fixed at one value of the inputs, the anchor, by the rolled lengths there.
 
     Parameters
     ----------
     closure
         The loops of the whole mechanism.
     anchor
-        (inputs,) values of the inputs (rad) from which the rolled lengths continue.
+        (inputs,) values of the inputs (rad) at the anchor.
     train
         The wheels that follow the inputs by gear ratios, None if there are none.
 
     Returns
     -------
-    The rolled lengths; None if the mechanism has no rolling contact.
+    The rolled lengths with the periods of the inputs, after which the same configurations
+    return. None if the mechanism has no rolling contact.
     """
-    # Variables that count how far two wheels have rolled on each other.
+    # Variables that count how far two wheels have rolled on each other. The second element
+    # is the joint of the variable.
     rolling = [variable for variable, _ in list_rolling_variables(closure.joints)]
     if not rolling:
         return None
     if train is None:
-        # No rolled length follows from the inputs.
+        # No rolled length follows from the inputs, and nothing is known of the periods.
         no_ratios = np.zeros((0, len(anchor)))
         return GearPhases(
             variables=(),
@@ -125,13 +134,14 @@ def make_gear_phases(
             periods=nans(len(anchor)),
             all_known=False,
         )
-    # The rolled lengths of the contacts in the train. `owners` has the pair of each
-    # variable.
+    # The rolled lengths of the contacts in the train.
     variables = [v for v in rolling if closure.tree.pair_of_variable[v] in train.contacts]
     ratios = train.length_ratios
     all_known = len(variables) == len(rolling)
+    # Without a known finite period the inputs are never reduced by whole periods.
     periods = np.full(len(anchor), np.inf)
     if all_known:
+        # A contact is the same again after this rolled length.
         lap_lengths = variable_periods(closure)[variables]
         periods = np.array(
             [_find_input_period(lap_lengths, input_ratios) for input_ratios in ratios.T]
@@ -139,6 +149,7 @@ def make_gear_phases(
     return GearPhases(
         variables=tuple(variables),
         anchor_inputs=anchor,
+        # The train has the lengths at inputs of zero.
         lengths=train.lengths + ratios @ anchor,
         ratios=ratios,
         periods=periods,
@@ -147,7 +158,11 @@ def make_gear_phases(
 
 
 def list_equivalent_lengths(joint: Joint, length: float) -> list[float]:
-    """Return rolled lengths that differ by whole revolutions of one wheel.
+    """Return rolled lengths of one contact that belong to the same position of the wheels.
+
+    A rolled length is how far both wheels have rolled on each other, as an arc length. If
+    only one of the two wheels is turned by a whole revolution, it looks the same, but the
+    rolled length differs by the circumference of this wheel.
 
     Parameters
     ----------
@@ -158,19 +173,20 @@ def list_equivalent_lengths(joint: Joint, length: float) -> list[float]:
 
     Returns
     -------
-    The length itself, and the lengths that differ from it by revolutions of either wheel.
-    The smallest absolute values come first; at most `MAX_LENGTHS_PER_CONTACT`.
+    The length itself, and the lengths that differ from it by revolutions of the first or of
+    the second wheel, not of both. They are between about plus and minus half of the longer
+    circumference. The smallest absolute values come first, at most
+    `MAX_LENGTHS_PER_CONTACT`.
     """
     # Keys are rounded lengths, so that equal lengths occur once.
     lengths = {round(length / SAME_ROLLED_LENGTH_RAD): length}
-    # `closed_lengths` are the lengths of both circles of two wheels. Whole laps of each are
-    # added to the least length that differs by such laps, over half of the longer circle in
-    # each direction.
-    for lap_length in joint.closed_lengths:
-        least = length - lap_length * round(length / lap_length)
-        max_laps = int(np.ceil(0.5 * max(joint.closed_lengths) / lap_length))
-        for laps in range(-max_laps, max_laps + 1):
-            candidate = least + laps * lap_length
+    circumferences = joint.closed_lengths
+    for circumference in circumferences:
+        # The length of smallest absolute value that differs by revolutions of this wheel.
+        smallest = length - circumference * round(length / circumference)
+        max_revolutions = int(np.ceil(0.5 * max(circumferences) / circumference))
+        for revolutions in range(-max_revolutions, max_revolutions + 1):
+            candidate = smallest + revolutions * circumference
             lengths[round(candidate / SAME_ROLLED_LENGTH_RAD)] = candidate
     return sorted(lengths.values(), key=abs)[:MAX_LENGTHS_PER_CONTACT]
 

@@ -64,23 +64,24 @@ class AssemblyState:
     ) -> "AssemblyState":
         """Return the state in which only the inputs are placed.
 
-        A body is a set of links whose relative orientations are known. At first these are
-        the links that inputs join.
+        A body is a set of links whose relative orientations are known. In this state they
+        are known of links that are joined by inputs, directly or through other inputs.
+        Every other link is a body of its own.
 
         Parameters
         ----------
         mechanism, joints
             The mechanism and the joints of its pairs.
         assembly
-            Its inputs, and the body of each link, which is the set of links that inputs
-            join.
+            Its inputs, and the bodies.
         q
             (n, inputs) values of the inputs (rad).
         """
         n = len(q)
-        # At first each link is a body of its own, with the axes of the link.
+        # A link that is a body of its own has the axes of the body. The orientations of
+        # links that inputs join to others are replaced below.
         identity = np.broadcast_to(np.eye(3), (n, 3, 3))
-        within = dict.fromkeys(range(len(mechanism.links)), identity)
+        body_from_link = dict.fromkeys(range(len(mechanism.links)), identity)
         variables = tuple(map(mechanism.variables_of, range(len(joints))))
         values = nans((n, len(mechanism.variable_owners)))
         for input_pair, input_values in zip(assembly.inputs, q.T, strict=True):
@@ -97,16 +98,17 @@ class AssemblyState:
             # Rotation from the axes of the second link of the pair to those of its first.
             first_from_second = states.first[:, 0] @ transpose(states.second[:, 0])
             is_forward = mechanism.ends[input_pair][0] == parent
-            within[child] = within[parent] @ (
+            body_from_link[child] = body_from_link[parent] @ (
                 first_from_second if is_forward else transpose(first_from_second)
             )
         return AssemblyState(
             joints=joints,
             ends=mechanism.ends,
             variables=variables,
-            body_from_link=within,
+            body_from_link=body_from_link,
             values=values,
             is_open=np.zeros(n, dtype=bool),
+            # The axes have rounding errors only, and no dyad is placed yet.
             slack=np.full(n, REACH_SLACK),
             slenderness=np.ones(n),
         )
@@ -150,24 +152,26 @@ class AssemblyState:
         )
 
     def merge(self, group: Group, rotations: Floats) -> None:
-        """Merge the bodies of a group into its first body, in place.
+        """Make the bodies of a group one body, whose axes are those of the first one.
 
-        A body is a set of links whose orientations are given in the axes of the body.
+        A body is a set of links whose orientations are known in the axes of the body. Only
+        these orientations, `body_from_link`, change. `read_values` computes the variables
+        of the pairs from them.
 
         Parameters
         ----------
         group
-            The group.
+            The bodies, each with the numbers of its links, and the pairs between them.
         rotations
             (n, bodies, 3, 3) rotations from the axes of each body of the group to the axes
             of its first body.
         """
-        for position, links in enumerate(group.bodies):
-            if position:
-                for link in links:
-                    self.body_from_link[link] = (
-                        rotations[:, position] @ self.body_from_link[link]
-                    )
+        # The links of the first body keep their orientations.
+        for position in range(1, len(group.bodies)):
+            for link in group.bodies[position]:
+                self.body_from_link[link] = (
+                    rotations[:, position] @ self.body_from_link[link]
+                )
 
     def read_values(self, group: Group) -> None:
         """Set the variables of a group's R pairs from the orientations of its links."""
@@ -185,20 +189,25 @@ class AssemblyState:
 def place_dyad(state: AssemblyState, group: Group, sign: Floats | float) -> Floats:
     """Place the two free bodies of a dyad in closed form, and merge its three bodies.
 
+    A body is a set of links whose relative orientations are known. A dyad is two bodies
+    that three R pairs join to each other and to a base body. The three axes are the
+    vertices of a spherical triangle, which can be assembled in two ways.
+
     Parameters
     ----------
     state
         The bodies placed so far; changed in place. `state.is_open` becomes True at samples
         at which the arcs of the dyad cannot close.
     group
-        The dyad: three R pairs that join two bodies to a base body.
+        The dyad.
     sign
         Sign of the assembly mode, one for all samples or (n,). It is the sign of
         u_1 . (u_2 x u_3), where the u are the axes of the pairs in file order.
 
     Returns
     -------
-    (n,) sine that is zero at the dead centre of the dyad, where its two modes meet.
+    (n,) sine of the angle between the arcs of both bodies at the middle axis. It is zero at
+    the dead centre of the dyad, where its two modes meet.
     """
     # Positions of the pairs in the group: the outer pairs join the two free bodies 1 and 2
     # to the base body 0, and the middle pair joins them to each other.
@@ -222,15 +231,20 @@ def place_dyad(state: AssemblyState, group: Group, sign: Floats | float) -> Floa
         slack=state.slack,
     )
     # The slack is the error of the placed axes (rad), by which later triangles may miss
-    # closing. It grows by the reciprocal of the sine, which is zero at a dead centre. There
-    # an error e of the axes causes an error of about sqrt(e), which is the limit.
-    grown_slack = state.slack / np.maximum(closure.sine, np.sqrt(REACH_SLACK))
-    state.slack = np.minimum(grown_slack, np.sqrt(REACH_SLACK))
+    # closing. It begins with `REACH_SLACK`, the rounding error of the axes. It grows by the
+    # reciprocal of the sine, which is zero at a dead centre. There an error e of the axes
+    # causes an error of about sqrt(e). The slack is limited to the root of `REACH_SLACK`.
+    max_slack = np.sqrt(REACH_SLACK)
+    grown_slack = state.slack / np.maximum(closure.sine, max_slack)
+    state.slack = np.minimum(grown_slack, max_slack)
+    # The slenderness is the smallest over the largest sine of the sides of the triangle.
+    # The smaller it is, the larger are the rounding errors of directions.
     state.slenderness = np.minimum(state.slenderness, closure.slenderness)
     rotations = np.broadcast_arrays(
         np.eye(3), closure.first_rotation, closure.second_rotation
     )
     state.merge(group, np.stack(rotations, axis=1))
+    # The variables of the three pairs, from the orientations of the bodies.
     state.read_values(group)
     state.is_open |= ~closure.closes
     return closure.sine
@@ -249,10 +263,12 @@ def group_tree(group: Group, joints: Sequence[Joint]) -> LoopTree:
 
 
 def group_closure(state: AssemblyState, group: Group) -> Closure:
-    """Return the loop closure of a group's bodies, at the samples of a state.
+    """Return the loop-closure equations of a group, at the samples of a state.
 
-    The bodies are sets of links that are placed already. For each pair of the group, the
-    closure needs the rotations from its two links to their bodies.
+    A group is bodies that become one body when all pairs between them are closed together.
+    A body is a set of links whose orientations in the axes of the body are known, in the
+    state. The unknowns of the equations are the variables of the pairs. For each pair the
+    closure has the rotations from its two links to their bodies.
     """
     body_from_first, body_from_second = (
         np.stack(
@@ -267,14 +283,17 @@ def group_closure(state: AssemblyState, group: Group) -> Closure:
 
 
 def place_group(state: AssemblyState, group: Group, start: Floats) -> Linearisation:
-    """Close a group by Newton's method, and merge its bodies.
+    """Close the loops of a group by Newton's method, and make its bodies one body.
+
+    A body is a set of links whose relative orientations are known. When the loops of the
+    group (Assur group) are closed, this is true of all its links.
 
     Parameters
     ----------
     state
-        The bodies placed so far; changed in place.
+        The orientation of each link in its body, and the pair variables; changed in place.
     group
-        The group.
+        The bodies, and the pairs between them.
     start
         (n, variables of the group) values (rad) from which Newton's method starts.
 
@@ -313,20 +332,24 @@ def find_train_paths(
 
 def place_train_bodies(
     group: Group,
-    within: Mapping[int, Array] | Sequence[Array],
+    body_from_link: Mapping[int, Array] | Sequence[Array],
     ends: Sequence[tuple[int, int]],
     joints: Sequence[Joint],
     angles: Mapping[int, Floats],
 ) -> list[Array]:
     """Return the orientations of the bodies of a train of wheels.
 
+    The angles of some R pairs follow from the inputs by gear ratios. A tree of these pairs
+    leads to all bodies, so the rolling contacts are not needed to place them.
+
     Parameters
     ----------
     group
         The train: bodies (sets of links) that R pairs and rolling contacts join.
-    within
-        Rotations (..., 3, 3) from the axes of each link to those of its body, by the number
-        of the link. They are real, or complex for complex assembly modes.
+    body_from_link
+        Rotations (..., 3, 3) from the axes of each link to those of its body, in an order
+        or by keys that are the numbers of the links. They are real, or complex for complex
+        assembly modes.
     ends, joints
         Links and joints of all pairs of the mechanism.
     angles
@@ -344,9 +367,10 @@ def place_train_bodies(
         pair = group.pairs[position]
         joint = revolute(joints[pair])
         first_link, second_link = ends[pair]
-        # F_first Z(angle) F_second^T, with the frames F of the pair in its two bodies.
-        first_frame = within[first_link] @ joint.first
-        second_frame = within[second_link] @ joint.second
+        # The rotation from the second to the first body is F_first Z(angle) F_second^T. The
+        # columns of F are axes of the pair in each body, and Z turns about the pair axis.
+        first_frame = body_from_link[first_link] @ joint.first
+        second_frame = body_from_link[second_link] @ joint.second
         first_from_second = first_frame @ about_z(angles[pair])
         first_from_second = first_from_second @ transpose(second_frame)
         is_forward = group.ends[position][0] == parent

@@ -29,10 +29,13 @@ def group_reciprocal_condition(jacobians: Floats) -> Floats:
     Returns
     -------
     (n,) reciprocals of the condition numbers in the Frobenius norm. The value is 0 where
-    the Jacobian is singular and 1 where it is not finite.
+    the Jacobian is singular. It is 1 where the Jacobian is not finite, so that samples
+    without a configuration do not count as singular.
     """
     reciprocal_condition = np.ones(len(jacobians))
     finite = all_finite(jacobians, (1, 2))
+    # If all axes are close together, the vectors in the Jacobian have nearly one direction.
+    # The scaling makes their components across this direction as large as those along it.
     scaled = _equalise_directions(jacobians[finite])
     norm = np.linalg.norm(scaled, axis=(1, 2))
     inverse_norm = np.linalg.norm(left_inverse(scaled), axis=(1, 2))
@@ -44,10 +47,13 @@ def _equalise_directions(jacobians: Floats) -> Floats:
     """Return Jacobians (n, 3 loops, variables) scaled as if their axes were far apart.
 
     The columns of a Jacobian consist of vectors in space, one for each loop. If the axes of
-    the pairs are close together, all these vectors have nearly one direction. Their
-    components along it are divided by the largest singular value of all vectors, and the
-    components across it by the second. All loops are scaled alike, so that the rank of the
-    Jacobian does not change.
+    the pairs are close together, all these vectors have nearly one direction, and the
+    Jacobian is ill-conditioned although the mechanism is only small. The condition number
+    of the scaled Jacobian does not show this.
+
+    The components of the vectors along their common direction are divided by the largest
+    singular value of all vectors, and the components across it by the second. All loops are
+    scaled alike, so that the rank of the Jacobian does not change.
     """
     # Axes of `loops`: sample, loop, component of the vector, variable. In `vectors`, the
     # columns are the vectors of all loops and variables.
@@ -61,6 +67,8 @@ def _equalise_directions(jacobians: Floats) -> Floats:
     # A Jacobian with a single column has one singular value only.
     singular_values = np.pad(singular_values, ((0, 0), (0, 1)))
     largest = singular_values[:, :1, None]
+    # If all axes are parallel, the second singular value is a rounding error, by which
+    # nothing must be divided.
     second = np.maximum(singular_values[:, 1:2, None], MIN_RELATIVE_SPREAD * largest)
     # The scaling (n, 3, 3) multiplies the vectors of all loops.
     scaling = along_common / largest + (np.eye(3) - along_common) / second

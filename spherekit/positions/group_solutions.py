@@ -76,7 +76,7 @@ def find_group_configurations(
     Parameters
     ----------
     group
-        An irreducible group of any pairs.
+        A group of any pairs, of which no part can be closed alone (irreducible).
     closure
         The loop equations of this group, with a single sample.
     start_values
@@ -91,7 +91,8 @@ def find_group_configurations(
         How they were found.
     """
     # Elimination solves polynomials, whose roots are all configurations of the group,
-    # complex ones included. `problem` says why a real one may be missing.
+    # complex ones included. `problem` is the check that failed, so that a real one may be
+    # missing. It is empty if all checks succeeded.
     if not has_elimination(group):
         distinct = DistinctConfigurations(closure)
         description = RANDOM_SEARCH.description
@@ -101,7 +102,9 @@ def find_group_configurations(
             first_order = find_elimination_orders(group)[0]
             root_count = first_order.root_count
             description = f"elimination: all {root_count} complex roots"
+            # The doubt is 0 if no configuration can be missing, and at most 1.
             doubt = 0.0
+            # More real configurations were computed than are stored, so some are missing.
             if distinct.is_truncated:
                 description += f", of whose real ones {len(distinct.values)} are kept"
                 doubt = 1.0
@@ -111,9 +114,11 @@ def find_group_configurations(
     # No elimination, or a doubtful one: the search adds to what elimination has given.
     statistics = search_group(closure, distinct, start_values)
     description = f"{description}: {statistics.describe('modes')}"
+    # The search ends when `MAX_MODES` configurations are stored, even if none was left out.
     if distinct.is_truncated or len(distinct.values) >= MAX_MODES:
         description += f"; the first {len(distinct.values)} are kept, there may be more"
     configurations = sorted(distinct.values, key=mode_sort_key)
+    # The doubt is the share of random starts that a missed configuration may attract.
     return configurations, SolutionMethod(description, statistics.missed_share)
 
 
@@ -123,7 +128,10 @@ def find_distinct_by_elimination(
     """Close a group from the solutions of its arc equations, without repetitions.
 
     The arc equations state that links with two pairs keep the axes of these at a fixed arc.
-    Elimination computes their solutions, and Newton's method closes the loops from each.
+    Elimination computes their complex solutions (roots). Newton's method closes the loops
+    from the real part of each root whose imaginary part is small. A root with a very small
+    imaginary part is real. For others it is not certain: rounding can make a multiple real
+    root complex.
 
     Parameters
     ----------
@@ -145,7 +153,8 @@ def find_distinct_by_elimination(
     is_closed = closed.closure_residual < CLOSURE_TOLERANCE
     correction = max_abs(wrap(closed.values - result.angles), axis=1)
     # A real root belongs to a closed configuration next to it. If Newton's method does not
-    # converge there, the configuration of this root is missing.
+    # converge, the configuration of this root is missing. If it leads farther away, it may
+    # have reached the configuration of another root.
     is_confirmed = is_closed & (correction < MAX_CORRECTION_RAD)
     problem = result.problem
     if np.any(result.is_real & ~is_confirmed):

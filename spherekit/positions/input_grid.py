@@ -28,7 +28,7 @@ class InputGrid:
         (n, inputs) values of the inputs (rad) at each sample.
     shape
         Number of samples along each axis. A path has one axis. A grid has one axis for each
-        input, and samples that differ in the last input only follow each other.
+        input. The last input changes fastest from sample to sample.
     """
 
     q: Floats
@@ -44,7 +44,7 @@ class InputGrid:
 
     @property
     def range(self) -> tuple[float, float]:
-        """The least and the greatest sampled value (rad) of a single input."""
+        """The least and the greatest sampled value (rad), for a mechanism of one input."""
         return float(np.min(self.q)), float(np.max(self.q))
 
     def neighbours(self) -> Indices:

@@ -154,6 +154,7 @@ def is_nearly_singular(
         largest, is not larger.
     """
     passive_jacobian = np.delete(linearisation.jacobian, driven, axis=2)
+    # The negated comparison is also true for a condition number that is NaN.
     return ~(condition_numbers(passive_jacobian) < 1.0 / ratio)
 
 
@@ -185,6 +186,14 @@ def _try_steps(
 ) -> _InputSteps:
     """Try one step on each of k paths.
 
+    A step is a prediction by Taylor's formula and a correction by Newton's method. It is
+    verified if it passed these tests, which show that it has not left its path:
+
+    - The correction is small compared with the predicted move, and converges.
+    - The determinant with locked inputs keeps its sign, so no singularity is passed.
+    - Contacts stay within their profiles.
+    - The direction of motion turns little.
+
     Parameters
     ----------
     closure
@@ -200,9 +209,7 @@ def _try_steps(
 
     Returns
     -------
-    The ends of the steps, and which steps passed all tests: Newton's method starts near its
-    solution, the determinant with locked inputs keeps its sign, contacts stay within their
-    profiles, and the direction of motion turns little.
+    The ends of the steps, and which steps passed all tests.
     """
     inputs = nodes.values[:, driven]
     # The remaining distance to the goal limits the step.
@@ -216,7 +223,9 @@ def _try_steps(
     prediction[:, driven] = np.where(
         is_last[:, None], q, inputs + lengths * nodes.direction
     )
-    is_finite = all_finite(prediction, 1)  # A slope is infinite at a dead centre.
+    # A slope is infinite at a dead centre. Newton's method cannot start from such a
+    # prediction. It starts from the node instead, and the step is not verified.
+    is_finite = all_finite(prediction, 1)
     prediction[~is_finite] = nodes.values[~is_finite]
     linearisation, step_sizes = closure.solve_with_step_sizes(
         prediction, driven, max_steps=MAX_CORRECTION_ITERATIONS
@@ -225,8 +234,10 @@ def _try_steps(
     # and converged.
     is_verified = is_finite & (linearisation.closure_residual < CLOSURE_TOLERANCE)
     predicted_move = max_abs(prediction - nodes.values, axis=1)
-    predicted_move = np.minimum(LARGEST_PREDICTED_MOVE_RAD, predicted_move)
-    is_verified &= INPUT_STEP_TESTS.accepts_correction(step_sizes, predicted_move)
+    # The correction may be a part of the move, of a long move only of a limited length.
+    # After a larger correction the step may have come onto another path.
+    limited_move = np.minimum(LARGEST_PREDICTED_MOVE_RAD, predicted_move)
+    is_verified &= INPUT_STEP_TESTS.accepts_correction(step_sizes, limited_move)
     # The determinant of the closure Jacobian with locked inputs keeps its sign.
     new_nodes = nodes_at(linearisation, driven, nodes.direction)
     is_verified &= (new_nodes.sign == nodes.sign) & all_finite(new_nodes.slope, 1)
@@ -265,16 +276,19 @@ def _explain_end(closure: Closure, driven: Sequence[int], values: Floats) -> Sta
 
     Returns
     -------
-    OFF_PROFILE or CURVATURE near a limit of a contact, OUT_OF_REACH near a dead centre,
-    otherwise MODE_LOST.
+    OFF_PROFILE near the end of a profile of a contact, CURVATURE where both profiles of a
+    contact have nearly the same curvature, OUT_OF_REACH near a dead centre, otherwise
+    MODE_LOST.
     """
     linearisation = closure.linearise(values)
     states = linearisation.states
-    limits = CurveLimits.of_mechanism(closure, {})
+    # The limits of the contacts, without further ranges of variables (`stops`).
+    limits = CurveLimits.of_mechanism(closure, stops={})
     margins, _ = limits.margins(values, states.curvatures, states.curvature_rates)
-    # A margin is the distance from a limit of a contact. The limits are the ends of all
-    # profiles, then equal curvatures of two profiles in contact. The order is reversed
-    # because equal curvatures are examined first.
+    # A margin is the distance from a limit: a difference of curvatures, or an arc length
+    # (rad) to the end of a profile. The limits are the ends of all profiles, then equal
+    # curvatures. They are examined in reverse order, so if both are near, the status is
+    # CURVATURE.
     for status, margin in zip(reversed(limits.statuses), reversed(margins[0]), strict=True):
         end_margin = END_AT_PROFILE_END_RAD
         if status == Status.CURVATURE:

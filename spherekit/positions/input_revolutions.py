@@ -30,10 +30,12 @@ def into_range(
     period
         Growth of the input (rad) after which configurations repeat.
     """
-    # `above` is the smallest shifted input that is not below the range, but for rounding,
-    # and `below` the one before it, which may be nearer to the range.
     is_periodic = np.isfinite(period)
+    # In place of an infinite period any number avoids NaN. It has no effect on the result.
     period = np.where(is_periodic, period, TURN)
+    # `above` is the smallest shifted input that is in the range or above it. An input that
+    # is below the low end by rounding only counts as in the range. `below` is one period
+    # less. If `above` is beyond the high end, `below` may be nearer to the range.
     above = low + np.mod(q - low + RANGE_TOLERANCE_RAD, period) - RANGE_TOLERANCE_RAD
     below = above - period
     is_outside = above > high + RANGE_TOLERANCE_RAD
@@ -66,6 +68,9 @@ def turns_in_range(
 ) -> tuple[Floats, Indices]:
     """Return all inputs in a range that differ from given ones by whole periods.
 
+    A given input for which there is none is returned once, shifted by whole periods as near
+    to the range as possible.
+
     Parameters
     ----------
     q
@@ -80,8 +85,7 @@ def turns_in_range(
     Returns
     -------
     shifted
-        (k,) inputs (rad). Those of one given input follow each other in rising order. An
-        input that cannot be shifted into the range is returned as near to it as possible.
+        (k,) inputs (rad). Those of one given input follow each other in rising order.
     sources
         (k,) positions of the given inputs from which they come.
     """
@@ -89,11 +93,12 @@ def turns_in_range(
     first = into_range(q, low, high, period)
     if not np.isfinite(period):
         return first, np.arange(len(first))
-    # Number of further periods that can be added to it. In a range of k whole periods each
-    # input occurs k times. `whole_periods` is 0 if the length of the range is no whole
-    # number of periods; then only the length limits the number.
-    max_further = (whole_periods(low, high, period) or np.inf) - 1
+    # Number of further periods that can be added to it.
     further = np.floor((high - first + RANGE_TOLERANCE_RAD) / period)
+    # In a range of k whole periods each input occurs k times, so k - 1 periods are added at
+    # most. `whole_periods` is 0 if the length of the range is no whole number of periods.
+    period_count = whole_periods(low, high, period)
+    max_further = period_count - 1 if period_count else np.inf
     further = np.clip(further, 0.0, max_further)
     laps_to_try = np.arange(np.max(further, initial=0.0) + 1)
     sources, laps = np.nonzero(laps_to_try <= further[:, None])

@@ -64,7 +64,7 @@ class InputTurningPoints(NamedTuple):
     ----------
     low, high
         Ends of the range (rad).
-    places
+    turning_inputs
         (k,) inputs (rad) at which two modes appear or vanish, rising.
     doubtful
         (d, 2) intervals (rad) in which some may be missing: the whole range if the
@@ -77,7 +77,7 @@ class InputTurningPoints(NamedTuple):
 
     low: float
     high: float
-    places: Floats
+    turning_inputs: Floats
     doubtful: Floats
     crossings: tuple[Crossing, ...] = ()
     crossing_inputs: Floats = np.zeros(0)
@@ -93,21 +93,31 @@ class InputTurningPoints(NamedTuple):
         return float(np.max(widths / np.ceil(widths / step), initial=0.0))
 
     def probes(self, step: float) -> Floats:
-        """Return the inputs (n,) in rad at which all modes should be computed.
+        """Return the inputs (n,) in rad at which all assembly modes should be computed.
 
-        There is one between two neighbouring inputs at which modes meet. In doubtful
-        intervals, in which such inputs may have been missed, there are more, at most `step`
-        (rad) apart.
+        An assembly mode is a curve of configurations over the input. Modes meet at two
+        kinds of inputs: at turning inputs two of them end, at crossing inputs their curves
+        cross and continue. There is one probe between two neighbouring inputs at which
+        modes meet. In doubtful intervals, in which such inputs may have been missed, there
+        are more, at most `step` (rad) apart. A doubtful interval shorter than
+        `POINTLIKE_INTERVAL_RAD` has none, because modes nearly coincide in it; there are
+        probes on both sides of it.
         """
-        crossed = np.clip(self.crossing_inputs, self.low, self.high)
-        borders = [self.low, *self.places, *crossed, *self.doubtful.ravel(), self.high]
+        # A crossing at an end of the range can be outside by rounding.
+        crossing_inputs = np.clip(self.crossing_inputs, self.low, self.high)
+        borders = [
+            self.low,
+            *self.turning_inputs,
+            *crossing_inputs,
+            *self.doubtful.ravel(),
+            self.high,
+        ]
         probes: list[float] = []
         for start, stop in pairwise(np.unique(borders).tolist()):
             middle = 0.5 * (start + stop)
             width = stop - start
             is_doubtful = any(low < middle < high for low, high in self.doubtful.tolist())
-            # Number of probes: one in the middle of an interval without turning points,
-            # more in a doubtful interval, and none in a very short doubtful interval.
+            # Number of probes in this interval.
             count = 1
             if is_doubtful:
                 count = ceil(width / step) if width > POINTLIKE_INTERVAL_RAD else 0
@@ -116,13 +126,13 @@ class InputTurningPoints(NamedTuple):
         return np.array(probes or [0.5 * (self.low + self.high)])
 
     def claim(self, step: float) -> Completeness:
-        """Return how complete the modes are that pass through the probed inputs.
+        """Return how complete the modes are that were computed at some inputs.
 
-        These are the inputs of ``probes(step)``, at which all modes are computed. Modes
-        appear and vanish only at inputs at which they meet, so one input between each two
-        neighbouring ones of these is enough to know all modes. Where such inputs may have
-        been missed, there are more probes, and a mode that exists only between two of them
-        may be missing.
+        These inputs are ``probes(step)``. All modes were computed at each of them. Modes
+        appear and vanish only where two of them meet. If all such meetings are known, one
+        probe between each two of them is enough to know all modes. In doubtful intervals,
+        where a meeting may have been missed, there are several probes. A mode that exists
+        only between two of these may be missing.
 
         Parameters
         ----------
@@ -133,9 +143,9 @@ class InputTurningPoints(NamedTuple):
             return Completeness(Guarantee.COMPLETE, "all modes at the only input")
         # Width (rad) of the widest interval that may hide a mode; 0 if there is none.
         gap = self.gap(step)
-        # Number of inputs at which modes are known to meet: at `places` modes appear or
-        # vanish, at `crossing_inputs` their curves cross.
-        count = len(self.places) + len(self.crossing_inputs)
+        # Number of inputs at which modes are known to meet: at `turning_inputs` modes
+        # appear or vanish, at `crossing_inputs` their curves cross.
+        count = len(self.turning_inputs) + len(self.crossing_inputs)
         if not gap:
             if count == 0:
                 intervals = "which meet nowhere in the range"
@@ -149,7 +159,7 @@ class InputTurningPoints(NamedTuple):
         if count:
             reason += f", and between {count} at which they are known to meet"
             reason += self._crossing_remark
-        # Everything that extends over more than the gap is known.
+        # Every mode that exists over an interval of the input wider than `gap` is known.
         return Completeness(Guarantee.TO_BOX, reason, gap)
 
     @property
@@ -223,7 +233,7 @@ def find_input_turning_points(
     turning_points = InputTurningPoints(
         low,
         high,
-        places=np.sort(np.concatenate(all_sign_changes)),
+        turning_inputs=np.sort(np.concatenate(all_sign_changes)),
         doubtful=doubtful[np.argsort(doubtful[:, 0])],
     )
     return _with_crossings(solver, turning_points)

@@ -188,6 +188,11 @@ class Linearisation:
     def vector_rates_of_pairs(self, first_w: Floats, second_w: Floats) -> Floats:
         """Return the time derivatives (n, variables, 3) of the velocity vectors.
 
+        Each pair variable has a velocity vector: the angular velocity of the second body of
+        the pair relative to the first at unit rate of the variable. For an R pair it is the
+        unit vector of its axis, which turns with the bodies. The formula depends on the
+        kind of pair.
+
         Parameters
         ----------
         first_w, second_w
@@ -195,7 +200,9 @@ class Linearisation:
             pair, in the axes of body 0.
         """
         frames = self.frames
+        # Curvatures of profiles and their rates, which contact pairs need.
         states = self.states
+        # The function is called for each kind of pair, with the numbers of its pairs.
         return self._collect_vectors(
             lambda kind, pairs: kind.vector_rates(
                 frames[:, pairs],

@@ -281,7 +281,7 @@ class ModeCoalescence:
             if order is None:
                 rotations = place_train_bodies(
                     group,
-                    within=body_from_link,
+                    body_from_link=body_from_link,
                     ends=ends,
                     joints=self.solver.joints,
                     angles=train_angles,

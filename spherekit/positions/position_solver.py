@@ -269,7 +269,7 @@ class PositionSolver:
         group = self.assembly.groups[position]
         rotations = place_train_bodies(
             group,
-            within=state.body_from_link,
+            body_from_link=state.body_from_link,
             ends=state.ends,
             joints=self.joints,
             angles=self.gear_train_angles(q),

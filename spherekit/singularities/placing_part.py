@@ -102,9 +102,11 @@ def _have_same_turning_points(whole: PositionAnalysis, part: PositionAnalysis) -
         find_input_turning_points(analysis.solver, -np.pi, np.pi, RUN_COST_S, RUN_TIME_S)
         for analysis in (whole, part)
     )
-    if len(whole_points.doubtful) or len(whole_points.places) != len(part_points.places):
+    whole_inputs = whole_points.turning_inputs
+    part_inputs = part_points.turning_inputs
+    if len(whole_points.doubtful) or len(whole_inputs) != len(part_inputs):
         return False
-    differences = np.abs(whole_points.places - part_points.places)
+    differences = np.abs(whole_inputs - part_inputs)
     return bool(np.all(differences < EQUAL_TURNING_INPUT_RAD))
 
 
