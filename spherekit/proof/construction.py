@@ -114,8 +114,10 @@ class ParentPaths:
     """The paths from the two parents of a dyad to the first link that they have in common.
 
     A dyad is a link that is put on the axes of two pairs. Its parents are the links that
-    these pairs join to it. A path leads from a link to its reference link, from there to
-    the reference of that link, and so on. Links are given by their numbers.
+    these pairs join to it. The orientation of each link is computed relative to another
+    one, its reference link, which was placed before. A path leads from a link to its
+    reference link, from there to the reference of that link, and so on. Links are given by
+    their numbers.
 
     Attributes
     ----------
@@ -186,11 +188,14 @@ class Construction:
         The orientation of a link relative to its reference is a trigonometric polynomial in
         the variables.
 
-        - A link that rotates by one pair angle has its parent as reference, and the degree
-          1 in this angle, or the angle's factor if the variable is shared.
-        - A link that is put on two axes has as reference the first link that the paths of
-          its two parents have in common. A path leads from a link to its reference, and so
-          on to the root. The degrees of all links on both paths are added.
+        - A link that one pair joins to a link placed before (its parent) has this parent as
+          reference. It rotates by the angle of the pair, so the degree in the variable is
+          1, or k if the angle is k times a variable that several wheels share.
+        - A link that is put on the axes of two pairs (a dyad) has as reference the first
+          link that the paths of its two parents have in common. A path leads from a link to
+          its reference, and so on to the root. Relative to the reference, the directions of
+          the two axes have the degrees of all links on their paths. The orientation
+          contains products of both directions, so the degrees are added.
         """
         # One degree for each variable.
         variables = np.arange(len(self.pairs))
@@ -336,13 +341,16 @@ def find_construction(
 ) -> Construction:
     """Return the best order of placing the links, with its variables and equations.
 
-    The best order has the lowest bound of complex modes, which is the largest possible
-    number of isolated complex solutions of its equations.
+    Links are placed one after another. Each is joined to links placed before by one pair,
+    about whose axis it rotates, or by two pairs, on whose axes it is put. The second case
+    gives an equation. The best order has the lowest bound of complex modes (`mode_bound`),
+    which is the largest possible number of isolated complex solutions of its equations.
 
     Parameters
     ----------
     structure
-        The links and pairs.
+        The links and pairs. Its followers are the pairs whose angles follow from the inputs
+        through toothed wheels.
     preferred_pairs
         Numbers of pairs whose angles should be variables. An order with more of them as
         variables is preferred; the bound of complex modes decides only among orders with
@@ -351,8 +359,8 @@ def find_construction(
     Raises
     ------
     PlanError
-        If there is no such order, since the structure does not have one degree of freedom
-        for each input, or if the structure has no loop.
+        If there is no such order, since the mobility by the numbers of links and pairs is
+        not the number of inputs, or if the structure has no loop.
     """
     construction = _find_best_construction(
         structure.ends,
@@ -482,8 +490,9 @@ def placing_orders(
             The bodies removed so far with their pairs; the body that was removed last comes
             first. Placing is the reverse of removing, so these bodies are placed last.
         """
-        # The sequence of removal has no influence on which bodies can still be removed. A
-        # set that was reached before in another sequence therefore gives no new order.
+        # The sequence of removal has no influence on which bodies can still be removed. If
+        # the same bodies were removed before, by the same pairs but in another sequence,
+        # there is no new order.
         placements = frozenset(order)
         if placements in reached_placements:
             return
@@ -497,6 +506,8 @@ def placing_orders(
                 for pair, two_bodies in joined_bodies.items()
                 if body in two_bodies and set(two_bodies) <= remaining
             )
+            # A body is placed by rotation about one pair axis, or by putting it on two. It
+            # has no freedom to be put on a third one.
             if 1 <= len(joining_pairs) <= 2:
                 extended_order = ((body, *joining_pairs), *order)
                 yield from remove_bodies(remaining - {body}, extended_order)

@@ -47,13 +47,15 @@ configuration at the end of the range counts.
 class ArmUse:
     """One arm of a saddle and the chains that end on it.
 
-    A saddle is a place where curves cross or narrowly miss each other. Its four arms are
-    the branches of curves that leave it. A chain is a curve as a row of certified arcs.
+    Where two configuration curves cross, or narrowly miss each other, they are the zeros of
+    a function g(u, v) near a saddle point of g. This place is called a saddle. The four
+    branches of curves that leave it, its arms, are each in one quadrant of u and v. A chain
+    is a curve as a row of certified arcs.
 
     Attributes
     ----------
     arm
-        The number of the saddle, and the quadrant of the arm.
+        The number of the saddle, and the quadrant of the arm: the signs of u and v on it.
     chain_ends
         Number of ends of chains on the arm; there should be one.
     input_sign
@@ -95,10 +97,11 @@ class CurveSearch:
         self._set_chains([])
 
     def _set_chains(self, chains: list[Chain]) -> None:
-        """Replace the chains, and prepare tests with the boxes of all their arcs.
+        """Replace the chains, and store the boxes of their arcs in arrays.
 
-        A chain is a curve as a row of arcs (pieces), each alone in an oriented box. The
-        boxes are stored in arrays, and their centres in a search tree.
+        A chain is a curve as a row of arcs (pieces), each alone in an oriented box. Later
+        tests ask which configurations or boxes are inside the box of an arc. They use the
+        arrays, and a search tree of the centres of the boxes.
         """
         self.chains = chains
         pieces = [piece for chain in chains for piece in chain.pieces]
@@ -110,16 +113,19 @@ class CurveSearch:
         if pieces:
             from scipy.spatial import cKDTree
 
-            # Angles that differ by a turn are the same.
+            # A tree cannot be made without boxes, and `covers` needs none then. Angles that
+            # differ by a turn are the same.
             periods = np.full(count, TURN)
             self._tree = cKDTree(_within_one_turn(self._centres), boxsize=periods)
 
     def covers(self, centres: Floats, radii: Floats) -> Bools:
         """Return which boxes (n,) are surely inside the box of a known arc or saddle.
 
-        Saddles are places where curves cross or nearly do. For each box only the arcs with
-        the nearest centres are tried, so a box inside the box of a farther arc may be
-        overlooked.
+        All configurations in such a box are on known curves, so it need not be searched. An
+        arc of a known curve is alone in an oriented box, whose sides are along its tangent
+        and normals. Saddles, places where curves cross or nearly do, have oriented boxes
+        too. For each box only the arcs with the nearest centres are tried, so a box inside
+        the box of a farther arc may be overlooked.
 
         Parameters
         ----------
@@ -133,10 +139,13 @@ class CurveSearch:
         # Boxes that are larger than every arc are not tried.
         can_fit = np.max(radii, axis=1) < np.max(self._limits)
         rows = np.flatnonzero(~is_covered & can_fit)
+        # (n, tried arcs) the arcs with the nearest centres, k-th nearest from 1 on. The
+        # tree wants angles of one turn.
         _, neighbours = self._tree.query(
             _within_one_turn(centres[rows]), k=range(1, tried_count + 1)
         )
-        # n boxes, k neighbours, v variables, w frame directions.
+        # Half width of each box along the sides of the oriented box: n boxes, k arcs, v
+        # variables, w sides.
         reach = np.einsum("nv,nkvw->nkw", radii[rows], np.abs(self._frames[neighbours]))
         is_inside = self._are_inside(
             neighbours, centres[rows, None], reach * ROUND_UP + COORDINATE_ROUNDING_RAD
@@ -181,18 +190,23 @@ class CurveSearch:
         """Search saddles in undecided boxes, and return the boxes outside all saddles.
 
         A saddle is a place where curves cross or narrowly miss each other. Chains (known
-        curves) that pass a new saddle are cut there. At the end chains are added for arms
-        (branches at a saddle) that leave the range of the input near the saddle.
+        curves) that pass a new saddle are cut there. Four branches of curves, the arms,
+        leave a saddle. If an arm is in the range of the input only close to the saddle, no
+        curve was followed along it. A chain is added for each such arm at the end.
         """
         centres = undecided.centres
         radii = undecided.radii
-        # Each round adds a saddle at least, or ends the search.
+        # Each round adds one saddle, or ends the search.
         for _ in range(MAX_SADDLES):
             # A few evenly chosen boxes are enough: a saddle covers many of them.
             some_centres = centres[:: max(1, len(centres) // SEARCHED_BOXES)]
-            if not any(map(self.crossings.find, some_centres)):
+            # `find` adds the saddle near a box, if there is one. The first one is enough,
+            # since it may cover the boxes that would be tried next.
+            has_new_saddle = any(self.crossings.find(centre) for centre in some_centres)
+            if not has_new_saddle:
                 break
-            self._cut_chains(self.crossings.saddles[-1:])
+            new_saddle = self.crossings.saddles[-1]
+            self._cut_chains([new_saddle])
             is_open = ~boxes_covered(self.crossings.saddles, centres, radii)
             centres = centres[is_open]
             radii = radii[is_open]
@@ -202,12 +216,14 @@ class CurveSearch:
     def _add_curve(self, position: Floats) -> None:
         """Add the curve through a configuration (v,), unless it is known already.
 
-        The curve may lead to saddles, places where curves cross or nearly do. New saddles
-        are added, and known chains that pass them are cut there.
+        A chain is a curve as a row of arcs, each alone in a box. The new curve may lead to
+        saddles, places where curves cross or nearly do. New saddles are added, and known
+        chains that pass them are cut there.
         """
         if self._is_known(position, 0.0):
             return
         saddle_count = len(self.crossings.saddles)
+        # The arc about the configuration. Its tangent may have either sense.
         first = find_piece(
             self.equations, position, direction=None, longest=LONGEST_ARC_RAD
         )
@@ -215,8 +231,10 @@ class CurveSearch:
             return
         chain = find_chain(self.equations, first, self.side, self.crossings)
         if chain is not None:
-            # If the new chain is closed, earlier chains that start in the box of one of its
-            # arcs are parts of it and are dropped.
+            # A closed chain is a whole curve. Earlier chains may be parts of the same
+            # curve, which were not followed as far. Their boxes need not contain the new
+            # configuration. The box of an arc contains no other curve, so if it contains
+            # the start of an earlier chain, that chain is a part and is dropped.
             closed_pieces = chain.pieces if chain.closed else ()
             other_chains = []
             for earlier in self.chains:
@@ -233,10 +251,12 @@ class CurveSearch:
     def _cut_chains(self, saddles: Sequence[Saddle]) -> None:
         """Replace chains that pass new saddles by chains that end at these saddles.
 
-        A chain is a curve as a row of certified arcs. Each curve is followed again from
-        every arc of the old chain. It then ends on the arms of the saddles, the branches of
-        curves that leave them. If an arc of the old chain is on no new chain and in no
-        saddle, `has_lost_piece` is set.
+        A chain is a curve as a row of certified arcs (`pieces`). A saddle is a place where
+        curves cross or narrowly miss each other. It may divide a curve into several parts,
+        so the curve is followed again from every arc of the old chain that is in the range
+        of the input and on no new chain yet. Each part then ends on an arm: a branch of a
+        curve that leaves a saddle. If an arc of the old chain is finally on no new chain
+        and in no saddle, `has_lost_piece` is set.
         """
         untouched_chains: list[Chain] = []
         cut_chains: list[Chain] = []
@@ -298,15 +318,20 @@ class CurveSearch:
     def _has_unmatched_arm(self) -> bool:
         """Return whether arms and ends of chains may fail to match one to one.
 
-        An arm is a branch of a curve that leaves a saddle. Exactly one chain has to end on
-        each arm. Only an arm that leads out of the range of the input needs no chain.
+        A chain is a curve as a row of arcs. A saddle is a place where curves cross or
+        nearly do, and an arm is one of the four branches of curves that leave it. Exactly
+        one chain has to end on each arm. Only an arm that leads out of the range of the
+        input needs no chain. A chain that passes a saddle without ending there would stand
+        for two arms, and is not allowed either.
         """
         if any(self._touches_saddle_inside(chain) for chain in self.chains):
             return True
         for use in self._list_arm_uses():
             saddle = self.crossings.saddles[use.arm[0]]
-            # 1 or -1 if the saddle is outside the range or at its end.
+            # 1 or -1 if the saddle is above or below the range of the input, or within
+            # `OUTSIDE_RANGE_RAD` of that end: a negative margin narrows the range.
             side = self.side(saddle.centre[-1], -OUTSIDE_RANGE_RAD)
+            # The arm moves the input farther outwards.
             leads_out = use.input_sign * side > 0
             if use.chain_ends > 1 or (use.chain_ends == 0 and not leads_out):
                 return True
@@ -315,10 +340,13 @@ class CurveSearch:
     def _add_chains_of_short_arms(self) -> None:
         """Add a chain of one arc for each arm that leaves the range near its saddle.
 
-        An arm is a branch of a curve that leaves a saddle. If the part of an arm in the
-        range of the input is inside the box of the saddle, no chain was followed there. A
-        chain of one arc, just outside of the range, then represents the arm.
+        A saddle is a place where curves cross or nearly do. An arm is one of the four
+        branches of curves that leave it, and a chain is a curve as a row of arcs. If the
+        part of an arm in the range of the input is inside the box of the saddle, no chain
+        was followed there. A chain of one arc, just outside of the range, then represents
+        the arm.
         """
+        # Each `use` is an arm with the number of chains that end on it.
         for use in self._list_arm_uses():
             if use.chain_ends:
                 continue
@@ -334,14 +362,18 @@ class CurveSearch:
             )
             if piece is None or self.crossings.arm(piece) != use.arm:
                 continue
+            # The arc is outside the range, where the input moves away along the arm.
             if use.input_sign * self.side(piece.centre[-1], 0.0) > 0:
                 self._set_chains([*self.chains, Chain((piece,), closed=False)])
 
     def _touches_saddle_inside(self, chain: Chain) -> bool:
         """Return whether a chain may touch a saddle other than on the arms at its ends.
 
-        A chain is a row of arcs. Those at each end that are on the same arm of a saddle are
-        left out. No other arc may be in the box of a saddle.
+        A chain is a curve as a row of arcs, each alone in a box. A saddle is a place where
+        curves cross or nearly do, and an arm is one of the four branches of curves that
+        leave it. A chain has to end at a saddle, so that each arm belongs to one chain. The
+        arcs at each end of the chain that are on the same arm are left out. No other arc
+        may be in the box of a saddle.
         """
         pieces = chain.pieces
         arms = [self.crossings.arm(piece) for piece in pieces]
@@ -351,6 +383,7 @@ class CurveSearch:
             on_arm = takewhile(lambda arm: arm is not None and arm == end, arms_from_end)
             return len([*on_arm])
 
+        # The arms on which the chain begins and ends, None for no arm.
         first_arm, last_arm = self.crossings.chain_ends(pieces, chain.closed)
         first_count = count_on_arm(first_arm, arms)
         last_count = count_on_arm(last_arm, arms[::-1])

@@ -52,8 +52,8 @@ class CircleContact:
         file gives these.
     sense
         1 if one circle is inside the other (internal contact), -1 if they are beside each
-        other (external contact). The arc length runs around the second centre in this
-        sense.
+        other (external contact). Seen from the second centre, the arc length along its
+        circle increases with the azimuth (1) or decreases (-1).
     """
 
     frames: Sequence[Frame]
@@ -132,18 +132,22 @@ class DecimalGeometry:
     def revolute_frames(self) -> Frames:
         """Return the frames of the R pairs in their first and second links, by name.
 
-        A frame (3, 3) has the rows zero direction, side and axis of the pair in link axes.
-        The file gives either all axes in one pose, or arcs and angles of the links.
+        A frame (3, 3) has three unit vectors in link axes as rows: the zero direction, from
+        which the pair angle is counted; the side, which is axis x zero direction; and the
+        axis of the pair. Components are balls, which are numbers with a bound of their
+        error. The file gives either all axes in one pose, or arcs and angles of the links.
         """
         geometry = self.mechanism.geometry
-        # 1. Axes in one pose, in which the pairs have the angles "value".
+        # 1. Axes in one pose. The file also has the angles of the pairs in it, as "value".
         if isinstance(geometry, PoseGeometry):
             axes = {
                 name: self._axis_direction(self.pair_table(name)) for name in geometry.axes
             }
             return frames_from_pose(geometry, axes, self.pair_angles("value"))
 
-        # 2. By link the list of its arcs and the list of its angles.
+        # 2. By link the list of the arcs between its axes, and the list of the angles
+        # between these arcs. The "zero" of a pair is the angle between its links at which
+        # its variable is zero.
         sizes = {
             link: [
                 [self.angle_ball(number) for number in table.get(key, [])]
@@ -203,6 +207,8 @@ class DecimalGeometry:
             circles = (self._profile_circle(table, link, pair_axis) for link in pair.links)
             centres, radii = zip(*circles, strict=True)
 
+        # Wheels turn in the ratio of the sines of their radii. Numbers of teeth have the
+        # same ratio exactly, so they take the place of the sines.
         if "teeth" in table:
             sines = [exact_ball(teeth) for teeth in table["teeth"]]
         else:
@@ -293,6 +299,10 @@ class DecimalGeometry:
     ) -> tuple[Vector, Ball]:
         """Return the centre (3,) in link axes and the radius (rad) of the circle of a link.
 
+        The numbers are balls, which have a bound of their error. Two links touch along
+        these circles, which the file gives in different ways: the centre as a direction or
+        by the name of an R pair, the radius of a roller or of a profile.
+
         Parameters
         ----------
         table
@@ -308,8 +318,10 @@ class DecimalGeometry:
         if circle.get("link") != link:
             circle = table["profiles"][link]
         if "axis" in circle:
+            # The name of an R pair of the link, on whose axis the centre is.
             centre = pair_axis(circle["axis"], link)
         else:
+            # A key such as "centre_xyz", or "pole_lonlat" of a great circle.
             key = next(key for key in circle if key.startswith(("centre", "pole")))
             centre = self._direction(circle[key], key)
         radius = circle.get("roller", circle.get("radius"))

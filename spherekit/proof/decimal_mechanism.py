@@ -73,7 +73,8 @@ class DecimalMechanism(DecimalGeometry):
     """A mechanism of R pairs and wheels with the decimal sizes of its file.
 
     Each sliding contact of circles is replaced by a coupler: a link joined by R pairs at
-    the centres of both circles. Links and pairs are counted as in `structure`.
+    the centres of both circles. The links and pairs with those of the couplers are the
+    *structure*. Its numbers differ from those of the mechanism, which has contacts instead.
 
     Attributes
     ----------
@@ -96,9 +97,11 @@ class DecimalMechanism(DecimalGeometry):
 
         A frame (3, 3) has the unit vectors x, y, z of the pair in rows: z is its axis, and
         x the zero direction, from which its angle is counted. Components are balls,
-        intervals with a centre and a radius. A coupler is a link that replaces a sliding
-        contact of two circles: R pairs join it to both links at the centres of the circles.
-        The pairs of couplers come last.
+        intervals with a centre and a radius.
+
+        The structure has the R pairs of the mechanism, then two pairs for each coupler. A
+        coupler is a link that replaces a sliding contact of two circles: R pairs join it to
+        both links at the centres of the circles.
         """
         revolute_frames = self.revolute_frames()
         frames = [
@@ -106,12 +109,14 @@ class DecimalMechanism(DecimalGeometry):
             for name in self.structure.pairs
             if name in revolute_frames
         ]
+        # The numbers of the sliding contacts that couplers replace.
         for contact in self.structure.couplers:
             circle_contact = self.circle_contact(contact)
             # The axes of a coupler can be chosen: its first pair axis is the z axis. The
-            # second one is in the y-z plane, at the arc between the centres of the circles.
-            # The zero directions point to the contact, so that the angle of each pair is
-            # the azimuth of the contact about the centre of a circle.
+            # second pair axis is in the y-z plane. The arc between both axes is that
+            # between the centres of the circles. In the coupler, the zero directions point
+            # to the contact. The angle of each of its pairs is therefore the azimuth of the
+            # contact about the centre of a circle.
             sine, cosine = circle_contact.centre_arc.sin_cos()
             first_axis = exact_balls([0.0, 0.0, 1.0])
             second_axis = np.array([exact_ball(0.0), sine, cosine])
@@ -126,9 +131,12 @@ class DecimalMechanism(DecimalGeometry):
     def known_angles(self, inputs: Sequence[Ball]) -> list[Ball]:
         """Return the angles (rad) of the inputs, then those of the followers.
 
-        Followers are the pairs whose angles follow from the inputs through wheels. For each
-        mesh of two wheels a weighted sum of pair angles is constant while the wheels roll.
-        Its value is known in one position. These linear equations determine the followers.
+        Followers are the pairs whose angles follow from the inputs through wheels. A wheel
+        that turns by an angle relative to the carrier of both wheels (the sum of the pair
+        angles between them) rolls the length sine of its radius times this angle. Two
+        wheels in mesh roll equal lengths, so for each mesh a weighted sum of pair angles is
+        constant: sine 1 times angle 1 less sine 2 times angle 2. Its value is known in one
+        position. These linear equations determine the followers.
 
         Parameters
         ----------
@@ -140,14 +148,16 @@ class DecimalMechanism(DecimalGeometry):
         structure = self.structure
         relations = self._mesh_relations()
         if isinstance(self.mechanism.geometry, PoseGeometry):
-            # Nothing has rolled in the reference pose, so the sums have the values there.
+            # Nothing has rolled in the reference pose, in which the file gives the angles.
+            # The constants are the sums of these angles.
             pose_angles = self.pair_angles("value")
             constants = relations @ [
                 pose_angles.get(pair, exact_ball(0.0)) for pair in structure.pairs
             ]
         else:
-            # Both lengths of a mesh stay equal while the wheels roll, so each sum is the
-            # difference of the lengths in the position of zero angles.
+            # If all pair angles are zero, the lengths along both circles are L1 and L2. At
+            # other angles they are L1 - sine 1 angle 1 and L2 - sine 2 angle 2, and they
+            # are equal when the wheels are in mesh. The constant is therefore L1 - L2.
             constants = self._rolled_lengths_at_zero() @ exact_balls([1.0, -1.0])
         right_side = constants - relations[:, structure.inputs] @ np.array(inputs)
         followers = self._solve_followers(relations, right_side[:, None])[:, 0]
@@ -183,15 +193,18 @@ class DecimalMechanism(DecimalGeometry):
     def motion_columns(self) -> list[tuple[str, float]]:
         """Return the columns of the table `motion` that have the angles of all pairs.
 
-        The structure has a coupler, a link with a pair at each centre, for every sliding
-        contact of circles. The table of the mechanism itself has the arc lengths of the
-        contact instead of the angles of these pairs.
+        Proofs replace every sliding contact of two circles by a coupler: a link with an R
+        pair at the centre of each circle. The pairs here are the R pairs of the mechanism,
+        then those of the couplers. The table of the mechanism itself has the arc lengths
+        along both circles instead of the angles of coupler pairs. An arc length is the
+        angle times the sine of the radius of the circle.
 
         Returns
         -------
         For each pair the name of the column, and the factor by which its values are
-        multiplied to give the angle. It is 1 for R pairs. For a pair of a coupler it is
-        1 / sine of the circle's radius, with the sign of the sense.
+        multiplied to give the angle. It is 1 for R pairs of the mechanism, and 1 / sine of
+        the radius for a pair of a coupler. In an external contact the arc length along the
+        second circle runs against the angle, so that factor is negative.
         """
         columns = [(f"theta_{name}", 1.0) for name in self.structure.pairs]
         for coupler, contact in enumerate(self.structure.couplers):
@@ -213,7 +226,9 @@ class DecimalMechanism(DecimalGeometry):
         """Return the mechanism with its meshes of wheels and with the followers.
 
         A mesh is a rolling contact of two wheels, with the link that carries both. The
-        followers are the pairs whose angles follow from the inputs through the meshes.
+        followers are the R pairs whose angles follow from the inputs through the meshes.
+        They are counted in `structure`, which has the R pairs of the mechanism in its
+        order, without the contacts.
 
         Raises
         ------
@@ -242,6 +257,9 @@ class DecimalMechanism(DecimalGeometry):
             self._structure_pair(pair) for mesh in meshes for pair in mesh.pairs
         }
         followers = tuple(sorted(related_pairs - set(structure.inputs)))
+        # The train has the lengths that wheels have rolled. None if the meshes do not
+        # determine the angles, or if no whole turns of the wheels, among those that are
+        # tried, agree with all meshes.
         train = find_gear_train(mechanism, driven_pairs(mechanism))
         # As many followers as meshes, and relations that can be solved for them.
         with suppress(ZeroDivisionError):
@@ -365,7 +383,8 @@ def read_decimals(
         The parsed file of the mechanism. By default the mechanism is written as a file and
         read again.
     tolerance
-        Bound (rad) of the difference between true sizes and those of the file.
+        The proof is for all mechanisms whose sizes differ from those of the file by at most
+        this (rad). By default it is for exactly the file.
 
     Raises
     ------
@@ -374,12 +393,14 @@ def read_decimals(
         follow from the inputs, or if the tolerance is negative or large.
     """
     structure = extract_structure(mechanism)
+    # A tolerance of 0.1 rad (6 deg) or more is taken for a mistake.
     if not 0.0 <= tolerance < 0.1:
         raise PlanError(f"a tolerance of {tolerance} rad makes no sense; give 1e-9, say")
     if document is None:
         document = parse(dumps(mechanism), mechanism.name)
-        # The written file has to describe the same mechanism. A mechanism with data of the
-        # user may compare as different, so it is not compared.
+        # The written file has to describe the same mechanism. Data of the user may change
+        # their type when they are written and read, as tuples become lists. Mechanisms with
+        # such data are not compared.
         has_user_data = bool(mechanism.user)
         assert has_user_data or read(document) == mechanism
     decimal_mechanism = DecimalMechanism(mechanism, document, tolerance, structure)

@@ -79,12 +79,16 @@ def _link_angular_velocities(
     """Return the angular velocities of all links at unit rate of one input.
 
     The other inputs are locked. Angular velocities are relative to the link that is placed
-    first, the root. In the difference of two links the root has no influence.
+    first, the root. In the difference of two links the root has no influence. All numbers
+    are balls, which have a proven bound of their error.
 
     Parameters
     ----------
-    equations, variables
-        See `enclose_poles`.
+    equations
+        The closure equations, with the mechanism as the decimal numbers of its file.
+    variables
+        Balls (rad) of all variables at a configuration: the unknown angles, the inputs, and
+        the angles that follow from the inputs through wheels.
     input_number
         Number of the moving input among the inputs.
 
@@ -115,7 +119,8 @@ def _link_angular_velocities(
             for variable, rate in enumerate(rates)
             if (variable,) in jet
         ]
-        # Couplers are no links of the mechanism.
+        # Couplers, added links that replace sliding contacts, are not returned. They are
+        # numbered after the links of the mechanism.
         if parts and link < structure.body_count:
             # R' R^T is the cross-product matrix of the angular velocity.
             spin = sum(parts) @ jet[()].T
