@@ -60,6 +60,15 @@ def modes_certificate(modes: CertifiedModes) -> dict[str, Any]:
     A certificate is a table for a JSON file, from which a checker can repeat the proof. A
     mode is a real root of the loop equations; all proven complex roots are listed. Their
     centres are exact: mantissa and exponent of 2 of real and imaginary parts.
+
+    The other entries say what the list of roots lacks:
+
+    - "bound" is the largest possible number of complex roots. If as many are listed,
+      "counted" is true, and none is missing.
+    - "complete" is true if no real root is missing. This follows from "counted", from the
+      solutions of parts of the equations ("systems"), or from boxes that exclude the rest
+      of space.
+    - "undecided_rad" are boxes that may contain further real roots.
     """
     decimal_mechanism = modes.decimal_mechanism
     construction = modes.construction
@@ -136,6 +145,11 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
     Places where curves cross or nearly do are listed as crossings. The boxes that prove
     that there is no other curve are left out: a checker has to divide the space of the
     variables again.
+
+    The equations contain a variable that makes one turn while the input makes
+    "input_turns_of_its_variable" turns, after which all wheels are back. "off" is the error
+    bound (rad) of a configuration. "curves_at_one_input_rad" are the inputs at which a
+    whole curve has one value of the input.
     """
     decimal_mechanism = curves.decimal_mechanism
     construction = curves.construction
@@ -240,9 +254,11 @@ def _wheel_tables(
     Parameters
     ----------
     decimal_mechanism
-        A mechanism with one input. Its followers are the pairs of wheels.
+        A mechanism with one input. The angles of some pairs, its followers, follow from the
+        input through wheels in mesh.
     construction
-        A construction in which the input and all wheels are multiples of one variable.
+        The order in which the links are placed. Each step has the pairs by which a link is
+        placed, and the quotient of the pair angle and the variable.
 
     Returns
     -------
@@ -251,16 +267,21 @@ def _wheel_tables(
     ("off").
     """
     structure = decimal_mechanism.structure
-    # By the pairs of each placed link: the pair angle over the variable.
-    factors = {step.pairs: step.angle_factor for step in construction.steps}
+    # A wheel is placed by a single pair, whose angle is this factor times the variable.
+    factor_by_pair = {
+        step.pairs[0]: step.angle_factor
+        for step in construction.steps
+        if len(step.pairs) == 1
+    }
     with working_precision(WHEEL_PRECISION_BITS):
-        # The first angle is that of the input itself.
+        # The angles of the input and of its followers if the input angle is 0. The variable
+        # is 0 as well.
         _, *wheel_angles = decimal_mechanism.known_angles([exact_ball(0.0)])
         angles = _round_balls(wheel_angles)
     return [
         {
             "pair": structure.pairs[pair],
-            "turns": factors[(pair,)],
+            "turns": factor_by_pair[pair],
             "at_zero_rad": angle,
             "off": error,
         }
@@ -315,8 +336,10 @@ def wheels_certificate(
 ) -> dict[str, Any]:
     """Return the certificate of a mechanism in which wheels determine all angles.
 
-    Followers are the pairs whose angles follow from the inputs through wheels. A
-    certificate is a table for a JSON file.
+    Followers are the pairs whose angles follow from the inputs through wheels. They are
+    linear functions of the inputs, so there is one assembly mode without dead centres. The
+    certificate, a table for a JSON file, states the slopes ("ratios"). "off" is the bound
+    of their errors as float64 numbers.
 
     Parameters
     ----------

@@ -139,7 +139,17 @@ class CertifiedModes:
 
     @cached_property
     def completeness(self) -> Completeness:
-        """What is guaranteed, and on which facts the guarantee is based."""
+        """What is guaranteed, and on which facts the guarantee is based.
+
+        That no real mode is missing is proven in one of three ways:
+
+        1. As many complex modes are proven as there can be.
+        2. The equations are divided into systems that are solved one after another. As many
+           solutions of each are proven as there can be, those at infinity included.
+        3. All real modes elsewhere are excluded by dividing space into boxes.
+
+        Otherwise they may be missing only in clusters of boxes that stay undecided.
+        """
         arithmetic = f"ball arithmetic of {self.precision_bits} bits"
         statement = f"{len(self.real)} real modes, each alone in its ball"
         if self.is_counted:
@@ -160,6 +170,8 @@ class CertifiedModes:
             )
         else:
             widths = [2.0 * np.max(half_widths) for _, half_widths in self.clusters]
+            # Without clusters nothing was excluded, so a mode may be missing anywhere in
+            # a full turn of each angle.
             return Completeness(
                 Guarantee.TO_BOX,
                 f"{statement}; undecided in {len(widths)} clusters, nothing else outside; "
@@ -285,19 +297,20 @@ def join_boxes(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
 
     lows = centres - radii
     highs = centres + radii
-    labels = np.zeros(len(centres), dtype=int)
-    # `labels` has the group of each box. At first all boxes have the label 0. Too many
-    # boxes are one group without any comparison. Otherwise the number of groups is set to
-    # 0, so that the first pass compares the boxes themselves.
-    group_count = int(len(centres) > MAX_CLUSTERED_BOXES)
-    while group_count < len(lows):
-        if group_count:
-            groups = [labels == group for group in range(group_count)]
-            lows = np.array([np.min(lows[group], axis=0) for group in groups])
-            highs = np.array([np.max(highs[group], axis=0) for group in groups])
-        # Two boxes touch if each begins below the end of the other in all directions.
+    # Too many boxes are one group without any comparison, which would take too long.
+    if len(lows) > MAX_CLUSTERED_BOXES:
+        lows = np.min(lows, axis=0, keepdims=True)
+        highs = np.max(highs, axis=0, keepdims=True)
+    while len(lows):
+        # Two boxes touch if each begins below the end of the other in all directions. Boxes
+        # with a common side also touch if rounding leaves a gap of up to 1e-12 rad.
         begins_below = np.all(lows[:, None] <= highs + 1e-12, axis=2)
         group_count, labels = connected_components(begins_below & begins_below.T)
+        if group_count == len(lows):
+            break
+        groups = [labels == group for group in range(group_count)]
+        lows = np.array([np.min(lows[group], axis=0) for group in groups])
+        highs = np.array([np.max(highs[group], axis=0) for group in groups])
     return list(zip(0.5 * (lows + highs), 0.5 * (highs - lows), strict=True))
 
 
@@ -349,12 +362,14 @@ class _RootSearch:
         roots to these equations. Up to `HOMOTOPY_SEEDS` homotopies with different random
         numbers are tried, until
 
-        - as many roots are proven, or finite ones approximated, as there can be, or
+        - as many roots are proven as there can be, or
+        - as many finite roots are approximated as there can be, so that further homotopies
+          would find no others (more bits may still prove them), or
         - the real roots are proven to be complete.
 
-        For the second case the equations are divided into small systems, which are solved
-        one after another (`spherekit.proof.modes_over_boxes.count_modes`). If this proves
-        the number of real roots, and as many real roots are proven here, none is missing.
+        For the last case the equations are divided into small systems, which are solved one
+        after another (`spherekit.proof.modes_over_boxes.count_modes`). If this proves the
+        number of real roots, and as many real roots are proven here, none is missing.
 
         Parameters
         ----------
@@ -363,8 +378,8 @@ class _RootSearch:
 
         Returns
         -------
-        The systems if they have proven the real roots complete. In all other cases an empty
-        tuple, also if all roots are proven.
+        The systems if they have proven the real roots complete. Otherwise an empty tuple:
+        the caller then counts the proven roots.
         """
         # The largest possible number of complex roots, by the degrees of the equations.
         bound = self.equations.construction.mode_bound
@@ -380,6 +395,7 @@ class _RootSearch:
             is_finite = np.all(np.abs(modes.imag) < FINITE_ROOT_IMAGINARY_RAD, axis=1)
             if max(len(self.roots), np.sum(is_finite)) >= bound:
                 break
+            # After a homotopy without any result, only the next seed is tried.
             if len(modes):
                 # The number of real roots by the systems. If they do not prove it, it is
                 # -1, which differs from any number of roots.
@@ -407,7 +423,12 @@ class _RootSearch:
             self.roots.append(root)
 
     def exclude_other_roots(self) -> tuple[int, BoxSet]:
-        """Divide space into boxes, and exclude real roots that are not proven yet.
+        """Divide the space of the unknown angles into boxes, and exclude other real roots.
+
+        A box is done if an equation cannot vanish in it, or if it is inside the
+        neighbourhood of a proven root, where no other root is possible. A real root that is
+        approximated near one of the other boxes is proven and added to `roots`. Boxes that
+        are not done are halved.
 
         Returns
         -------
@@ -415,7 +436,9 @@ class _RootSearch:
         """
         unknown_count = self.equations.unknown_count
         no_width = [exact_ball(0.0)] * len(self.known_angles)
-        # Unknown angles range over a full turn, given angles have one value.
+        # Unknown angles range over a full turn, given angles have one value. The turn
+        # starts at an angle that special geometries do not have, so that no root is on the
+        # side of a box.
         ranges = VariableRanges(
             low=[exact_ball(FIRST_ANGLE_RAD)] * unknown_count + self.known_angles,
             width=[2 * pi_ball()] * unknown_count + no_width,
@@ -431,8 +454,8 @@ class _RootSearch:
     def _covers(self, centres: Floats, radii: Floats) -> Bools:
         """Return which boxes (n,) are surely inside the neighbourhood of a proven root.
 
-        The neighbourhood is a cube in the space of the unknown angles, in which no other
-        root is possible.
+        The neighbourhood is a cube about a real root in the space of the unknown angles, in
+        which no other root is possible. Half its side is `unique`.
 
         Parameters
         ----------
@@ -443,9 +466,9 @@ class _RootSearch:
         count = self.equations.unknown_count
         root_boxes = (
             OrientedBox(
-                centre_floats(np.array(root.centre)),
-                np.eye(count),
-                np.full(count, root.unique),
+                centre=centre_floats(np.array(root.centre)),
+                frame=np.eye(count),
+                limits=np.full(count, root.unique),
             )
             for root in self.real
         )
@@ -470,9 +493,10 @@ def _root_sort_key(root: CertifiedRoot) -> tuple[float, ...]:
 def enclose_pair_angles(equations: ArcEquations, variables: Sequence[Ball]) -> list[Ball]:
     """Return balls (rad) of the angles of all pairs.
 
-    Links are placed in a certain order. A link that one pair joins to links placed before
-    is rotated by the angle of this pair, which is a variable. A link that two pairs join to
-    links placed before is put on both axes. The angles of these two pairs are no variables;
+    Links are placed in a certain order, from the root on. A link that one pair joins to a
+    link placed before is rotated by the angle of this pair, which is a variable. A link
+    that two pairs join to links placed before is oriented so that its axes of both pairs
+    coincide with those of the other links. The angles of these two pairs are no variables;
     they follow from the orientations of the links.
 
     Parameters
@@ -494,12 +518,16 @@ def enclose_pair_angles(equations: ArcEquations, variables: Sequence[Ball]) -> l
             # The position of the pair is the number of its variable.
             angles.append(variables[construction.pairs.index(pair)])
             continue
-        # Rows: zero direction, side and axis of the pair's frames in root axes.
+        # The frame of the pair in each of its links. Rows of a frame are its zero direction
+        # x, its side direction y and the pair axis z. The orientation has the rotation
+        # matrix from link axes to axes of the root under the key (), and would have its
+        # derivatives under others. Multiplying rows by the transpose rotates them.
         first, second = (
             frame @ orientations[link][()].T
             for link, frame in zip(ends, equations.pair_frames[pair], strict=True)
         )
-        # Cosine and sine: components of the second zero direction along the first zero
-        # direction and the first side.
-        angles.append(polar_angle(*(first[:2] @ second[0])))
+        # Cosine and sine of the angle: components of the second zero direction along the
+        # first zero direction and the first side direction.
+        cosine, sine = first[:2] @ second[0]
+        angles.append(polar_angle(cosine, sine))
     return angles

@@ -85,6 +85,7 @@ class CertifiedSingularities:
         where configuration curves cross or nearly do, inputs with whole curves of
         configurations, and the ends of the range. It is 0 if not everything is proven.
         """
+        # Points of a curve at which the input is stationary are singularities of type II.
         curves = self.curves
         if curves.completeness.guarantee is not Guarantee.CERTIFIED or self.undecided:
             return 0.0
@@ -94,16 +95,22 @@ class CertifiedSingularities:
             for point in stationary_points.proven
         ]
         points += [singularity.point for singularity in self.singularities]
-        # The inputs (rad) to which distances are measured, each with its error. The input
-        # angle is `cycle_turns` times its variable, and so is the error.
+        # The inputs (rad) to which distances are measured, each with its error. With
+        # wheels, the equations contain a variable that makes one turn while the input makes
+        # `cycle_turns` turns, after which all wheels are back. Errors of the variable are
+        # multiplied by this number, too.
         inputs = [
             (curves.input_angle(point.position), curves.cycle_turns * point.error)
             for point in points
         ]
-        inputs += [
-            (curves.input_angle(saddle.centre), curves.input_angle(saddle.central_zone))
-            for saddle in curves.saddles
-        ]
+        # Near a saddle, where curves cross or nearly do, everything is possible in its
+        # central zone: the distances (rad) of all variables from its centre.
+        for saddle in curves.saddles:
+            zone_of_input = saddle.central_zone[curves.input_variable]
+            inputs.append(
+                (curves.input_angle(saddle.centre), zone_of_input * curves.cycle_turns)
+            )
+        # Inputs at which a whole curve of configurations has this one input.
         inputs += [(value, 0.0) for value in curves.constant_input_values]
         half_cycle = np.pi * curves.cycle_turns
         distances = []

@@ -88,14 +88,21 @@ class Chain:
 
     @property
     def links(self) -> list[tuple[CertifiedArc, CertifiedArc]]:
-        """Each arc together with the next one, whose centre its box contains."""
-        return list(pairwise([*self.pieces, *self.pieces[: self.closed]]))
+        """Each arc together with the next one, whose centre its box contains.
+
+        In a closed chain the last arc is followed by the first.
+        """
+        pieces = [*self.pieces]
+        if self.closed:
+            pieces.append(self.pieces[0])
+        return list(pairwise(pieces))
 
     def may_repeat_start(self) -> bool:
         """Return whether the chain may pass through its start a second time."""
         # Does the start lie between the centre of an arc and the next centre, near the axis
-        # of the arc? Arcs next to the start are left out. Coordinate 0 is along the arc,
-        # the others are across it.
+        # of the arc? Coordinate 0 is along the arc, the others are across it. The first
+        # step from arc to arc begins at the start. The last one of a closed chain, which
+        # has the index `len(self.pieces) - 1`, ends there. Both are left out.
         start = self.pieces[0].centre
         for piece, next_piece in self.links[1 : len(self.pieces) - 1]:
             coordinates = piece.coordinates(start)
@@ -156,15 +163,18 @@ def find_piece_ahead(
 ) -> CertifiedArc | None:
     """Return a certified arc that continues another arc.
 
-    The centre of the new arc has to be in the box of the other arc, ahead of its centre.
-    Both arcs then have a configuration in common and belong to one curve.
+    A certified arc, or piece, is a box in which all configurations form exactly one arc of
+    a configuration curve. The centre of the new arc has to be in the box of the other arc.
+    Both arcs then have a configuration in common and belong to one curve. The centre also
+    has to be ahead of the other centre, so that the curve is followed in one direction.
 
     Parameters
     ----------
     equations
         The equations of the mechanism.
     piece
-        The arc that is continued. The result has a tangent in the same sense.
+        The arc that is continued. The tangents of both arcs point in the same direction
+        along the curve.
     position
         (v,) position (rad) near which the centre of the new arc is searched.
     longest
@@ -205,9 +215,10 @@ def _follow_forward(
 ) -> Chain:
     """Return the chain from an arc on, until it closes or ends.
 
-    A curve ends outside the range of the input, or on an arm: a branch that leaves a
-    crossing of curves. If the start is already at such an end, the curve is followed until
-    it has left this end and arrives at another one.
+    The curve is followed in the direction of the tangent of the first arc. It ends outside
+    the range of the input, or on an arm: a branch that leaves a crossing of curves. If the
+    start is already at such an end, the curve is followed until it has left this end and
+    arrives at another one.
 
     Parameters
     ----------
@@ -222,6 +233,7 @@ def _follow_forward(
 
         The result is 0 if the arc is inside the range and on no arm.
         """
+        # The input's variable is the last one.
         overshoot = max(piece.distance_bound, RANGE_OVERSHOOT_RAD)
         return crossings.arm(piece) or side(piece.centre[-1], overshoot)
 
@@ -235,9 +247,11 @@ def _follow_forward(
             return Chain(pieces, closed=False)
         # Here `end` is either no end, or the one at which the curve started. As soon as the
         # curve has left the latter, any end counts.
-        end_to_leave = end and end_to_leave
+        if not end:
+            end_to_leave = end
         # The chain closes if the start is in the box of the last arc, ahead of its centre,
-        # and both tangents have the same sense.
+        # and both tangents have the same sense. Before the curve has left the box of the
+        # first arc, this is not tested.
         has_left_start = distance_covered > 1.5 * start.half_length
         start_is_ahead = has_left_start and last.coordinates(start.centre)[0] > 0
         has_same_sense = last.tangent @ start.tangent > 0.5
@@ -249,8 +263,11 @@ def _follow_forward(
             return Chain(pieces, closed=True)
         next_piece = _find_next_piece(equations, last)
         if next_piece is None:
+            # Near a crossing no arc can be proven. If a new crossing is found here, it is
+            # added to `crossings`. Its box may contain earlier arcs of this chain, so the
+            # curve is followed once more. The number of crossings is limited, and so is the
+            # number of repetitions.
             if crossings.find(last.centre):
-                # The new crossing may begin before this arc: follow once more.
                 return _follow_forward(equations, start, side, crossings)
             return Chain(
                 pieces, closed=False, problem="a curve could not be followed to its end"

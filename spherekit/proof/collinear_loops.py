@@ -68,8 +68,11 @@ Arm = tuple[int, Quadrant]
 class FourPairLoop:
     """A loop of four pairs that gives one equation in two variable pair angles.
 
-    Such a loop closes exactly with all four pair axes in one plane if its arcs, each with
-    one of two signs, add up to whole turns.
+    The equation is that of a dyad: a link put on the axes of two pairs of the loop, whose
+    angles follow. Only the angles of the other two pairs are variables. If all four pair
+    axes are in one plane, the way around the loop is on one great circle, and passes the
+    arc of each link forwards or backwards. So the loop can close in this way if its four
+    arcs, with suitable signs, add up to whole turns.
 
     Attributes
     ----------
@@ -78,8 +81,9 @@ class FourPairLoop:
     variables
         Numbers of the two variables among those of the mechanism.
     planar_angles
-        (2, 2) balls (rad). Row i has the two angles of variable i at which both links of
-        the pair are in one plane: on the same side of its axis [0], on opposite sides [1].
+        (2, 2) balls (rad). Row i is about variable i. Column 0 is its angle at which the
+        arcs of both links of its pair are in one plane on the same side of its axis. Column
+        1 is the angle at which they are in one plane on opposite sides.
     closes
         (2, 2) bools: entry (i, j) is whether the loop closes in a plane if the first
         variable has its planar angle i and the second variable its planar angle j.
@@ -283,16 +287,19 @@ def _exact_arc(
         return None
     if first_pair == second_pair:
         return None
-    # One of the two axes is number 0, so the larger number is that of the other axis.
-    # Arc k of the file leads to axis k + 1.
-    arc_number = max(names.index(pair) for pair in pair_names) - 1
-    arc = Fraction(decimal_text(table["arcs"][arc_number]).replace("_", ""))
+    # One of the two pairs has the first axis in the list `names`, with index 0. The list of
+    # arcs has an arc for each of the other axes, so it begins with that of index 1.
+    index_of_other_axis = max(names.index(pair) for pair in pair_names)
+    arc_text = decimal_text(table["arcs"][index_of_other_axis - 1])
+    # TOML allows underscores between digits.
+    arc = Fraction(arc_text.replace("_", ""))
     if decimal_mechanism.in_degrees:
         # The arc that is at most half a turn is the smaller one of both ways round.
         arc = min(arc % 360, -arc % 360)
         upper_limit = 180.0
     else:
-        # A little less than pi. No decimal number in radians equals pi exactly.
+        # No decimal number in radians equals pi exactly. A limit a little below pi excludes
+        # the few arcs between, which then count as not given exactly.
         upper_limit = 3.14159
     return arc if 0 < arc < upper_limit else None
 
@@ -410,9 +417,10 @@ class Crossings:
         """Return whether a variable is proven to be constant along a chain of arcs.
 
         Each arc is a part of a configuration curve in a box that contains no other curve. A
-        loop of four pairs may close for all values of one variable if its other variable
-        has a certain value. All configurations with this value are then one curve. If this
-        curve passes through the box of one arc, the whole chain is on it.
+        loop of four pairs has two variables. It may close for all values of one of them if
+        the other, `variable`, has a certain value: one of its two planar angles, at which
+        both links of its pair are in one plane. All configurations with this value are then
+        one curve. If it passes through the box of one arc, the whole chain is on it.
         """
         # Any arc would do; the one in the middle of the chain is tried.
         piece = pieces[len(pieces) // 2]
@@ -423,10 +431,13 @@ class Crossings:
             position = loop.variables.index(variable)
             other_variable = loop.variables[1 - position]
             # If the loop closes in a plane with both planar angles of the other variable,
-            # it closes with all values of the other variable.
+            # it closes with all values of the other variable. Axis k of `closes` (2, 2) has
+            # the two planar angles of variable k of the loop. The result (2,) says for
+            # which planar angles of this variable the loop closes with both of the other.
             closes_with_both = np.all(loop.closes, axis=1 - position)
             for value in loop.planar_angles[position][closes_with_both]:
-                # Configuration with this value, near the centre of the arc.
+                # Configuration with this value, near the centre of the arc. Planar angles
+                # are half a turn apart, so at most one of them is near the centre.
                 given = {
                     variable: value,
                     other_variable: exact_ball(piece.centre[other_variable]),
@@ -446,15 +457,15 @@ class Crossings:
         equation. The derivatives F' of all equations then lose a rank. `find_saddle`
         takes this as the proof that curves cross in its box.
         """
-        # Largest distance (rad) from the centre, relative to half the shortest side of the
-        # box. Larger: crossings near the border of the box are accepted. Smaller: the box
-        # must be centred more accurately.
-        reach = 1e-3 * np.min(box.limits)
+        # Largest distance (rad) of the crossing from the centre, relative to half the
+        # shortest side of the box (`limits` are half sides). Larger: crossings near the
+        # border of the box are accepted. Smaller: the box must be centred more accurately.
+        max_distance = 1e-3 * np.min(box.limits)
         centre = exact_balls(box.centre)
         for loop in self.loops:
             # Each of the two variables has two angles at which the axes are in one plane.
-            # The loop closes if the first variable has its planar angle i and the second
-            # variable its planar angle j.
+            # Entry (i, j) of `closes` (2, 2) says whether the loop closes if the first
+            # variable has its planar angle i and the second variable its planar angle j.
             for i, j in np.argwhere(loop.closes):
                 planar_values = (loop.planar_angles[0, i], loop.planar_angles[1, j])
                 given = dict(zip(loop.variables, planar_values, strict=True))
@@ -462,7 +473,10 @@ class Crossings:
                 balls = complete_configuration(
                     self.equations, loop.equation, given, box.centre
                 )
-                if balls is not None and max(map(upper_magnitude, balls - centre)) < reach:
+                if balls is None:
+                    continue
+                distance_bound = max(map(upper_magnitude, balls - centre))
+                if distance_bound < max_distance:
                     return True
         return False
 

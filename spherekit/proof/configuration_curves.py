@@ -209,9 +209,10 @@ class CertifiedCurves:
             ranges.append((low, high))
         # 2. Parts of curves in which the input may be stationary, as tuples (position,
         # error, offset): the input variable differs from that at the position by at most
-        # the error. A point of this part (offset 0: its middle, -1 and 1: its ends) decides
-        # by how many whole cycles the part is moved into the range. The ends of stretches
-        # are tried as well, since a stretch with its middle outside may reach into it.
+        # the error. Such a part is moved by whole cycles of the input so that one of its
+        # points gets into the range. The offset says which point: 0 its middle, -1 or 1 an
+        # end. Of saddles only the middle is tried. Of stretches the ends are tried as well,
+        # since a stretch with its middle outside may reach into the range.
         doubtful_positions = [
             (saddle.centre, error, 0.0)
             for saddle, error in zip(
@@ -226,7 +227,8 @@ class CertifiedCurves:
             for offset in (-1.0, 0.0, 1.0)
         ]
         for position, error, offset in doubtful_positions:
-            # The input angle is `cycle_turns` times its variable, so is the error.
+            # The variable makes one turn in a cycle, in which the input makes `cycle_turns`
+            # turns. So the input and its error are this number times the variable's.
             half_width = error * self.cycle_turns
             wrapped_input = self.wrap_into_range(
                 self.input_angle(position) + offset * half_width
@@ -237,12 +239,13 @@ class CertifiedCurves:
         return _join_ranges(ranges)
 
     def bound_saddle_doubts(self, variable: int) -> list[float]:
-        """Return how far from each saddle a variable may be stationary on its arms.
+        """Return how far from each saddle it is not decided where a variable is stationary.
 
         A saddle is a place where curves cross or narrowly miss each other. It has four
         arms, branches of curves in the four quadrants of two coordinates. On an arm the
-        variable is not stationary if the sign of its rate is proven. The arms of chains
-        along which the variable is constant are left out.
+        variable is not stationary if the sign of its rate is proven. Otherwise it may be
+        stationary as far as the arm reaches. The arms of chains along which the variable is
+        constant are left out.
 
         Returns
         -------
@@ -259,7 +262,8 @@ class CertifiedCurves:
         ]
         doubts = []
         for number, saddle in enumerate(self.saddles):
-            # The central zone, where the arms bend; there is none if the curves cross.
+            # The central zone is where the arms bend. There is none if the curves cross,
+            # which a level sign of 0 says.
             centre_is_decided = saddle.level_sign == 0 or saddle.is_monotonic[variable]
             distances = [0.0 if centre_is_decided else saddle.central_zone[variable]]
             # Arms on which the rate of the variable has no proven sign.
@@ -300,8 +304,9 @@ class CertifiedCurves:
             for chain, is_constant in zip(self.chains, self.has_constant_input, strict=True)
             if is_constant
         ):
-            # Inputs that differ by whole cycles are the same; a cycle is one turn of the
-            # input's variable, which is the input over `cycle_turns`.
+            # After `cycle_turns` turns of the input (a cycle) all wheels are back, so such
+            # inputs are the same. Divided by this number, a cycle is one turn, which `wrap`
+            # removes.
             is_new = all(
                 abs(wrap((q - listed_input) / self.cycle_turns))
                 > SAME_PROVEN_INPUT_RAD / self.cycle_turns
@@ -345,11 +350,12 @@ class CertifiedCurves:
 
     @cached_property
     def input_paths(self) -> list[Floats]:
-        """The input's variable (rad, turns counted) along each chain on which it moves.
+        """For each chain the input's variable (rad) at some points along it, in order.
 
-        A chain is a configuration curve as a row of arcs. The variable is listed at the
-        centres of arcs, at all stationary points, and at the crossings at both ends.
-        Between these it is monotonic.
+        A chain is a configuration curve as a row of pieces: boxes with one arc of the curve
+        each. The variable is listed at the centres of pieces, at all stationary points, and
+        at the crossings at both ends. Between these it is monotonic. Its whole turns are
+        counted. Chains along which the input is constant are left out.
         """
         paths = []
         for chain, points, arms, is_constant in zip(
@@ -359,10 +365,11 @@ class CertifiedCurves:
             self.has_constant_input,
             strict=True,
         ):
-            # Values (v,) of all variables at the listed places, in order along the curve.
+            # Values (v,) of all variables at the listed points, in order along the curve.
+            # The links of a chain are its pieces, each with the next one.
             positions = []
             for number, (piece, _) in enumerate(chain.links):
-                # Stationary points between the centre of this arc and the next, sorted by
+                # Stationary points between the centre of this piece and the next, sorted by
                 # the coordinate along the arc.
                 stationary_positions = [
                     point.position
@@ -382,7 +389,9 @@ class CertifiedCurves:
             if last_arm is not None:
                 positions.append(self.saddles[last_arm[0]].centre)
             variable = np.array(positions)[:, self.input_variable]
-            # Steps of less than half a turn are added up, so that turns are counted.
+            # The boxes are much shorter than half a turn. The shortest differences from
+            # point to point are therefore the changes of the variable. Their sum counts
+            # whole turns.
             if not is_constant:
                 paths.append(np.cumsum([variable[0], *wrap(np.diff(variable))]))
         return paths
@@ -393,8 +402,9 @@ class CertifiedCurves:
 
         The range is cut where this number may change: at turning points of the input, at
         crossings of curves, at inputs with whole curves of configurations, and at the ends
-        of undecided parts. Undecided parts are left out. The list is empty if two chains
-        may belong to one curve, so that modes would be counted twice.
+        of undecided parts. Undecided parts are left out. Modes are counted on the chains
+        that represent the curves. The list is empty if two chains may belong to one curve,
+        so that modes would be counted twice.
         """
         if OVERLAPPING in self.problems:
             return []
@@ -409,7 +419,9 @@ class CertifiedCurves:
             )
             if self.low + SHORTEST_INTERVAL_RAD < q < self.high - SHORTEST_INTERVAL_RAD
         )
-        # Cuts that may be the same input have no part of the range between them.
+        # The errors (rad) of turning points. The input is `cycle_turns` times its variable,
+        # so errors are, too. Two cuts may be the same input if they differ by less than
+        # twice the largest error. There is then no part of the range between them.
         cut_errors = [
             point.error * self.cycle_turns
             for points in self.input_stationary_points
@@ -433,7 +445,14 @@ class CertifiedCurves:
 
     @cached_property
     def completeness(self) -> Completeness:
-        """What is guaranteed, and on which facts the guarantee is based."""
+        """What is guaranteed, and on which facts the guarantee is based.
+
+        If parts of the range are undecided, smaller parts of curves than these may be
+        missing there. Otherwise, if there are problems, curves may be missing beyond those
+        that were found. The first problem is stated. That two chains may be one curve is
+        stated in any case, because modes are not counted then.
+        """
+        # A chain represents a curve by pieces: boxes with exactly one arc of it each.
         piece_count = sum(len(chain.pieces) for chain in self.chains)
         facts = (
             f"{counted(len(self.chains), 'curve')} of {piece_count} pieces with one arc "
