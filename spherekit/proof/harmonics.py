@@ -56,8 +56,19 @@ class Harmonics:
     """
 
     def __init__(self, degrees: Indices, evaluate: BallEquations) -> None:
-        """Evaluate all equations at evenly spaced angles, and transform the values."""
+        """Evaluate all equations at evenly spaced angles, and transform the values.
+
+        Parameters
+        ----------
+        degrees
+            (k, v) trigonometric degree of each of k equations in each of v angles: the
+            largest m of the waves e^(i j angle), j = -m ... m, of which it consists.
+        evaluate
+            Returns the values (k,) of all equations at balls (rad) of all angles. A ball is
+            a number with a bound of its error.
+        """
         self.degrees = degrees
+        # At least 1, also if there is no equation.
         self.max_degree = int(np.max(degrees, initial=1))
 
         # Equations share many of their nodes, so values of all equations are cached. A node
@@ -67,6 +78,9 @@ class Harmonics:
             """Return the values (k,) of all equations at a node."""
             return evaluate([2 * pi_ball() * part / count for part, count in fractions])
 
+        # An equation of degree m has 2 m + 1 waves, so its values at as many angles give
+        # the coefficients of the waves. `_interpolate` also returns an error bound of the
+        # values that are computed from the coefficients in float64.
         node_counts = (2 * degrees + 1).tolist()
         coefficients_and_errors = [
             _interpolate(counts, equation, evaluate_node)
@@ -78,10 +92,13 @@ class Harmonics:
     def derivatives(self, circle_points: Floats, order: int) -> list[Floats]:
         """Return values and derivatives of all equations at n points.
 
+        An equation is a sum of coefficients times waves e^(i j angle), one wave for each
+        variable. Its derivatives follow from those of the waves.
+
         Parameters
         ----------
         circle_points
-            (n, v, 2) cosines and sines of the variables.
+            (n, v, 2) cosines and sines of the variables, which are angles.
         order
             Highest order of the derivatives: 1 or 2.
 
@@ -91,9 +108,12 @@ class Harmonics:
         (n, k, v, v).
         """
         n, v, _ = circle_points.shape
+        equation_count = len(self.coefficients)
         results = [
-            np.zeros((n, len(self.error), *[v] * power)) for power in range(order + 1)
+            np.zeros((n, equation_count, *[v] * power)) for power in range(order + 1)
         ]
+        # All waves up to the largest degree, with their derivatives: axes variable, order
+        # of the derivative, wave j, point.
         waves = _evaluate_waves(circle_points, self.max_degree, order)
         for equation, coefficients in enumerate(self.coefficients):
             # Axes of variables that do not occur have length 1 and are left out.
@@ -101,8 +121,9 @@ class Harmonics:
             parts = _sum_waves(np.squeeze(coefficients), waves[variables]).real
             # Rows of `parts` are derivatives. Row a + b (order + 1) + ... is the derivative
             # of order a by the first variable, of order b by the second variable and so on.
-            # The first derivative by variable j is therefore row (order + 1)^j. The row of
-            # a second derivative is the sum of the rows of both first derivatives.
+            # The first derivative by variable j is therefore row (order + 1)^j. The number
+            # of the row of a second derivative is the sum of the row numbers of both first
+            # derivatives.
             first_index = (order + 1) ** np.arange(len(variables))
             results[0][:, equation] = parts[0]
             results[1][:, equation, variables] = parts[first_index].T
@@ -134,16 +155,22 @@ class Harmonics:
         Returns
         -------
         coefficients
-            (n, sizes) coefficients, with one axis for each unknown; index j belongs to z^j.
+            (n, 2 m_1 + 1, 2 m_2 + 1, ...) coefficients, with one axis for each unknown;
+            index j belongs to z^j.
         derivatives
-            (n, g, sizes) their derivatives by the given angles.
+            (n, g, 2 m_1 + 1, ...) their derivatives by the given angles (1/rad).
         """
         others = [j for j in range(self.degrees.shape[1]) if j not in unknowns]
+        # The given angles are inserted into the waves e^(i j angle) of the Fourier sum. It
+        # is summed over the axes of these angles only.
         coefficients = self.coefficients[equation].transpose([*unknowns, *others])
-        parts = _sum_waves(coefficients, _evaluate_waves(given, self.max_degree, 1))
+        waves = _evaluate_waves(given, self.max_degree, order=1)
+        parts = _sum_waves(coefficients, waves)
         # Without given angles the sums have no axis of length n yet.
         parts = np.broadcast_to(parts, (*parts.shape[:-1], len(given)))
-        # Axis 1 counts derivatives: 0 is the value, 2^j the first derivative by angle j.
+        # Axis 1 has a value and its derivatives. The binary digit j of the index says
+        # whether it is differentiated by given angle j. Index 0 is the value, and index 2^j
+        # is the first derivative by angle j. Mixed derivatives are not used.
         parts_of_rows = np.moveaxis(parts, -1, 0)
         return parts_of_rows[:, 0], parts_of_rows[:, 2 ** np.arange(len(others))]
 
@@ -168,14 +195,17 @@ def _sum_waves(coefficients: Complexes, waves: Complexes) -> Complexes:
     (orders ** variables, ..., n). Index a + b orders + c orders^2 ... of the first axis is
     the a-th derivative by the first variable, the b-th by the second one and so on.
     """
-    # The first axis counts derivatives, the last one rows. The last variable comes first.
+    # The first axis has the value and derivatives, the last one the n points. Before the
+    # first sum both have the length 1. The last variable is summed first, so that the index
+    # of the derivative by the first variable changes fastest in the end.
     sums: Complexes = coefficients[None, ..., None]
     for wave in waves[::-1]:
         # The degree of this variable may be less than the largest degree. Then only the
         # middle waves are used.
         unused = (wave.shape[1] - sums.shape[-2]) // 2
         wave = wave[:, unused : wave.shape[1] - unused]
-        # p: derivatives so far, w: waves of this variable, n: rows, o: its derivative.
+        # In the sum over the waves w of this variable, n is the point, o the order of the
+        # derivative by this variable, and p the derivatives by the variables before.
         sums = np.einsum("p...wn,own->po...n", sums, wave)
         sums = sums.reshape(-1, *sums.shape[2:])
     return sums
@@ -241,7 +271,8 @@ def _interpolate(
     for index in np.ndindex(*node_counts):
         values[index] = evaluate_node(tuple(zip(index, node_counts, strict=True)))[equation]
 
-    # 2. The transform of their centres. The radii of the balls add to the error below.
+    # 2. The discrete Fourier transform of their centres, in one variable after another. The
+    # radii of the balls (values less centres) add to the error below.
     sums = exact_centres(values)
     largest_radius = max(map(upper_magnitude, (values - sums).flat))
     for axis, count in enumerate(node_counts):
@@ -256,7 +287,8 @@ def _interpolate(
     # and radii of the balls.
     coefficients = sums.astype(complex)
     conversion_error = sum(map(upper_magnitude, (sums - coefficients).flat))
-    # Roundings of one value: the powers of z and the sums of each variable.
+    # Roundings of one value. For each variable these are at most 8 for each of the
+    # count // 2 powers of z = e^(i angle), and count + 2 for the sum over the waves.
     roundings = sum(count + 2 + 8 * (count // 2) for count in node_counts if count > 1)
     rounding_error = 2.0 * roundings * UNIT_ROUNDOFF * np.sum(np.abs(coefficients))
     # Radii at the nodes grow between them by at most the norm of the interpolation.

@@ -89,10 +89,11 @@ class HomotopyStart:
     Attributes
     ----------
     ends
-        For each equation (1, 2, sizes) its coefficients. The first axis has one entry, for
-        one choice of the given variables. The second axis has the start system at t = 0 and
-        the system to be solved at t = 1. Then there is one axis for each unknown, whose
-        index is the power of the unknown.
+        Coefficients of each equation, as a polynomial in z = e^(i angle) of its unknowns:
+        (1, 2, d_1 + 1, d_2 + 1, ...). The first axis has the length 1, because functions
+        that evaluate polynomials take systems at several inputs, and there is one here. The
+        second axis has the start system at t = 0 and the system to be solved at t = 1. Then
+        there is one axis for each unknown, from the power 0 to its degree d.
     solutions
         (n, k) e^(i angle) of all solutions at t = 0.
     """
@@ -209,11 +210,13 @@ def _make_start_system(
     Parameters
     ----------
     polynomials
-        The system at one choice of its given variables.
+        The system at one choice of its given variables (inputs, and unknowns that were
+        solved for before).
     generator
         Random numbers for the roots of the linear factors.
     """
-    # For each equation and unknown the complex roots of its factors.
+    # For each equation and unknown the complex roots of its factors. The coefficients are
+    # (1, sizes), and the degree is the size of the axis of the unknown less 1.
     factor_roots = [
         [generator.normal(size=(2, size - 1)).T @ (1.0, 1j) for size in array.shape[1:]]
         for array in polynomials.coefficients
@@ -225,11 +228,13 @@ def _make_start_system(
         # A random phase of the start equations avoids singular systems on the paths.
         phase = np.exp(2j * np.pi * generator.random())
         start = reduce(np.multiply.outer, factors) * phase
-        # Both ends get coefficients of the same size.
+        # Both ends get coefficients of the same size. `start` has no axis for the choice of
+        # the given variables yet.
         scale = np.linalg.norm(start) / np.linalg.norm(goal)
         ends.append(np.stack([start[None], scale * goal], axis=1))
-    # In a solution one factor of each equation vanishes, each for another unknown: in
-    # equation i it is a factor of the unknown order[i].
+    # In a solution one factor of each equation vanishes. It determines one unknown, so the
+    # factors of two equations must be of different unknowns. The permutation `order` says
+    # which: in equation i it is a factor of the unknown order[i].
     solutions = []
     for order in permutations(range(len(factor_roots))):
         roots_of_equations = [
@@ -253,10 +258,11 @@ def _evaluate_homotopy(
     Parameters
     ----------
     ends
-        For each equation (1, 2, sizes) its coefficients. The first axis has one entry, for
-        one choice of the given variables. The second axis has the start system at t = 0 and
-        the system to be solved at t = 1. Then there is one axis for each unknown, whose
-        index is the power of the unknown.
+        Coefficients of each equation, as a polynomial in z = e^(i angle) of its unknowns:
+        (1, 2, d_1 + 1, d_2 + 1, ...). The first axis has the length 1, because functions
+        that evaluate polynomials take systems at several inputs, and there is one here. The
+        second axis has the start system at t = 0 and the system to be solved at t = 1. Then
+        there is one axis for each unknown, from the power 0 to its degree d.
     points
         n points. Each coordinate is z = e^(i angle) of an unknown, or 1 / z if z is large,
         so that infinite solutions have finite coordinates.

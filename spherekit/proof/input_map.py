@@ -115,8 +115,10 @@ class InputMap:
 
         At type II a configuration is singular with locked inputs. If each input changes by
         less than the clearance, no configuration of any mode is of type II. The clearance
-        is the distance of q (inputs,) rad from the nearest box that is not proven regular,
-        or from the end of a range. The distance of a box is the largest one of all inputs.
+        is the distance of q (inputs,) rad from the nearest box that is not proven regular
+        (free of type II), or from the end of a range. It is measured in the maximum norm:
+        a box is as far away as the largest of the distances in the directions of the
+        inputs.
         """
         # Distance of q from each box in the direction of each input, negative inside.
         distances = np.abs(self.centres - q) - self.radii
@@ -128,7 +130,13 @@ class InputMap:
 
     @property
     def completeness(self) -> Completeness:
-        """What is guaranteed, and on which facts the guarantee is based."""
+        """What is guaranteed, and on which facts the guarantee is based.
+
+        A box is regular if it is proven free of type II, singular configurations with
+        locked inputs. This is proven by continuing all complex roots of the equations over
+        the box: none of them meet. If boxes are undecided, everything larger than these is
+        known (`Guarantee.TO_BOX`).
+        """
         regular = self.share(REGULAR)
         contains = self.share(CONTAINS_TYPE_II)
         undecided = self.share(UNDECIDED)
@@ -152,8 +160,9 @@ def certify_input_map(
     """Return boxes of the inputs, each with the proof whether it is free of type II.
 
     At type II a configuration is singular with locked inputs. The ranges of the inputs are
-    halved into boxes until each box is proven free of type II, proven to contain it, or as
-    small as a cell.
+    halved into boxes. A box that is proven free of type II is not halved any more. The
+    smallest boxes of the map are cells. A cell is free of type II, contains such a
+    configuration, or is undecided.
 
     Parameters
     ----------
@@ -163,8 +172,7 @@ def certify_input_map(
         The ends of each input's range as decimal numbers in the unit of the file, in the
         order of the inputs.
     cell
-        Largest side (rad) of the boxes that may be reported to contain a singular
-        configuration.
+        Largest side (rad) of a cell.
 
     Raises
     ------
@@ -173,6 +181,7 @@ def certify_input_map(
     """
     structure = decimal_mechanism.structure
     construction = find_construction(structure)
+    # Follower pairs are pairs whose angles follow from the inputs through rolling wheels.
     if construction.follower_pairs:
         raise PlanError(
             f"{decimal_mechanism.mechanism.name}: wheels turn "
@@ -188,6 +197,7 @@ def certify_input_map(
             lows.append(low)
             widths.append(decimal_mechanism.input_angle(high_text) - low)
         ranges = VariableRanges(lows, widths)
+        # The closure equations fall into systems that are solved one after another.
         systems = list_systems(ArcEquations(decimal_mechanism, construction))
         classified = _classify_boxes(systems, ranges, cell)
         centres = ranges.centres(classified.boxes)
@@ -250,18 +260,22 @@ def _classify_boxes(
     counts_of_cell: dict[tuple[int, ...], set[int]] = defaultdict(set)
 
     def examine(boxes: Integers, examined_count: int) -> Integers:
-        """Classify boxes (2, n, inputs), and return the halves of the others.
+        """Examine boxes (2, n, inputs), and return the halves of those to be examined next.
 
-        The function `subdivide` calls it, with the number of boxes examined so far, which
-        is not needed here. The ranges of the inputs are halved `cell_levels` times for
-        cells, and `finest_levels` times for the smallest parts of cells. A box is
-        classified if it is proven regular. A part of a cell only adds its number of modes
-        to its cell, which is classified when all boxes have been examined.
+        The ranges of the inputs are halved again and again. A box whose sides are not
+        smaller than those of a cell is classified as regular if this is proven: all complex
+        roots are continued over the box, and no two of them meet. Otherwise it is halved,
+        at last to cells. A cell that is not proven regular is halved further into parts.
+        Each regular part adds its number of assembly modes to the set `counts_of_cell` of
+        its cell, and the smallest parts that are not regular add -1. Cells are classified
+        by these sets when all boxes have been examined. `subdivide` calls this function
+        with the number of boxes examined so far, which is not needed.
         """
         del examined_count
         # By box and input: number of halvings of the range (level), and number of the part.
         levels, parts = boxes
         radii = ranges.radii(boxes)
+        # `circle_points` are the cosines and sines of the centres.
         is_regular, modes = count_modes(
             systems, ranges.centres(boxes), ranges.circle_points(boxes), radii
         )
@@ -281,8 +295,9 @@ def _classify_boxes(
         )
         needs_halving = ~is_regular & ~is_finest
         for row in np.flatnonzero(is_in_cell):
-            # Numbers, in the range of each input, of the cell to which this part belongs:
-            # each further halving has doubled the number.
+            # Numbers, in the range of each input, of the cell to which this part belongs.
+            # Each halving below the cell has doubled the number (and added 0 or 1), so the
+            # binary digits of these halvings are removed.
             cell_parts = parts[row] >> (levels[row] - cell_levels)
             counts = counts_of_cell[tuple(cell_parts.tolist())]
             if is_regular[row]:

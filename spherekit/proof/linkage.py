@@ -101,7 +101,10 @@ def _contact_kinematics(
 
     A curve is a function that returns at arc lengths (n,) its frames (n, 3, 3), with the
     tangent, normal and point as columns. At the contact the frames of both curves coincide,
-    so the rotation from the second to the first link is (first frame) (second frame)^T.
+    so the rotation from the second to the first link is (first frame) (second frame)^T. The
+    axis of the pair is the point of contact, about which the links rotate relative to each
+    other if the curves roll. Rates do not depend on this axis; they follow from the
+    rotation.
 
     Parameters
     ----------
@@ -130,7 +133,9 @@ def _find_contact(curves: Sequence[Curve], arc_lengths: Array) -> Array:
 
     The rotation of the second link by which both curve frames coincide is the identity at
     this contact. It is found by Newton's method in the sense of least squares, since the
-    profiles may miss each other by the rounding of the float64 geometry.
+    profiles may miss each other by the rounding of the float64 geometry. Numbers are balls,
+    which are numbers with a bound of their error. The result is an approximation without a
+    bound, so each iteration keeps the centres only.
 
     Parameters
     ----------
@@ -146,13 +151,17 @@ def _find_contact(curves: Sequence[Curve], arc_lengths: Array) -> Array:
     last_step_size = np.inf
     for _ in range(MAX_CONTACT_STEPS):
         values = arc_lengths[None]
+        # The residual is the axis times the sine of the angle of the remaining rotation.
+        # For a small rotation its derivatives by the arc lengths are the angular
+        # velocities.
         (residual,) = skew_part(kinematics.rotation(values))
         vectors = _rotation_vectors(kinematics.rotation, values)
         (inverse,), _ = left_inverses(vectors.swapaxes(1, 2))
         step = inverse @ residual
         arc_lengths = exact_centres(arc_lengths - step)
         step_size = np.max(np.abs(centre_floats(step)))
-        # Steps that no longer shrink are rounding.
+        # Newton's steps shrink faster and faster. A step that is not even half of the step
+        # before is rounding.
         if not step_size < last_step_size / 2:
             break
         last_step_size = step_size
@@ -184,9 +193,9 @@ def _rotation_vectors(rotation: PairFunction, values: Array) -> Array:
 def _make_pair_kinematics(mechanism: Mechanism, frames: Frames) -> list[PairKinematics]:
     """Return for all pairs of a mechanism functions of rotation and axis, in balls.
 
-    The rotation is that of the second link relative to the first. The float64 geometry of
-    the mechanism only decides near which point two profiles touch; every number is computed
-    again in balls.
+    The rotation is that of the second link relative to the first. A ball is a number with a
+    bound of its error. The float64 geometry of the mechanism only decides near which point
+    two profiles touch; every number is computed again in balls.
 
     Parameters
     ----------
@@ -208,9 +217,12 @@ def _make_pair_kinematics(mechanism: Mechanism, frames: Frames) -> list[PairKine
         )
         first, second = joint.contact_profiles
         starts = exact_balls([first.start, second.start])
-        # The starts are the arc lengths at which the variables are 0. In a rolling contact
-        # they decide how the links are rotated against each other. If the file gives a
-        # reference pose, they follow from the contact in this pose.
+        # The starts are the arc lengths at which the variables are 0. A file with sizes of
+        # links states them, and they are exact numbers. If the file gives a reference pose,
+        # a rolling contact starts where the profiles touch in this pose. That point is
+        # known in float64 only, and is computed anew. In a sliding contact the two arc
+        # lengths are variables of their own, whose zeros do not change the possible
+        # configurations.
         if joint.rolling_variables and isinstance(mechanism.geometry, PoseGeometry):
             starts = _find_contact(curves, starts)
         variables = (first.variable, second.variable)
@@ -292,8 +304,18 @@ class Linkage:
     """
 
     def __init__(self, mechanism: Mechanism, frames: Frames | None = None) -> None:
-        """Choose the pairs that place links and those that close loops."""
+        """Choose the pairs that place links and those that close loops.
+
+        Parameters
+        ----------
+        mechanism
+            The mechanism.
+        frames
+            By name of an R pair: its frames (3, 3) in both links, whose z axis is the pair
+            axis. By default they follow from the sizes as exact float64 numbers.
+        """
         self.mechanism = mechanism
+        # Numbers of the two links of each pair.
         ends = mechanism.ends
         all_kinematics = _make_pair_kinematics(
             mechanism, frames or declared_frames(mechanism)
@@ -302,6 +324,8 @@ class Linkage:
             _PlacedPair(kinematics, mechanism.variables_of(pair), ends[pair][0])
             for pair, kinematics in enumerate(all_kinematics)
         ]
+        # The spanning tree reaches each link from the ground by one pair. It lists pair,
+        # parent and child, parents first.
         self._tree = find_spanning_tree(ends)
         tree_pairs = [pair for pair, _, _ in self._tree]
         self._loop_pairs = np.setdiff1d(range(len(all_kinematics)), tree_pairs)
@@ -319,7 +343,8 @@ class Linkage:
             + path_senses[first_links]
             - path_senses[second_links]
         )
-        # Columns for variables instead of pairs.
+        # A pair with several variables gets a column for each of them. `variable_owners`
+        # has the pair of each variable.
         variable_owners = mechanism.variable_owners
         self._path_senses = path_senses[:, variable_owners]
         self._loop_senses = loop_senses[:, variable_owners]
@@ -398,12 +423,14 @@ class Linkage:
         """Return for each variable the angular velocity of its pair at unit rate.
 
         One variable moves while the others rest. The angular velocity of a pair is that of
-        its second link relative to the first. For an R pair it is the axis.
+        its second link relative to the first. For an R pair it is the axis. For a contact
+        it follows from the derivative of the rotation by the variable.
 
         Parameters
         ----------
         values
-            (n, variables) pair variables (rad), balls.
+            (n, variables) pair variables (rad). They are balls: numbers with a bound of
+            their error.
         orientations
             (n, links, 3, 3) from `place_links`.
 
@@ -412,14 +439,17 @@ class Linkage:
         (n, variables, 3) in ground axes.
         """
         vectors = []
-        for element, pair in zip(self.mechanism.pairs, self._pairs, strict=True):
+        # A pair as the file states it, and its functions in balls.
+        for stated_pair, pair in zip(self.mechanism.pairs, self._pairs, strict=True):
             pair_values = values[:, pair.variables]
-            if element.profiles is None:
+            is_revolute = stated_pair.profiles is None
+            if is_revolute:
                 vectors_in_link = pair.kinematics.axis(pair_values)[:, None]
             else:
                 vectors_in_link = _rotation_vectors(pair.kinematics.rotation, pair_values)
-            rotation = orientations[:, pair.first_link].swapaxes(1, 2)
-            vectors.append(vectors_in_link @ rotation)
+            # Row vectors in link axes are multiplied by the transpose of the orientation.
+            transposed = orientations[:, pair.first_link].swapaxes(1, 2)
+            vectors.append(vectors_in_link @ transposed)
         return np.concatenate(vectors, axis=1)
 
     def link_velocities(self, vectors: Array, rates: Array) -> Array:
@@ -618,7 +648,8 @@ def left_inverses(matrices: Array) -> tuple[Array, Floats]:
     Parameters
     ----------
     matrices
-        (n, m, k) balls, with m >= k.
+        (n, m, k) with m >= k. The elements are balls, which are numbers with a bound of
+        their error. Only their centres are used.
 
     Returns
     -------
@@ -634,6 +665,7 @@ def left_inverses(matrices: Array) -> tuple[Array, Floats]:
     inverses = np.full((n, k, m), flint.arb.nan())
     condition = np.full(n, np.nan)
     for row, matrix in enumerate(matrices):
+        # Twice the bits, and 64 more.
         with flint.ctx.workprec(2 * bits + 64):
             flint_matrix = flint.arb_mat(m, k, list(matrix.ravel())).mid()
             transposed = flint_matrix.transpose()
@@ -645,7 +677,10 @@ def left_inverses(matrices: Array) -> tuple[Array, Floats]:
         number = np.linalg.norm(centre_floats(matrix)) * np.linalg.norm(
             centre_floats(inverse)
         )
-        if number * 2.0**-bits < MAX_CONDITION_ROUNDING:
+        # The rounding of the matrix, 2^-bits, changes the inverse by this relative amount.
+        # If it is large, the matrix counts as rank deficient, and the result stays NaN.
+        inverse_error = number * 2.0**-bits
+        if inverse_error < MAX_CONDITION_ROUNDING:
             inverses[row] = inverse
             condition[row] = np.maximum(number, 1.0)
     return inverses, condition

@@ -35,7 +35,7 @@ from spherekit.proof.root_charts import (
 )
 from spherekit.proof.tubes import PRODUCT_ROUNDING
 
-MAX_SOLUTION_DISTANCE = 1.0
+MAX_SQUARED_DISTANCE = 1.0
 """Squared distance of given angles, as points of circles, from which roots are followed.
 
 Larger: roots are followed farther, and some may be lost. Smaller: more homotopies.
@@ -106,8 +106,9 @@ class RootAngles:
     """Angles of n roots at the centre of a box of inputs, and their motion over the box.
 
     A root is a solution of the loop-closure equations of a system: its k unknown angles as
-    functions of the inputs, which vary over the box. Complex roots are contained so that
-    the indices are those of the roots; their numbers have no meaning.
+    functions of the inputs, which vary over the box. Only real roots have meaningful angles
+    here. The rows of complex roots hold arbitrary numbers; they are there so that root i is
+    in row i.
 
     Attributes
     ----------
@@ -128,16 +129,17 @@ class RootAngles:
 class SystemFindings:
     """Proven properties of the roots of a system of equations.
 
-    Systems are solved one after another. A mode is a real root of all systems before this
-    one, over a box of inputs. The system has several roots for each mode.
+    The closure equations of a mechanism fall into systems that are solved one after
+    another. A mode is a real solution of all systems before this one, over a box of inputs.
+    It determines the numbers in this system, which then has several roots.
 
     Attributes
     ----------
     mode
-        (n,) the mode to which each root belongs.
+        (n,) the mode with which each root solves this system.
     is_complete
-        (modes,) whether all roots are proven, different from each other, and each proven to
-        be real or not.
+        (modes,) for each mode, whether all roots of this system are proven, different from
+        each other, and each proven to be real or not.
     is_real
         (n,) which roots are proven real.
     angles
@@ -172,14 +174,28 @@ class EquationSystem:
     bound
         Largest possible number of roots, complex ones and those at infinity included.
     solved
-        Values of the given variables for which all roots are proven. The roots for other
-        values are followed from the nearest of these. It grows while roots are proven.
+        Values of the given variables for which all roots are known. Approximate roots for
+        other values are followed from the nearest of these. It grows while roots are
+        proven.
     """
 
     def __init__(
         self, equations: ArcEquations, rows: Sequence[int], unknowns: Sequence[int]
     ) -> None:
-        """Number the given variables and bound the number of roots (by Bezout)."""
+        """Number the given variables and bound the number of roots (by Bezout).
+
+        Given variables are all variables of the equations that are not unknowns of this
+        system: the inputs, and unknowns of other systems.
+
+        Parameters
+        ----------
+        equations
+            The loop-closure equations of the mechanism.
+        rows
+            Numbers of the equations of this system.
+        unknowns
+            Numbers of the variables for which it is solved, as many as equations.
+        """
         self.equations = equations
         self.rows = rows
         self.unknowns = unknowns
@@ -192,13 +208,15 @@ class EquationSystem:
         # The trigonometric degree m of an angle is the degree 2 m in e^(i angle). The
         # permanent of these degrees is Bezout's bound of the number of roots.
         self.bound = permanent(2 * self.degrees[:, : len(unknowns)])
+        # Values of the given variables for which all roots are known, with these roots.
         self.solved: list[SolvedChoice] = []
 
     def form_polynomials(self, circle_points: Array) -> Polynomials:
         """Return the polynomials of the system at m choices of the given variables.
 
-        They are polynomials in e^(i angle) of the unknowns. `Polynomials` explains the
-        shapes of their coefficients and of the derivatives.
+        They are polynomials in e^(i angle) of the unknowns. The other angles are given: the
+        inputs, and unknowns of systems that were solved before. `Polynomials` explains the
+        shapes of the coefficients and of their derivatives by the given angles.
 
         Parameters
         ----------
@@ -206,7 +224,8 @@ class EquationSystem:
             (m, given, 2) cosines and sines of the given variables. Each is its exact value
             rounded once.
         """
-        # The equations as sums of products of powers of e^(i angle), for all angles.
+        # The equations as Fourier sums over all angles. `partial_polynomials` inserts the
+        # given angles.
         harmonics = self.equations.harmonics
         coefficients = []
         # Derivatives of the coefficients by the given variables.
@@ -225,10 +244,10 @@ class EquationSystem:
                     np.max(np.abs(slopes_of_row), initial=0.0),
                 )
             )
-        # Error bound of each coefficient and derivative. The first part is the error of the
-        # coefficients of the equations. A derivative of the wave cos(m x) by x has the
-        # factor m, so the error is multiplied by the largest degree. The second part is the
-        # rounding of the sums.
+        # Error bound of the coefficients and derivatives of each equation. The first part
+        # is the error of the equation. A derivative of the wave cos(m x) by x has the
+        # factor m, so this error is multiplied by the largest degree of any variable. The
+        # second part is the rounding of the sums, for numbers up to the largest size or 1.
         error = harmonics.error[self.rows] * np.max(self.degrees, axis=1, initial=1)
         error += PRODUCT_ROUNDING * np.add(1.0, largest_sizes)
         return Polynomials(
@@ -247,7 +266,8 @@ class EquationSystem:
         A mode is a real root of the systems solved before, over its box of inputs. The
         roots of this system are approximated at the centre of the box. Each is then proven
         to be alone in a tube, which is a neighbourhood of its linear motion over the box.
-        If all roots at the centre are proven, they are added to `solved`.
+        If Newton's method has converged to as many distinct roots at the centre as the
+        system can have (`bound`), they are added to `solved`, as starts for other boxes.
 
         Parameters
         ----------
@@ -282,15 +302,18 @@ class EquationSystem:
             approximations = self._follow_roots(given)
         roots, has_converged = polish_roots(polynomials, approximations)
         tubes = enclose_roots(polynomials, roots, input_boxes)
-        # Choices with all roots are starts for others, also if their boxes are too large.
+        # If all roots at the centre of a box are known, they are starts for other boxes,
+        # even if nothing can be proven over the whole box because it is too large. Each
+        # mode has `bound` roots, one after another.
         has_all_roots = are_distinct(roots, tubes.centre_radius, has_converged, self.bound)
         for mode in np.flatnonzero(has_all_roots):
-            of_mode = slice(mode * self.bound, (mode + 1) * self.bound)
-            self.solved.append(SolvedChoice(given[mode], roots.select_roots(of_mode)))
+            rows_of_mode = slice(mode * self.bound, (mode + 1) * self.bound)
+            self.solved.append(SolvedChoice(given[mode], roots.select_roots(rows_of_mode)))
         del self.solved[:-MAX_STORED_SOLUTIONS]
         is_real, is_not_real = classify_real_roots(
             roots, tubes.centre_radius, tubes.uniqueness_radius
         )
+        # The proof needs more: a tube for each root, and a decision whether it is real.
         is_decided = tubes.is_proven & (is_real | is_not_real)
         is_complete = are_distinct(roots, tubes.centre_radius, is_decided, self.bound)
         angles = _bound_root_angles(roots, tubes, half[roots.row])
@@ -301,10 +324,11 @@ class EquationSystem:
     def _follow_roots(self, given: Floats) -> ChartRoots:
         """Return approximate roots at some values of the given variables.
 
-        The roots are followed from those that are known in `solved` for other values. The
-        nearest of these values are taken, and their roots are moved by one step along the
-        tangent. If no such values are near, the roots are computed by a homotopy at the
-        requested values, and the step is zero.
+        The given variables are angles that this system does not solve for: inputs, and
+        unknowns of other systems. The roots are followed from those that are known for
+        other values of these angles (`solved`). The nearest of these values are taken, and
+        their roots are moved by one step along the tangent. If no such values are near, the
+        roots are computed by a homotopy at the requested values, and the step is zero.
 
         Parameters
         ----------
@@ -320,18 +344,19 @@ class EquationSystem:
         start_points = []
         solved_points = cosines_and_sines([choice.given for choice in self.solved])
         for start in starts:
+            # Distances between points (cosine, sine) of circles. They do not change by
+            # whole revolutions of an angle.
             if len(solved_points):
                 offsets = solved_points - cosines_and_sines(start)
                 squared_distances = np.sum(offsets**2, axis=(1, 2))
             else:
                 squared_distances = np.array([np.inf])
             nearest = np.argmin(squared_distances)
-            # The limit is that of the squared distance.
-            if squared_distances[nearest] < MAX_SOLUTION_DISTANCE:
-                choice = self.solved[nearest]
-                # Changes the row of `starts`.
-                start[:] = choice.given
-                start_points.append(choice.roots.points)
+            if squared_distances[nearest] < MAX_SQUARED_DISTANCE:
+                solved_choice = self.solved[nearest]
+                # `start` is a row of `starts`, which is changed.
+                start[:] = solved_choice.given
+                start_points.append(solved_choice.roots.points)
             else:
                 polynomials = self.form_polynomials(cosines_and_sines(start)[None])
                 start_points.append(self._solve_by_homotopy(polynomials))
@@ -341,8 +366,9 @@ class EquationSystem:
         at_starts = evaluate_polynomials(
             self.form_polynomials(cosines_and_sines(starts)), roots
         )
-        # `roots.z` is e^(i angle) or its inverse, the one of magnitude 1 at most. Where the
-        # derivatives are singular no step is made.
+        # `roots.z` is e^(i angle) or its inverse, the one of magnitude 1 at most, so that
+        # roots at infinity are finite numbers. Where the derivatives are singular no step
+        # is made.
         given_steps = wrap(given - starts)[roots.row]
         rates = np.nan_to_num(-invert_matrices(at_starts.by_unknowns) @ at_starts.by_given)
         return roots.with_points(roots.z + apply_matrices(rates, given_steps))
@@ -442,7 +468,9 @@ def _bound_root_angles(roots: ChartRoots, tubes: RootTubes, half: Floats) -> Roo
     """Return the angles of roots and their motion over the boxes.
 
     A coordinate of a root is z = e^(i s angle) with s = 1, or s = -1 if it is the inverse.
-    The derivative of the angle is therefore z' / (i s z).
+    The derivative of the angle is therefore z' / (i s z). If z moves linearly with the
+    inputs, its logarithm and the angle do so only approximately. The error bounds this
+    difference, and how far z may be from linear motion.
 
     Parameters
     ----------
@@ -454,15 +482,17 @@ def _bound_root_angles(roots: ChartRoots, tubes: RootTubes, half: Floats) -> Roo
         (n, inputs) half widths (rad) of the box of each root.
     """
     magnitude = np.abs(roots.z)
-    # In the chart of the inverse the angle is negative.
+    # The inverse of e^(i angle) has the angle with the opposite sign.
     sense = np.where(roots.inverse, -1, 1)
     rates = tubes.rates / (1j * sense * roots.z)[:, :, None]
-    # The angle is the logarithm of z. With the relative change w of z over the box, the
-    # logarithm of 1 + w differs from w by at most w^2 / 2 / (1 - w).
+    # The angle is the imaginary part of the logarithm of z. With the relative change w of z
+    # over the box (`reach` is the largest change of z), the logarithm of 1 + w differs from
+    # the linear term w by at most w^2 / 2 / (1 - w). The tube about linear motion adds its
+    # radius.
     w = tubes.reach / magnitude
     error = 0.5 * w**2 / (1.0 - w) + tubes.tube_radius[:, None] / magnitude
-    # The approximation may be off the unit circle; the last two terms and the factor cover
-    # rounding.
+    # The approximation may be off the unit circle. The last two terms and the factor cover
+    # rounding: float64 has a relative rounding error of 1.1e-16, and angles are below pi.
     error = (
         1.05 * error
         + np.abs(magnitude - 1.0)
