@@ -295,16 +295,27 @@ def pave(
     undecided_radii: list[Floats] = []
 
     def examine(boxes: Integers, examined_count: int) -> Integers:
-        """Return the halves of the boxes (2, n, v) that are neither excluded nor covered.
+        """Return the halves of the boxes that are neither excluded nor covered.
 
         Boxes that are too small to be halved are recorded as undecided.
+
+        Parameters
+        ----------
+        boxes
+            (2, n, v) boxes: for each variable how often its range was halved [0], and the
+            number of the part [1].
+        examined_count
+            Number of boxes examined so far, these included.
         """
-        # 1. Discard boxes in which an equation cannot vanish.
+        # 1. Discard boxes in which an equation cannot vanish: values (n, k) of k equations
+        # and slopes (n, k, v) at the centres.
         radii = ranges.radii(boxes)
         values, slopes = equations.harmonics.derivatives(ranges.circle_points(boxes), 1)
-        # Bound of the difference from the linear part. Second derivatives are at most the
-        # derivative bound times products of degrees. The second term has the errors of
-        # value and slopes.
+        # Bound of the difference from the linear part over the box. An equation is a
+        # trigonometric polynomial with a degree in each variable (`degrees`). Its second
+        # derivative by two variables is at most `derivative_bound` times both degrees. The
+        # second term bounds the numerical errors: `error` is that of a value, and a slope
+        # has this error times the degree in its variable.
         change = radii @ degrees.T
         remainders = 0.5 * equations.derivative_bound * change**2 + error * (1.0 + change)
         reach = np.einsum("nkv,nv->nk", np.abs(slopes), radii)
@@ -324,11 +335,15 @@ def pave(
         largest_radius = np.max(radii, axis=1)
         small_boxes = np.flatnonzero(is_open & (largest_radius < SEARCHED_BOX_RAD))
         has_new_part = False
+        # A search takes long, so that only about `SEARCHED_BOXES` of the boxes are
+        # searched, spread evenly over all of them.
         for row in small_boxes[:: max(1, len(small_boxes) // SEARCHED_BOXES)]:
+            # Newton's method for the variables with a range; None if it fails.
             configuration = correct_configuration(equations, centres[row], moving_count)
             if configuration is None:
                 continue
-            # Far away from the box the search would repeat that of other boxes.
+            # A configuration farther away than two widths of the box is left to the boxes
+            # near it.
             distance = np.max(np.abs(configuration - centres[row]))
             if distance <= 4.0 * largest_radius[row]:
                 has_new_part |= add_configuration(configuration)

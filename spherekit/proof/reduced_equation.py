@@ -1,6 +1,6 @@
 """One equation in two coordinates for the configurations near a loss of rank.
 
-F are the k equations of a mechanism in v = k + 1 variables z. Where F' loses one rank, let
+F are the k equations of a mechanism in n = k + 1 variables z. Where F' loses one rank, let
 l be the direction (k,) that F' misses, and u and v two coordinates along the kernel of F'.
 The system
 
@@ -68,17 +68,19 @@ Larger: diverging iterations end later. Smaller: positions farther away fail.
 class BorderedDerivatives:
     """Derivatives of (z, g) by two coordinates u and v, over a set of points.
 
-    z are all variables of the equations F. Near a loss of rank the derivatives F' miss a
-    direction l, and F(z) = g l defines z and the number g as functions of u and v.
+    z are the n variables of the k = n - 1 equations F. Near a loss of rank the derivatives
+    F' cannot change F in a direction l. For given u and v, F(z) = g l defines all variables
+    z and the number g. The derivatives are balls (numbers with error bounds). If z is given
+    as balls, they contain the derivatives at all points of these balls.
 
     Attributes
     ----------
     first
-        (v + 1, 3) derivatives of (z, g), where the last row belongs to g. Column 0 is the
-        change while a residual of F is removed, columns 1 and 2 are the derivatives by u
-        and by v.
+        (n + 1, 3) derivatives of (z, g), where the last row belongs to g. Columns 1 and 2
+        are the derivatives by u and by v. Column 0 is the Newton step that removes a given
+        residual F(z) - g l while u and v are constant.
     second
-        (v + 1, 3, 3) second derivatives in the same three directions, or None.
+        (n + 1, 3, 3) second derivatives of (z, g) in the same three directions, or None.
     """
 
     first: Array
@@ -86,12 +88,12 @@ class BorderedDerivatives:
 
     @property
     def correction(self) -> Array:
-        """(v + 1,) change of (z, g) that removes the residual."""
+        """(n + 1,) change of (z, g) that removes the residual."""
         return self.first[:, 0]
 
     @property
     def variable_rates(self) -> Array:
-        """(v, 2) derivatives of the variables by u and v."""
+        """(n, 2) derivatives of the variables by u and v."""
         return self.first[:-1, 1:]
 
     @property
@@ -101,7 +103,7 @@ class BorderedDerivatives:
 
     @property
     def seconds(self) -> Array:
-        """(v + 1, 3, 3) second derivatives, which must have been computed."""
+        """(n + 1, 3, 3) second derivatives, which must have been computed."""
         assert self.second is not None
         return self.second
 
@@ -124,16 +126,16 @@ class ReducedEquation:
     equations
         The equations F of the mechanism.
     centre
-        (v,) the point (rad) with u = v = 0.
+        (n,) the point (rad) with u = v = 0.
     frame
-        (v, v) orthonormal columns: the directions of u, of v, and of the other coordinates.
+        (n, n) orthonormal columns: the directions of u, of v, and of the other coordinates.
     missed
         (k,) the unit vector l that F' misses.
     units
         (2,) lengths of u and v, the larger one 1. In these units the two curves of a
         crossing are the diagonals of a square.
     other_curvatures
-        (v - 2, 2, 2) magnitudes of the second derivatives of the other coordinates by u
+        (n - 2, 2, 2) magnitudes of the second derivatives of the other coordinates by u
         and v.
     """
 
@@ -147,19 +149,21 @@ class ReducedEquation:
     def split_residual(self, position: Array) -> tuple[Ball, Array]:
         """Split the equations F at a position into a multiple of l and a remainder.
 
-        The unit vector l (`missed`) is the direction that the derivatives F' miss.
+        The unit vector l (`missed`) is the direction in which the derivatives F' cannot
+        change F. The remainder is 0 where F(z) = g l, and `level` is g there.
 
         Parameters
         ----------
         position
-            (v,) balls (rad).
+            (n,) balls (rad).
 
         Returns
         -------
         level
-            A ball of radius 0 near the component of F along l. It is close to g.
+            A ball of radius 0 near the component of F along l. Any number near it is
+            valid, because the rest is in the residual.
         residual
-            (k,) F less `level` times l.
+            (k,) F less `level` times l, with the errors of F.
         """
         (values,) = self.equations.evaluate(position, 0)
         missed = exact_balls(self.missed)
@@ -171,20 +175,24 @@ class ReducedEquation:
     ) -> BorderedDerivatives:
         """Return derivatives of (z, g) over balls of all variables.
 
-        The equations F(z) = g l, with l = `missed`, define all variables z and the number g
-        as functions of two coordinates u and v along the first two columns a, b of `frame`.
-        The derivatives solve linear equations with the bordered matrix
+        The equations F(z) = g l define all variables z and the number g as functions of two
+        coordinates u = a . z and v = b . z. Here l = `missed` is the direction in which F'
+        cannot change F, and a, b are the first two columns of `frame`. The derivatives
+        solve linear equations with the bordered matrix
 
             [F'  -l]
             [a^T  0]
             [b^T  0].
 
+        There are three right sides: -residual for the step that removes the residual
+        F(z) - g l, and unit rates of u and of v.
+
         Parameters
         ----------
         positions
-            (v,) balls (rad).
+            (n,) balls (rad).
         residual
-            (k,) balls: the residual of F that the first direction removes.
+            (k,) balls: the residual F(z) - g l that is to be removed.
         order
             1, or 2 for second derivatives as well.
 
@@ -194,50 +202,60 @@ class ReducedEquation:
             If the bordered matrix may be singular for some point of the balls.
         """
         _, slopes, *curvatures = self.equations.evaluate(positions, order)
-        k, v = slopes.shape
+        k, variable_count = slopes.shape
         zero = np.zeros((2, 1))
         missed = exact_balls(self.missed)
         kernel = exact_balls(self.frame[:, :2].T)
         bordered = np.block([[slopes, -missed[:, None]], [kernel, zero]])
-        # Right-hand sides: remove the residual while u and v are constant; unit rate of u;
-        # unit rate of v.
+        # Columns: remove the residual while u and v are constant; unit rate of u; unit rate
+        # of v.
         right_sides = np.block([[-residual[:, None], np.zeros((k, 2))], [zero, np.eye(2)]])
         first = solve_balls(bordered, right_sides)
         if order < 2:
             return BorderedDerivatives(first)
         (curvature,) = curvatures
-        # Differentiate F(z) = g l twice: the same matrix, and F''(z', z') on the right.
-        right_sides = np.zeros((v + 1, 9), object)
-        right_sides[:k] = -(first[:v].T @ curvature @ first[:v]).reshape(k, 9)
+        # Differentiate F(z) = g l twice, in each pair of the three directions: the matrix
+        # is the same, and the right side is -F''(z', z').
+        z_rates = first[:variable_count]
+        right_sides = np.zeros((variable_count + 1, 9), object)
+        right_sides[:k] = -(z_rates.T @ curvature @ z_rates).reshape(k, 9)
         second = solve_balls(bordered, right_sides).reshape(-1, 3, 3)
         return BorderedDerivatives(first, second)
 
     def find_critical_point(self, position: Array) -> Array:
-        """Return the point with F = g l at which both slopes of g by u and v are 0.
+        """Return the critical point of g(u, v) near a position.
 
-        It is computed by Newton's method with the second derivatives of g. No proof depends
-        on the accuracy of the point.
+        F are the equations of the mechanism, whose derivatives F' cannot change F in a
+        direction l near the position. If two coordinates u and v are given, F(z) = g l
+        defines all variables z and a number g. At the critical point both derivatives of g
+        by u and v are 0. If g is 0 there too, curves of configurations cross in it.
+
+        Newton's method solves the equations F(z) = g l and grad g = 0 together. Proofs only
+        use boxes about the point, so they do not depend on its accuracy.
 
         Parameters
         ----------
         position
-            (v,) start, balls (rad).
+            (n,) start, balls (rad).
 
         Returns
         -------
-        (v,) balls of radius 0.
+        (n,) the variables (rad) at the critical point, as balls of radius 0.
 
         Raises
         ------
         ZeroDivisionError
-            If the iteration diverges.
+            If the iteration diverges, or a matrix is singular.
         """
         for _ in range(MAX_CRITICAL_POINT_STEPS):
             _, residual = self.split_residual(position)
             derivatives = self.differentiate(position, residual)
-            # Slope of g after the residual is removed: direction 0 of the derivatives
-            # removes it, directions 1 and 2 are u and v.
-            slope = exact_centres(derivatives.gradient + derivatives.seconds[-1, 0, 1:])
+            # Newton step for F(z) = g l: `correction` removes the residual while u and v
+            # are constant (direction 0 of the derivatives). This changes grad g, to first
+            # order, by the mixed derivatives of g in the directions 0 and u, v.
+            mixed_derivatives = derivatives.seconds[-1, 0, 1:]
+            slope = exact_centres(derivatives.gradient + mixed_derivatives)
+            # Newton step for grad g = 0, and the change of all variables by both steps.
             uv_step = solve_balls(exact_centres(derivatives.hessian), -slope[:, None])[:, 0]
             change = exact_centres(
                 derivatives.correction[:-1] + derivatives.variable_rates @ uv_step
@@ -246,15 +264,16 @@ class ReducedEquation:
             if not step_size < MAX_CRITICAL_STEP_RAD:
                 raise ZeroDivisionError
             position = exact_centres(position + change)
-            # The last eight bits are rounding.
+            # The last eight bits of the numbers may be rounding errors, so that smaller
+            # steps are not possible.
             if step_size < 2.0 ** (8 - precision_bits()):
                 break
         return position
 
     def enclose_box(self, limits: Floats) -> Array:
-        """Return balls (v,) of all variables over a box about the centre.
+        """Return balls (n,) of all variables over a box about the centre.
 
-        `limits` (v,) are its half lengths (rad) along the frame. The balls are slightly
+        `limits` (n,) are its half lengths (rad) along the frame. The balls are slightly
         larger, which covers rounding.
         """
         reach = np.abs(self.frame) @ limits * (1.0 + 1e-9) + 1e-12
@@ -263,27 +282,31 @@ class ReducedEquation:
     def evaluate_at(
         self, position: Array, level: Ball, correction: Array
     ) -> tuple[Ball, Array]:
-        """Return g and its two slopes at the coordinates u and v of a position.
+        """Return enclosures of g and its two slopes at the coordinates of a position.
 
-        F(z) = g l defines all variables z and the number g as functions of u and v. The
-        exact point (z, g) at the u and v of the position is near the position.
+        F are the equations of the mechanism, whose derivatives cannot change F in a
+        direction l. For given coordinates u and v, F(z) = g l defines all variables z and
+        the number g. The results are balls that contain g and its slopes at the u and v of
+        the position.
 
         Parameters
         ----------
         position
-            (v,) balls (rad) near F = g l.
+            (n,) balls (rad), a point that nearly satisfies F(z) = g l.
         level
             An approximation of g at the position.
         correction
-            (v + 1,) balls that contain the difference of the exact (z, g) from `position`
-            and `level`.
+            (n + 1,) balls that contain the difference of the exact (z, g), at the same u
+            and v, from `position` and `level`.
 
         Returns
         -------
         The value of g, and its derivatives (2,) by u and v.
         """
-        no_residual = 0 * exact_balls(self.missed)
-        derivatives = self.differentiate(position + correction[:-1], no_residual, 1)
+        # Only the derivatives by u and v are used, so that no residual is to be removed.
+        no_residual = exact_balls(np.zeros(len(self.missed)))
+        exact_position = position + correction[:-1]
+        derivatives = self.differentiate(exact_position, no_residual, order=1)
         return level + correction[-1], derivatives.gradient
 
 
@@ -293,19 +316,21 @@ def reduce_at_saddle(equations: ArcEquations, position: Floats) -> ReducedEquati
     Near a position where the derivatives F' of the equations lose a rank, configurations
     are the zeros of a function g(u, v) of two coordinates (`ReducedEquation`). At the
     critical point both slopes of g are 0. The coordinates u and v are along the principal
-    curvatures of g, so that g is convex in u and concave in v.
+    curvatures of g, so that g is convex in u and concave in v. The zeros of g near such a
+    saddle are two curves that cross, or nearly cross.
 
     Parameters
     ----------
     equations
         The equations of the mechanism.
     position
-        (v,) a position (rad) where F' nearly loses a rank.
+        (n,) a position (rad) where F' nearly loses a rank.
 
     Raises
     ------
     ZeroDivisionError
-        If there is no critical point nearby, or if g has no saddle there.
+        If there is no critical point nearby, or if g has no saddle there. Singular matrices
+        raise the same error, so that callers treat all failures alike.
     """
     # 1. The critical point, and the derivatives of g there.
     critical_point = _reduce_about(equations, position).find_critical_point(
@@ -331,8 +356,12 @@ def reduce_at_saddle(equations: ArcEquations, position: Floats) -> ReducedEquati
     frame = reduced_equation.frame.copy()
     principal = vectors[:, ::-1]
     frame[:, :2] @= principal
-    # In units of 1 / sqrt(curvature) the curves of a crossing are diagonals.
+    # In units of 1 / sqrt(curvature), g is (u^2 - v^2) / 2 plus a constant, to second
+    # order. The curves of a crossing are then the diagonals of a square. Only the ratio of
+    # the units matters.
     units = np.array([high, -low]) ** -0.5
+    # Second derivatives of the variables by u and v, then those of the coordinates of
+    # `frame` other than u and v. They tell how far the curves leave the plane of u and v.
     variable_curvatures = centre_floats(derivatives.seconds[:-1, 1:, 1:])
     principal_curvatures = principal.T @ variable_curvatures @ principal
     return replace(
@@ -344,23 +373,26 @@ def reduce_at_saddle(equations: ArcEquations, position: Floats) -> ReducedEquati
 
 
 def _reduce_about(equations: ArcEquations, position: Floats) -> ReducedEquation:
-    """Return the reduced equation near a position, in unscaled coordinates.
+    """Return the reduced equation near a position, in any coordinates u and v.
 
-    The derivatives F' of the equations nearly lose one rank at the position. The singular
-    value decomposition of F' gives the direction that F' misses and the directions of the
-    two coordinates. `units` and `other_curvatures` are not set yet.
+    The derivatives F' of the equations nearly lose one rank at the position. In its
+    singular value decomposition, the last left vector is the direction in which F' cannot
+    change F. The two right vectors of the kernel are the directions of u and v. They are
+    not yet along the principal curvatures. `units` and `other_curvatures` need these, and
+    have placeholders.
 
     Parameters
     ----------
     equations
         The equations F of the mechanism.
     position
-        (v,) values of all variables (rad).
+        (n,) values of all variables (rad).
 
     Raises
     ------
     ZeroDivisionError
-        If F' nearly loses more than one rank.
+        If F' nearly loses more than one rank. Singular matrices raise the same error, so
+        that callers treat all failures alike.
     """
     circle_points = cosines_and_sines(position[None])
     _, slopes = equations.harmonics.derivatives(circle_points, 1)

@@ -201,9 +201,12 @@ class _Step:
     """A step of the motion, described by two series in a position x from -1 to 1.
 
     The position x is proportional to the time. The coordinate c is a pair variable, and
-    p = sqrt(B) dc/dt with the equivalent inertia B. Loads may have switches, which are
-    conditions whose sign decides the value of `abs`, `sign`, `min` or `max`. Within a step
-    each condition keeps one sign, its side.
+    p = sqrt(B) dc/dt with the equivalent inertia B. Both are Legendre series, computed from
+    values at Gauss nodes by Picard's iteration, which integrates the equation of motion
+    again and again.
+
+    Loads may contain `abs`, `sign`, `min` or `max`. Each is a switch, whose value depends
+    on the sign of a condition. Within a step this sign, +1 or -1, is constant: the side.
 
     Attributes
     ----------
@@ -214,14 +217,15 @@ class _Step:
     series
         (nodes + 1, 2) Legendre coefficients in x of the coordinate (rad) and of p.
     sides
-        (switches,) sides of all conditions.
+        (switches,) +1 or -1, the sides of all conditions.
     conditions
         For each condition or joint limit the number of its switch (-1 for a joint limit),
         and a Legendre series that becomes negative where the step has to end.
     truncation
-        Size of the last terms of the series, in roundings.
+        Size of the last terms of the series. It is in units of the rounding of numbers near
+        1 in the present precision.
     sweeps
-        Number of sweeps that the iteration took.
+        Number of integrations until the iteration converged.
     """
 
     start: Ball
@@ -240,18 +244,21 @@ class _Step:
 
 @dataclass(frozen=True)
 class _SignChange:
-    """The first sign change of a condition in a step.
+    """The first sign change of a condition in a step of the motion.
 
-    A condition belongs to a switch (a load depends on its sign) or to a joint limit.
+    A condition belongs to a switch (a load depends on its sign) or to a joint limit. It is
+    positive where the step may continue. If no condition changes its sign, an instance
+    stands for the end of the step.
 
     Attributes
     ----------
     x
-        Its position in [-1, 1].
+        Position in the step, from -1 at its start to 1 at its end.
     switch
-        Number of the switch, -1 for a joint limit, None if nothing changes its sign.
+        Number of the switch, -1 for a joint limit. None at the end of the step.
     is_at_start
-        Whether the condition is negative at the first sample already.
+        Whether the condition is negative already at the first position after the start at
+        which signs are examined.
     """
 
     x: Ball
@@ -322,12 +329,30 @@ class ExactSimulation:
         until: float,
         float_solution: FloatSolution,
     ) -> None:
-        """Prepare the nodes and matrices of the series, and compute the motion."""
+        """Prepare the nodes and matrices of the series, and compute the motion.
+
+        In each step one pair variable, the coordinate c, and p = sqrt(B) dc/dt are Legendre
+        series in time, with the equivalent inertia B. They are computed from values at
+        Gauss nodes.
+
+        Parameters
+        ----------
+        arithmetic
+            The number of digits.
+        mechanism
+            A mechanism with masses. All its loads act.
+        driven, q, dq
+            The variable whose value q (rad) and rate dq (rad/s) at t = 0 are given exactly.
+        until
+            The time (s) at which the motion ends, unless it ends earlier.
+        float_solution
+            A float64 solution, from which the iteration of each step starts.
+        """
         self.arithmetic = arithmetic
         self.mechanism = mechanism
         self.until = until
         self._float_solution = float_solution
-        # Largest |p| so far: the scale of its changes.
+        # Largest |p| so far. Changes of p count as rounding in comparison with it.
         self._largest_p = 0.0
         self._steps: list[_Step] = []
         self.switches: list[Ball] = []
@@ -338,7 +363,8 @@ class ExactSimulation:
             self._load_parts = [
                 part for load in mechanism.loads for part in load.components(mechanism)
             ]
-            # Gauss nodes in [-1, 1] in rising order, and their weights.
+            # Gauss nodes in [-1, 1] in rising order, and their weights. More digits have
+            # more nodes, and so more terms of the series.
             count = 10 + arithmetic.digits
             self._node_count = count
             legendre_root = flint_library().arb.legendre_p_root
@@ -355,7 +381,8 @@ class ExactSimulation:
             self._to_integrals = exact_centres(
                 _evaluate_series(_integrate_series(self._to_series), self._nodes)
             )
-            # Positions at which the signs of conditions are examined.
+            # Positions at which the signs of conditions are examined. A condition is the
+            # term whose sign decides the value of `abs`, `sign`, `min` or `max` in a load.
             sample_count = SWITCH_SAMPLES_PER_NODE * count + 1
             self._samples = np.linspace(-1.0, 1.0, sample_count)
             self._run(driven, q, dq)
@@ -490,13 +517,15 @@ class ExactSimulation:
             return np.sign(centre_floats(condition)) if sides is None else sides[number]
 
         def apply_function(name: str, arguments: Sequence[Any]) -> Any:
-            """Return a function of an expression of a load; NaN outside its domain.
+            """Return the value of a function in an expression of a load.
 
-            `arguments` are balls, (n,) or numbers. Functions that are not smooth are
-            evaluated on the side on which their switch is held.
+            `arguments` are balls, (n,) or numbers. The value is NaN outside the domain of
+            the function. Functions such as `abs` depend on the sign of a condition, here
+            the argument. Within a step of the motion the sign is fixed at +1 or -1, which
+            `take_side` returns, so that all functions are smooth.
             """
             if name == "sign":
-                # The power 0 gives ones of the type of the argument.
+                # The power 0 gives ones of the type of the argument, a number or balls.
                 return take_side(arguments[0]) * arguments[0] ** 0
             if name == "abs":
                 return take_side(arguments[0]) * arguments[0]
@@ -545,7 +574,8 @@ class ExactSimulation:
         """Return the closed configurations at given values of the coordinate.
 
         The coordinate is the variable by which the motion is described. Newton's method
-        computes the others, beginning with the float64 solution.
+        computes the others in many digits, beginning with the float64 solution. Numbers are
+        balls (centres with a bound of the error), here of radius 0.
 
         Parameters
         ----------
@@ -563,6 +593,7 @@ class ExactSimulation:
         """
         values = exact_balls(self._float_solution(centre_floats(t))[0])
         values[:, coordinate] = c
+        # The iteration ends at the rounding (`eps`) of the present number of digits.
         closure = self._linkage.close_loops(values, [coordinate], self.arithmetic.eps)
         if np.any(closure.status != Status.OK):
             raise EngineError(
@@ -576,7 +607,8 @@ class ExactSimulation:
 
         With the closure Jacobian J of the free variables, the rates per unit rate of the
         coordinate are -J^-1 (column of the coordinate). The Newton step that closes the
-        loops while the coordinate is held is -J^-1 (residuals).
+        loops while the coordinate is held is -J^-1 (residuals). It is not applied here:
+        each sweep of the iteration for the motion applies one such step.
 
         Parameters
         ----------
@@ -584,6 +616,12 @@ class ExactSimulation:
             (n, variables) pair variables (rad).
         coordinate
             Number of the variable that is the coordinate.
+
+        Returns
+        -------
+        The configurations with their rates, the square root of the equivalent inertia B,
+        and the Newton steps. The equation of motion is dc/dt = p / sqrt(B) and
+        dp/dt = Q / sqrt(B).
         """
         linkage = self._linkage
         free = [variable for variable in range(values.shape[1]) if variable != coordinate]
@@ -596,7 +634,8 @@ class ExactSimulation:
         rates[:, free] = -np.matvec(inverse, jacobian[:, :, coordinate])
         closing_step[:, free] = -np.matvec(inverse, residuals)
         w = linkage.link_velocities(vectors, rates)
-        # The derivative of the inertia is not used, so dw may have any values.
+        # Only the inertia itself is used, and not its derivative. The derivatives dw of the
+        # angular velocities are therefore not computed, and w is passed in their place.
         B, _ = equivalent_inertia(self.mechanism, orientations, w, dw=w)
         moving = MovingMechanism(values=values, rates=rates, w=w, rotations=orientations)
         return _CoordinateState(moving, np.sqrt(B), closing_step)
@@ -790,16 +829,18 @@ class ExactSimulation:
     ) -> list[tuple[int, Array]]:
         """Return Legendre series that are positive as long as a step may continue.
 
-        There is one series for each condition of a load: the term whose sign decides the
-        value of the load, times the side on which it is. Each joint limit gives two series,
-        the distances from both ends of its range.
+        A load may contain `abs`, `sign`, `min` or `max`. The term whose sign decides the
+        value is a condition, and its sign at the start of the step is its side. The
+        condition times its side is positive until the sign changes. Each joint limit gives
+        two series, the distances from both ends of its range.
 
         Parameters
         ----------
         conditions
-            (nodes,) values of each condition.
+            Values (nodes,) of each condition at the Gauss nodes of the step, or (1,) of a
+            condition that is constant.
         sides
-            (switches,) the sides of the conditions.
+            (switches,) the sides of the conditions, +1 or -1.
         values
             (nodes, variables) pair variables (rad).
 
@@ -807,6 +848,7 @@ class ExactSimulation:
         -------
         For each condition the number of its switch, -1 for joint limits, and the series.
         """
+        # The ones repeat a constant condition at all nodes.
         ones = np.ones(self._node_count)
         node_values: list[tuple[int, Array]] = [
             (number, condition * (side * ones))

@@ -136,14 +136,16 @@ def exact_rows(
 ) -> ExactRows:
     """Return reference values of some rows of a motion, computed with many digits.
 
-    One input moves at unit rate while the others are locked. The inputs, arcs, angles,
-    radii and coefficients count as exact float64 numbers. Axes and centres are made unit
-    vectors of balls (numbers with an error bound).
+    One input moves at unit rate while the others are locked. Values are balls, which are
+    numbers with an error bound. The inputs, arcs, angles, radii and coefficients count as
+    exact float64 numbers. The three components of an axis or centre are rounded, so they
+    are divided by their length in many digits, which makes them unit vectors.
 
     Parameters
     ----------
     motion
-        Any motion. Its variables are the starts, its inputs are exact.
+        Any motion. Newton's method closes the loops from its variables. Its inputs keep
+        their values.
     rows
         (n,) which rows of the motion are computed.
     driven
@@ -154,8 +156,8 @@ def exact_rows(
         1 for the angular velocities w of the links alone, 2 for their derivative dw by the
         input as well, 3 for the second derivative ddw as well.
     inputs
-        (computed rows, inputs) balls (rad) of which the inputs of the motion are rounded
-        values. By default the inputs of the motion are exact.
+        (computed rows, inputs) balls (rad), if the exact inputs are known in more digits
+        than the motion has. By default the float64 inputs of the motion are exact.
 
     Raises
     ------
@@ -268,9 +270,10 @@ def _nan_unless(is_good: Bools, balls: Array) -> Array:
 def _closure_status(motion: Motion, closure: LoopClosure) -> SmallIntegers:
     """Return the status (n,) of reference rows.
 
-    Rows of the motion that had failed keep their status. Otherwise a solution with open
-    loops is NOT_CLOSED. A solution that is too far from its row, or that has another
-    solution beside it, may be in another assembly mode: it is MODE_LOST.
+    Newton's method computes a solution in many digits from each row of the motion. Rows of
+    the motion that had failed keep their status. Otherwise a solution with open loops is
+    NOT_CLOSED. A solution that is too far from its row may be in another assembly mode, and
+    so may one if another solution is about as near to the row. These are MODE_LOST.
 
     Parameters
     ----------
@@ -282,7 +285,8 @@ def _closure_status(motion: Motion, closure: LoopClosure) -> SmallIntegers:
     status = closure.status.copy()
     is_converged = status == Status.OK
     status[is_converged & (closure.residual > CLOSURE_TOLERANCE)] = Status.NOT_CLOSED
-    # A row may be off by its error bound. Twice the bound leaves room for its estimate.
+    # A correct row may differ from the solution by the error bound of the motion. The bound
+    # is an estimate, so that twice the bound is accepted.
     error = motion.configuration_error
     largest_distance = np.maximum(
         np.where(np.isfinite(error), 2.0 * error, 0.0), SAME_SOLUTION_AS_ROW_RAD
@@ -300,7 +304,8 @@ def exact_motion(motion: Motion, rows: Bools, reference: ExactRows) -> Motion:
     """Return some rows of a motion, with configurations replaced by reference values.
 
     Reference values were computed with many digits and are rounded here. The closure
-    residual is that of the geometry as the file declares it.
+    residual, too, is that of the many digits, so that it does not show the rounding of the
+    float64 configurations.
 
     Parameters
     ----------
@@ -331,7 +336,8 @@ def exact_direction(reference: ExactRows, pole: Pole, toward: Floats) -> Array:
     Parameters
     ----------
     reference
-        The reference rows, of order 2 at least.
+        The reference rows, computed with derivatives of the angular velocities (order 2 or
+        3).
     pole
         Numbers of the two links.
     toward
@@ -354,11 +360,15 @@ def exact_direction(reference: ExactRows, pole: Pole, toward: Floats) -> Array:
         if joining_pair is not None:
             vector = reference.axes[:, joining_pair]
         else:
-            # Rounding error of relative velocities, relative to the velocities of the
-            # links. That of their derivatives is larger by the condition number once more.
+            # Rounding error of relative velocities, in the unit of `_relative_size`. The
+            # equations for derivatives contain velocities and are solved with the same
+            # matrix, so that the condition number multiplies their error once more.
             rounding = reference.arithmetic.eps * reference.condition
             speed = _relative_size(velocity, reference.w, pole)
             change = _relative_size(derivative, reference.slopes, pole)
+            # The links move if rounding cannot rotate the velocity by more than 1e-6 rad.
+            # They are at relative rest if the velocity is of the size of rounding errors.
+            # In between there is no direction.
             moves = speed > DIRECTION_ROUNDING_RATIO * rounding
             rests = ~(speed > ROUNDING_STEP_RATIO * rounding)
             starts_moving = (
@@ -370,7 +380,8 @@ def exact_direction(reference: ExactRows, pole: Pole, toward: Floats) -> Array:
             )
         is_opposite = np.sum(centre_floats(vector) * toward, axis=1) < 0.0
         sign = np.where(is_opposite, -1.0, 1.0)
-        # Lengths of the centres: a ball about 0 has no square root.
+        # The vector is divided by the length of its centre. The ball of a squared length
+        # may contain 0 or negative numbers, and then has no square root.
         length = vector_lengths(exact_centres(vector))
         has_side = np.all(np.isfinite(toward), axis=1)
         return _nan_unless(has_side, vector * (sign / length)[:, None])
@@ -379,7 +390,9 @@ def exact_direction(reference: ExactRows, pole: Pole, toward: Floats) -> Array:
 def _relative_size(relative: Array, vectors: Array, pole: Pole) -> Floats:
     """Return the size of the difference of two links' vectors, relative to their own size.
 
-    A size is the largest magnitude of a component.
+    A size is the largest magnitude of a component. The vectors are angular velocities per
+    unit rate of the input, or their derivatives. A size of less than 1, the rate of the
+    input, counts as 1.
 
     Parameters
     ----------
@@ -394,8 +407,10 @@ def _relative_size(relative: Array, vectors: Array, pole: Pole) -> Floats:
     -------
     (n,) the ratio to the larger of 1 and the largest component of both links.
     """
-    of_both_links = vectors[:, pole].reshape(len(relative), 6)
-    return largest_in_rows(relative) / np.maximum(largest_in_rows(of_both_links), 1.0)
+    first_link, second_link = pole
+    # (n, 6) the components of both vectors.
+    components = np.concatenate([vectors[:, first_link], vectors[:, second_link]], axis=1)
+    return largest_in_rows(relative) / np.maximum(largest_in_rows(components), 1.0)
 
 
 def exact_field(reference: ExactRows, request: Request, field: PoleField) -> PoleField:
@@ -494,14 +509,16 @@ def _direction_derivative(reference: ExactRows, pole: Pole, direction: Array) ->
     """Return the derivative (n, 3) of the direction u of a pole by the input.
 
     The pole of two links is the axis of their relative rotation. If it is the axis of an R
-    pair, it is fixed in a link with the angular velocity w, so u' = w x u. Otherwise the
-    relative angular velocity is v = k u, and u' is the part of v' at right angles to u,
-    divided by k.
+    pair, it is fixed in both links of the pair. With the angular velocity w of one of them,
+    u' = w x u. Otherwise the relative angular velocity is v = k u, and u' is the part of v'
+    at right angles to u, divided by k. All derivatives are by the input.
 
     Parameters
     ----------
     reference
-        The reference rows, of order 2 at least.
+        The reference rows, computed with derivatives of the angular velocities (order 2 or
+        3). Their values are balls (numbers with an error bound), of which the centres are
+        used.
     pole
         The two links.
     direction

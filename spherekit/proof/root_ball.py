@@ -75,9 +75,9 @@ class CertifiedRoot:
     radius
         Largest difference (rad) of the solution from the centre in an angle.
     unique
-        Largest difference (rad) from the centre within which there is no other solution.
+        A radius (rad) about the centre, in each angle: no other solution is within it.
     real
-        Whether the solution is proven real; otherwise it is proven not to be.
+        True if the solution is proven to be real, False if it is proven not to be.
     """
 
     centre: tuple[Ball, ...]
@@ -99,7 +99,8 @@ class CertifiedRoot:
     def attracts(self, approximation: Sequence[complex]) -> bool:
         """Return whether an approximation (rad) is within half of `unique`, modulo turns.
 
-        Newton's method from there leads to this solution.
+        Newton's method from there leads to this solution: within `unique` the derivatives
+        change so little that a step at least halves the distance from the solution.
         """
         offset = np.array(approximation) - [complex(angle) for angle in self.centre]
         distance = np.abs(wrap(offset.real) + 1j * offset.imag)
@@ -115,8 +116,9 @@ def find_root(
 ) -> CertifiedRoot | None:
     """Return the solution near an approximation, None if none is proven.
 
-    Newton's method improves the approximation. A ball about the result is then proven to
-    contain exactly one solution. Angles may be complex.
+    Newton's method improves the approximation, until its steps are negligible or their
+    number is `MAX_ROOT_STEPS`. A ball about the result is then proven to contain exactly
+    one solution, or the result is None. Angles may be complex.
 
     Parameters
     ----------
@@ -137,6 +139,8 @@ def find_root(
             # Newton's method doubles the digits: after this step all are correct.
             if step_size < 2.0 ** (-precision_bits() / 2):
                 break
+            # A long step shows that the iteration has diverged. The negated comparison is
+            # also true for NaN.
             if not step_size < MAX_ROOT_STEP_RAD:
                 return None
         # If all imaginary parts are nearly 0, a real solution is tried first.
@@ -162,9 +166,10 @@ def _certify_root(
 ) -> CertifiedRoot | None:
     """Return the solution in a ball about x, None if it is not proven.
 
-    The ball is chosen so small that the derivatives F' of the equations change little in
-    it. Values of F' in the whole ball bound the distance of a solution from x. If this
-    bound is less than the radius of the ball, the ball contains exactly one solution.
+    The ball is chosen so small that the derivatives F' of the equations change by at most a
+    fifth in it: |F'(x)^-1 (F'(z) - F'(x))| <= 1/5, so that F' remains regular. Values of F'
+    in the whole ball bound the distance of a solution from x. If this bound is less than
+    the radius of the ball, the ball contains exactly one solution.
 
     Parameters
     ----------
@@ -176,7 +181,8 @@ def _certify_root(
         (k,) balls of radius 0: the approximation, real or complex.
     real
         Whether x is real. The solution is then real as well: its conjugate is a solution in
-        the same ball. If x is not real, the ball must not touch the real angles.
+        the same ball, which has one solution only. If x is not real, the result has to be
+        proven not to be real: the ball of the solution must not contain real angles.
     """
     values, slopes = _evaluate(equations, x, known_angles)
     degrees = equations.degrees[:, : equations.unknown_count]
@@ -184,13 +190,16 @@ def _certify_root(
     # products of degrees. Imaginary parts increase them exponentially.
     growth = np.exp(degrees @ [upper_magnitude(ball.imag) for ball in x])
     second_bound = equations.derivative_bound * growth * np.sum(degrees, axis=1) ** 2
-    # The radius within which F' may change by a fifth, relative to its inverse.
+    # The radius of the ball, from the bound of the second derivatives and the inverse of
+    # F'(x).
     inverse_size = np.vectorize(upper_magnitude)(_approximate_inverse(slopes))
     unique = min(MAX_UNIQUENESS_RADIUS_RAD, 0.2 / np.max(inverse_size @ second_bound))
     unique_balls = np.array([_widen_angle(angle, unique, real=False) for angle in x])
+    # F' in the whole ball, and a bound of the distance of the solution from x.
     slopes_around = _evaluate(equations, unique_balls, known_angles)[1]
     distance = bound_zero_distance(values, slopes_around)
-    # A little more than proven, and not 0, so that checkers can repeat the proof.
+    # The radius that is stated for the solution is somewhat larger than the bound, and not
+    # 0, so that other programs with weaker bounds can repeat the proof.
     radius = min(max(SOLUTION_MARGIN * distance, 1e-300), unique)
     is_decided = real or any(lower_magnitude(ball.imag) > radius for ball in x)
     if not (distance < unique and is_decided):
