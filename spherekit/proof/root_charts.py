@@ -134,9 +134,11 @@ class ChartRoots:
     def pairwise_gaps(self, count: int) -> Floats:
         """Return how far the roots of each row are from each other.
 
-        A row is one choice of the given variables. A coordinate of a root is written as a
-        fraction a / b, with b = 0 for infinity. The difference of a / b and c / d is
-        |a d - b c|.
+        A row is one choice of the given variables (the inputs, and the unknowns of systems
+        that were solved before). A coordinate e^(i angle) of a root is written as a
+        fraction a / b: as z / 1, or as 1 / z if its inverse is stored, with b = 0 for
+        infinity. Two such coordinates a / b and c / d are equal if |a d - b c| is 0. This
+        number is their gap. Unlike |a / b - c / d| it is finite at infinity.
 
         Parameters
         ----------
@@ -145,15 +147,17 @@ class ChartRoots:
 
         Returns
         -------
-        (m, count, count) the largest difference over the unknowns, for each two roots of
-        each of m rows.
+        (m, count, count) the largest gap over the unknowns, for each two roots of each of m
+        rows.
         """
         shape = -1, count, self.z.shape[1]
         numerators = np.where(self.inverse, 1.0, self.z).reshape(shape)
         denominators = np.where(self.inverse, self.z, 1.0).reshape(shape)
+        # Axes: row, root with a and b, root with c and d, unknown. The products are a d,
+        # and with both roots exchanged c b.
         products = numerators[:, :, None] * denominators[:, None]
-        differences = np.abs(products - products.swapaxes(1, 2))
-        return np.max(differences, axis=3, initial=0.0)
+        gaps = np.abs(products - products.swapaxes(1, 2))
+        return np.max(gaps, axis=3, initial=0.0)
 
     def select_roots(self, chosen: Any) -> "ChartRoots":
         """Return the points that an index, a mask or a slice chooses."""
@@ -162,15 +166,18 @@ class ChartRoots:
     def derivatives(self, polynomials: Sequence[Complexes], order: int = 0) -> Complexes:
         """Return the derivatives of polynomials by the stored z at all n points.
 
-        The stored z of an unknown is e^(i angle) or its inverse. If it is the inverse, the
-        polynomial is multiplied by its highest power, so that the coefficients belong to
-        the powers of z in reverse order.
+        The stored z of an unknown is e^(i angle) or its inverse, whichever has a magnitude
+        of at most 1: large numbers and infinity do not occur. If it is the inverse, the
+        polynomial is multiplied by its highest power. The coefficients then belong to the
+        powers of z in reverse order, which `_powers` returns.
 
         Parameters
         ----------
         polynomials
-            For each polynomial (m, ..., sizes): m choices of the given variables, any
-            further axes, then one axis of coefficients for each unknown.
+            For each polynomial an array (m, ..., sizes). The first axis is the choice of
+            the given variables (the inputs, and unknowns that were solved before). The last
+            axes, one for each unknown, are coefficients of powers. Axes between them, such
+            as one for derivatives of the coefficients, are kept in the result.
         order
             Order of the derivatives: 0, 1 or 2.
 
@@ -185,6 +192,7 @@ class ChartRoots:
             # `variables` are the unknowns by which one derivative is taken; an unknown that
             # occurs twice means a second derivative.
             for variables in np.ndindex(*[count] * order):
+                # The coefficients of the choice to which each point belongs.
                 part = coefficients[self.row]
                 # The axes of coefficients are summed with the powers of the unknowns, the
                 # last axis (last unknown) first. n: point, p: power.
@@ -197,12 +205,12 @@ class ChartRoots:
         return stacked.reshape(shape)
 
     def _powers(self, column: int, size: int, order: int) -> Complexes:
-        """Return the derivatives (n, size) of the factors of coefficients at n points.
+        """Return the powers of z that belong to coefficients, or their derivatives by z.
 
         A polynomial of one unknown has the coefficients c_0, c_1, ... of the powers of
-        e^(i angle). If z = e^(i angle) is stored, the factor of c_p is z^p. If the inverse
-        z = e^(-i angle) is stored, the polynomial is multiplied by z^(size - 1), and the
-        factor of c_p is z^(size - 1 - p). The derivatives are by the stored z.
+        e^(i angle). If z = e^(i angle) is stored, c_p is multiplied by z^p. If the inverse
+        z = e^(-i angle) is stored, the polynomial is multiplied by z^(size - 1), and c_p by
+        z^(size - 1 - p). The derivatives are by the stored z.
 
         Parameters
         ----------
@@ -212,10 +220,16 @@ class ChartRoots:
             Number of coefficients.
         order
             Order of the derivative: 0, 1 or 2.
+
+        Returns
+        -------
+        (n, size) for n points.
         """
         ascending = np.arange(size)
         exponents = np.where(self.inverse[:, column, None], ascending[::-1], ascending)
-        # The first derivative of z^p is p z^(p - 1), the second p (p - 1) z^(p - 2).
+        # The first derivative of z^p is p z^(p - 1), the second p (p - 1) z^(p - 2). For
+        # order 0 the product of no factors is 1. If the order exceeds p, the factor is 0;
+        # an exponent of 0 then avoids a division by zero.
         factor = np.prod([exponents - step for step in range(order)], axis=0)
         return factor * self.z[:, column, None] ** np.maximum(exponents - order, 0)
 
@@ -259,18 +273,26 @@ def evaluate_polynomials(polynomials: Polynomials, roots: ChartRoots) -> Polynom
 def polish_roots(polynomials: Polynomials, roots: ChartRoots) -> tuple[ChartRoots, Bools]:
     """Improve approximate roots by Newton's method.
 
-    A root whose step exceeds 1 in z is given up and stays as it is.
+    A coordinate z of a root is e^(i angle) of an unknown or its inverse, of a magnitude of
+    at most about 1. A root with a step of 1 or more is therefore given up: it keeps the
+    value before this step.
 
     Parameters
     ----------
     polynomials
-        The system at m choices of its given variables.
+        The system at m choices of its given variables (the inputs, and unknowns that were
+        solved before).
     roots
-        n approximate roots, each with the number of its choice.
+        n approximate roots, each with the number of the choice to which it belongs.
 
     Returns
     -------
-    The roots, and (n,) for which of them the method has converged.
+    roots
+        The improved roots.
+    has_converged
+        (n,) for which of them the last step is less than `CONVERGED_STEP`. All steps end if
+        they are less than the smaller `POLISHING_TOLERANCE`, or after
+        `MAX_POLISHING_STEPS`.
     """
     is_good = np.ones(len(roots.z), dtype=bool)
     for _ in range(MAX_POLISHING_STEPS):
@@ -319,8 +341,10 @@ class ChangeBounds:
     """Bounds of errors and changes of the k polynomials P of a system near n roots.
 
     `enclose_roots` proves with them that there is exactly one root for all inputs of a box.
-    The unknowns z have changed by at most a radius, and the given variables g by as much as
-    they change over the box. P_z and P_g are the derivatives of P by z and by g.
+    The given variables g are the inputs, and unknowns that were solved before. The bounds
+    are valid if the unknowns z are within a radius about the approximate root, and g within
+    the range that they have over the box. P_z and P_g are the derivatives of P by z and by
+    g.
 
     Attributes
     ----------
@@ -329,8 +353,8 @@ class ChangeBounds:
     slope_change
         (n, k, k) bound of the change of P_z. The axes are root, equation and unknown.
     drift
-        (n, k) bound of the change of P by g that the constant slope P_g of the root does
-        not explain.
+        (n, k) bound of the error of the linear model of P as a function of g, with the
+        slope P_g at the approximate root and at the centre of the box.
     """
 
     value_error: Floats
@@ -435,9 +459,10 @@ class InputBoxes:
 class RootTubes:
     """Tubes about n approximate roots, each with exactly one root for all inputs of a box.
 
-    A root has k coordinates z, each e^(i angle) of an unknown or its inverse. The axis of a
-    tube is the approximate root, which moves linearly with the inputs. Distances are in z,
-    the largest of all coordinates.
+    A root has k coordinates z. Each is e^(i angle) of an unknown or its inverse, whichever
+    has a magnitude of at most 1 at the approximate root, so that roots at infinity are like
+    any other. The axis of a tube is the approximate root, which moves linearly with the
+    inputs. The distance of two points is the largest difference of any coordinate z.
 
     Attributes
     ----------
@@ -454,7 +479,7 @@ class RootTubes:
         (n, k) largest distance of each coordinate of the root, over the box, from the
         approximation at its centre.
     rates
-        (n, k, inputs) derivatives of z by the inputs (1/rad) along the axis.
+        (n, k, inputs) derivatives of the axis of each tube by the inputs (1/rad).
     """
 
     is_proven: Bools
@@ -560,29 +585,34 @@ def solve_one_unknown(polynomials: Polynomials) -> ChartRoots:
     The equation is a polynomial, with other coefficients for each of m choices of the given
     variables. The roots are the eigenvalues of the companion matrix: it has ones below the
     diagonal, and -c_k / c_n in the last column, with the coefficients c_0, ..., c_n.
+
+    If the leading coefficient c_n is 0, there are roots at infinity, and the approximations
+    of this choice may be wrong. The later proof of the roots fails then.
     """
     (coefficients,) = polynomials.coefficients
     m, size = coefficients.shape
     companion = np.tile(np.eye(size - 1, k=-1, dtype=complex), (m, 1, 1))
     last_column = -coefficients[:, :-1] / coefficients[:, -1:]
-    # A leading coefficient of 0 means roots at infinity: they are not found here.
+    # `eigvals` needs finite numbers.
     companion[:, :, -1] = np.where(np.isfinite(last_column), last_column, 0.0)
     points = np.linalg.eigvals(companion).reshape(-1, 1)
+    # Each root is stored as z or 1 / z, whichever has a magnitude of at most 1.
     return ChartRoots.from_points(points, np.repeat(np.arange(m), size - 1))
 
 
 def are_distinct(roots: ChartRoots, radius: Floats, is_good: Bools, count: int) -> Bools:
     """Return for which rows all roots are good and proven different from each other.
 
-    A row is one choice of the given variables. A coordinate of a root, z or 1 / z, is
-    written as a fraction a / b: as z / 1 or 1 / z with |z| <= 1. A root at infinity has
-    b = 0 and is like any other. Two roots a / b and c / d differ if |a d - b c|, their
-    gap, exceeds its largest change within the error radii.
+    A row is one choice of the given variables. A coordinate e^(i angle) of a root is
+    written as a fraction a / b: as z / 1, or as 1 / z if the inverse is stored, in both
+    cases with |z| <= 1. A root at infinity has b = 0 and is like any other. The gap of two
+    coordinates a / b and c / d is |a d - b c|. Two roots differ if the gap of at least one
+    coordinate exceeds its largest change within the error radii.
 
     Parameters
     ----------
     roots
-        The n = m count approximate roots of m rows, one row after the other.
+        The n approximate roots of m rows, one row after the other. n is m times `count`.
     radius
         (n,) bound of the distance of the coordinates z of each root from those of its
         approximation.
@@ -600,8 +630,8 @@ def are_distinct(roots: ChartRoots, radius: Floats, is_good: Bools, count: int) 
     second = radii[:, None]
     # One of a and b is 1 and exact, the other has an error of at most its radius r, and
     # neither is larger than 1. The same is true of c and d, with the radius s. The gap
-    # therefore changes by at most r + s + r s. The factor 1.5 is more than necessary, and
-    # 1e-14 is more than the rounding error of a gap.
+    # therefore changes by at most r + s + r s. The factor 1.5 is more than necessary.
+    # `ROUND_UP` covers the rounding of this limit, 1e-14 that of the computed gap.
     limit = 1.5 * (first + second + first * second) * ROUND_UP + 1e-14
     is_apart = (roots.pairwise_gaps(count) > limit) | np.eye(count, dtype=bool)
     return np.all(is_apart, axis=(1, 2)) & np.all(is_good.reshape(radii.shape), axis=1)
@@ -612,10 +642,12 @@ def classify_real_roots(
 ) -> tuple[Bools, Bools]:
     """Return which roots are proven to have real angles, and which are proven not to.
 
-    Each coordinate z is e^(i angle) or its inverse, so the angle is real if |z| = 1. If z
-    is a root, its mirror image 1/conj(z) in the unit circle is a root, too, since the
-    equations are real. If both are in a ball that contains exactly one root, they are
-    equal, and |z| = 1. If |z| differs from 1 in the whole ball, the angle is not real.
+    Each coordinate z is e^(i angle) or its inverse, so the angle is real if |z| = 1. If all
+    coordinates of a root are replaced by their mirror images 1/conj(z) in the unit circle,
+    the result is a root, too, since the equations are real. If both are in a ball that
+    contains exactly one root, they are equal, and |z| = 1 for all coordinates. Distances in
+    a ball are the largest difference of any coordinate. If |z| of one coordinate differs
+    from 1 in the whole ball, its angle is not real.
 
     Parameters
     ----------
@@ -633,13 +665,17 @@ def classify_real_roots(
     magnitude = np.abs(roots.z)
     # 1e-14 covers the rounding of magnitudes.
     root_radius = radius[:, None] * ROUND_UP + 1e-14
-    # Distance of the mirror image of any point of the ball from the centre.
+    # Distance of the mirror image of any point z of the ball from its centre c, with the
+    # radius r of the ball:
+    #   |1/conj(z) - c| <= |1/conj(z) - 1/conj(c)| + |1/conj(c) - c|
+    #                   <= r / ((|c| - r) |c|) + ||c| - 1/|c||.
     mirror_distance = (
         root_radius / ((magnitude - root_radius) * magnitude)
         + np.abs(magnitude - 1.0 / magnitude)
         + 1e-14
     )
     mirror_is_inside = mirror_distance * ROUND_UP < uniqueness_radius[:, None]
+    # The bound is valid if |c| - r is positive, which 2 r < |c| ensures.
     is_real = np.all((magnitude > 2 * root_radius) & mirror_is_inside, axis=1)
     is_not_real = np.any(np.abs(magnitude - 1.0) > root_radius, axis=1)
     return is_real, is_not_real

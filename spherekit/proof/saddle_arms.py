@@ -21,15 +21,17 @@ Quadrant = tuple[int, int]
 
 @dataclass(frozen=True)
 class SaddleForm:
-    """The local form of a saddle in coordinates u and v of equal scale.
+    """The local form of a saddle in two coordinates u and v.
 
     A saddle is a place where two configuration curves cross or narrowly miss each other.
-    The curves are the zeros of a function g(u, v) in a rectangle about it.
+    The curves are the zeros of a function g(u, v) in a rectangle about it. u and v are
+    scaled so that the curves of a crossing are the diagonals u = v and u = -v, nearly.
 
     Attributes
     ----------
     variable_rates
-        (v, 2) balls: derivatives of the variables by u and v, over the whole rectangle.
+        (variables, 2) balls: derivatives of the variables by u and v, over the whole
+        rectangle.
     hessian
         (2, 2) balls: second derivatives of g by u and v, over the whole rectangle.
     size
@@ -46,16 +48,19 @@ class ArmErrors:
     """Bounds of the deviation of arms from the zeros of a quadratic form Q.
 
     Arms are the four branches of the curves g(u, v) = 0 that leave a saddle. Near the
-    saddle g is approximately Q / 2, with the quadratic form Q of its second derivatives.
+    saddle g is approximately Q / 2 = (u, v) g'' (u, v)^T / 2, with the matrix g'' of second
+    derivatives. The arms are approximately the directions (u, v) with Q = 0.
 
     Attributes
     ----------
     form
         Largest |Q(u, v)| on an arm, divided by the square of the larger of |u| and |v|.
     slope
-        Error of the slopes of g, divided by the larger of |u| and |v|.
+        Largest difference of the slopes (g_u, g_v) from g'' (u, v)^T, divided by the larger
+        of |u| and |v|.
     centre
-        Largest distance of the centre of the coordinates from the saddle.
+        Largest distance (rad) of the point u = v = 0, a computed approximation, from the
+        exact saddle.
     """
 
     form: float
@@ -68,16 +73,17 @@ class ArmRates:
     """Signs of the rates of the variables on the four arms, and how far the arms reach.
 
     Arms are the four branches of curves that leave a saddle, one in each quadrant of two
-    coordinates u and v: (1, 1), (1, -1), (-1, 1) and (-1, -1).
+    coordinates u and v. A quadrant is a pair of signs of u and v, such as (1, -1). Rates
+    are derivatives of the variables of the mechanism along an arm.
 
     Attributes
     ----------
     outward_signs
-        For each quadrant (v,) the sign of the rate of each variable on the arm, in the
-        direction away from the saddle; 0 if it is not proven.
+        For each quadrant (variables,) the sign of the rate of each variable on the arm, in
+        the direction away from the saddle; 0 if it is not proven.
     reach
-        For each quadrant (v,) the largest change (rad) of each variable on the arm from
-        the centre.
+        For each quadrant (variables,) the largest change (rad) of each variable on the arm
+        from the centre.
     """
 
     outward_signs: Mapping[Quadrant, Indices]
@@ -93,7 +99,7 @@ class DirectionRates:
     gradient
         Slopes of g by u and by v, two balls.
     signs
-        (v,) signs of the rates along (-g_v, g_u), 0 if not proven.
+        (variables,) signs of the rates along (-g_v, g_u), 0 if not proven.
     """
 
     gradient: list[Ball]
@@ -103,9 +109,10 @@ class DirectionRates:
 def _bound_arm_slopes(hessian: Array, form_error: float) -> dict[int, tuple[float, float]]:
     """Return bounds of the slope v / u of the arms, by the sign of this slope.
 
-    Arms are the four branches of curves that leave a saddle. On an arm the quadratic form
-    Q = a u^2 + 2 b u v - d v^2 is 0 up to an error, so that
-    v / u = (b +- sqrt(b^2 + a d)) / d.
+    Arms are the four branches of curves that leave a saddle, in two coordinates u and v. On
+    an arm the quadratic form Q = a u^2 + 2 b u v - d v^2 is 0 up to an error. a and d are
+    positive at a saddle. So v / u = (b +- sqrt(b^2 + a d)) / d has one positive and one
+    negative value, of the magnitudes (sqrt(b^2 + a d) +- b) / d.
 
     Parameters
     ----------
@@ -123,7 +130,8 @@ def _bound_arm_slopes(hessian: Array, form_error: float) -> dict[int, tuple[floa
     ZeroDivisionError
         If the form may not have two real directions with Q = 0.
     """
-    # Q = a u^2 + 2 b u v - d v^2; the error widens a and d.
+    # The error of Q is at most `form_error` times u^2 or times v^2, whichever is larger. So
+    # it can be counted as an error of a or of d.
     a = widen(hessian[0, 0], form_error)
     d = widen(-hessian[1, 1], form_error)
     b = hessian[0, 1]
@@ -142,10 +150,14 @@ def _evaluate_direction(
 ) -> DirectionRates:
     """Return the slopes of g and the signs of all rates in a direction (1, slope).
 
-    The configurations near a saddle are the curve g(u, v) = 0. At the point (u, v) the
-    slopes (g_u, g_v) are the matrix g'' times (u, v), up to an error of `slope_error` times
-    the larger of |u| and |v|. The curve has the tangent (-g_v, g_u), and the rates of the
-    variables along it are their derivatives by u and v times this tangent.
+    The configurations near a saddle are the curve g(u, v) = 0 in two coordinates u and v,
+    with u = v = 0 at the saddle. At the point (u, v) the slopes (g_u, g_v) are the matrix
+    g'' times (u, v), up to an error of `slope_error` times the larger of |u| and |v|. They
+    are proportional to the distance from the saddle, so their signs depend on the direction
+    only. The curve has the tangent (-g_v, g_u), and the rates of the variables along it are
+    their derivatives by u and v times this tangent.
+
+    A sign is 0 if the ball of the rate contains 0, so that nothing is proven.
     """
     error = slope_error * max(1.0, abs(slope))
     direction = exact_balls([1.0, slope])
@@ -158,9 +170,10 @@ def _evaluate_direction(
 def bound_arm_rates(form: SaddleForm, errors: ArmErrors) -> ArmRates:
     """Return the signs of all rates on the four arms, and the changes of the variables.
 
-    The arms are the zeros of g(u, v) near a saddle, one in each quadrant. The slope v / u
-    of an arm is between two bounds. A rate is linear in the direction (u, v). If it has the
-    same sign at both bounds, it therefore has this sign on the whole arm.
+    The arms are the zeros of g(u, v) near a saddle, one in each quadrant of the coordinates
+    u and v. Rates are derivatives of the variables of the mechanism along an arm. The slope
+    v / u of an arm is between two bounds. A rate is linear in the direction (u, v). If it
+    has the same sign at both bounds, it therefore has this sign on the whole arm.
 
     Parameters
     ----------
@@ -180,11 +193,13 @@ def bound_arm_rates(form: SaddleForm, errors: ArmErrors) -> ArmRates:
         first, last = (
             _evaluate_direction(form, slope, errors.slope) for slope in slope_bounds
         )
-        # With u > 0 and g_u > 0 the tangent (-g_v, g_u) points towards larger v.
+        # The rates are those along the tangent (-g_v, g_u). If g_u > 0 at both bounds, it
+        # points towards larger v. Otherwise `is_oriented` makes all signs 0: not proven.
         is_oriented = first.gradient[0] > 0 and last.gradient[0] > 0
         common_signs = np.where(first.signs == last.signs, first.signs, 0)
-        # The farthest points of the rectangle in the cone are at its two sides, and at its
-        # corner if the corner is in the cone.
+        # Directions between both bounds form a cone. Its points with max(|u|, |v|) = 1 are
+        # on the border of a square. Changes are linear, so the largest are at the ends of
+        # this piece of the border, or at the corner with slope 1 or -1 if the cone has it.
         corner_slope = np.clip(sign, min(slope_bounds), max(slope_bounds))
         farthest_points = [
             np.array([1.0, slope]) / max(1.0, abs(slope))
@@ -196,6 +211,8 @@ def bound_arm_rates(form: SaddleForm, errors: ArmErrors) -> ArmRates:
         for v_sign in (1, -1):
             quadrant = sign * v_sign, v_sign
             outward_signs[quadrant] = v_sign * is_oriented * common_signs
+            # Change from the saddle to the border of the rectangle, whose largest |u| or
+            # |v| is `form.size`, and from the centre of the coordinates to the saddle.
             reach[quadrant] = largest_changes * form.size + errors.centre
     return ArmRates(outward_signs, reach)
 
@@ -205,10 +222,11 @@ def find_monotonic_variables(
 ) -> Bools:
     """Return which variables have no stationary point between two joined arms.
 
-    Near a saddle the configurations are the curves g(u, v) = 0. If the value of g at the
-    saddle, the level, is not 0, the curves do not cross. Two of the four arms (branches)
-    are then joined by an arc that passes the saddle at a distance, and the other two by its
-    mirror image.
+    Near a saddle the configurations are the curves g(u, v) = 0, approximately
+    g = level + Q(u, v) / 2 with the quadratic form Q of the second derivatives. If the
+    level, the value of g at the saddle, is not 0, the curves do not cross. Two of the four
+    arms (branches) are then joined by an arc that passes the saddle at a distance, and the
+    other two by an arc on the opposite side of the saddle.
 
     Parameters
     ----------
@@ -221,24 +239,30 @@ def find_monotonic_variables(
 
     Returns
     -------
-    (v,) whether the rate of a variable has one proven sign all along both arcs.
+    (variables,) whether the rate of a variable has one proven sign all along both arcs.
 
     Raises
     ------
     ZeroDivisionError
         If the directions of the arcs are not bounded.
     """
-    # On the arcs |Q| is twice the level, which excludes points closer to the saddle.
+    # On the arcs |Q| is twice the level, up to errors. |Q| is at most m^2 times the sum of
+    # all |g''|, with the larger m of |u| and |v|. So m exceeds this distance.
     least_distance = np.sqrt(
         lower_magnitude(level) / sum(map(upper_magnitude, form.hessian.flat))
     )
-    # Errors of the form and of the slopes, over powers of the larger of |u| and |v|. The
-    # last digits of the factors cover rounding.
+    # If g has a slope s at the point that counts as the saddle, g changes by up to 2 s m
+    # in addition to Q / 2, and Q by up to 4 s m. `_bound_arm_slopes` needs this over m^2.
+    # The slopes of g change by s. The last digits of the factors cover rounding.
     slope_bounds = _bound_arm_slopes(form.hessian, 4.004 * slope_at_saddle / least_distance)
     slope_error = 1.001 * slope_at_saddle / least_distance
-    # A positive level joins arms of equal v: the arc crosses the v axis, and its directions
-    # are steeper than the smaller bounds (number 0) of the slopes. A negative level joins
-    # arms of equal u, with directions less steep than the larger bounds (number 1).
+    # `slope_bounds` has two bounds of v / u for each sign of the slope: number 0 of smaller
+    # magnitude, number 1 of larger magnitude. If the level is positive, Q is negative, so
+    # that |v| is large: directions (u, v) of points of the arcs are steeper than bound 0.
+    # An arc then crosses the v axis and joins two arms with the same sign of v. If the
+    # level is negative, directions are less steep than bound 1, and an arc joins two arms
+    # with the same sign of u. Rates are linear in the direction, so they keep their sign
+    # along an arc if they have it in the directions at both of its ends.
     # `component` is the slope of g (0 by u, 1 by v) that must not change its sign, `sense`
     # the orientation of the first end of the arc relative to the last one.
     if level > 0:

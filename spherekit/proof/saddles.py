@@ -120,16 +120,18 @@ class Saddle(OrientedBox):
     gap
         Largest distance (rad) at which the curves miss each other.
     central_zone
-        (v,) largest distance (rad) of each variable from the centre in the zone in which
-        the arms bend, so that the signs of rates do not apply.
+        (variables,) largest distance (rad) of each variable from the centre in the zone in
+        which the arms bend, so that the signs of rates do not apply.
     outward_signs
-        For each quadrant (v,) the sign of the rate of each variable on the arm outside the
-        central zone, in the direction away from the saddle; 0 if it is not proven.
+        For each quadrant (variables,) the sign of the rate of each variable on the arm
+        outside the central zone, in the direction away from the saddle; 0 if it is not
+        proven.
     reach
-        For each quadrant (v,) the largest change (rad) of each variable on the arm from
-        the centre.
+        For each quadrant (variables,) the largest change (rad) of each variable on the arm
+        from the centre.
     is_monotonic
-        (v,) whether a variable has no stationary point between two arms that are joined.
+        (variables,) whether a variable has no stationary point between two arms that are
+        joined.
     """
 
     level_sign: int | None
@@ -140,7 +142,7 @@ class Saddle(OrientedBox):
     is_monotonic: Bools
 
     def point_near_arm(self, quadrant: Quadrant) -> Floats:
-        """Return a point (v,) near an arm, close to where the arm leaves the box."""
+        """Return a point (variables,) near an arm, close to where it leaves the box."""
         uv = 0.9 * np.array([HEIGHT_RATIO, 1.0]) * self.limits[:2] * quadrant
         return self.centre + self.frame[:, :2] @ uv
 
@@ -148,16 +150,19 @@ class Saddle(OrientedBox):
         """Return the quadrant of the arm that a configuration is on, None if not proven.
 
         An arm is one of the four branches of curves that leave the saddle. Its quadrant is
-        the signs of the first two box coordinates u and v. Nearer to the centre than a
-        small height |v|, these signs do not distinguish the arms.
+        the signs of the first two box coordinates u and v. Where |v| is small, a curve that
+        misses the crossing may bend from one quadrant to another. The arms are only proven
+        to stay in their quadrants beyond the height `INNER_HEIGHT_RATIO` of the box.
 
         Parameters
         ----------
         position
-            (v,) near the configuration (rad).
+            (variables,) near the configuration (rad).
         error
             Largest distance (rad) of the configuration from the position.
         """
+        # The axes of the box are orthonormal. A coordinate of the configuration therefore
+        # differs from that of the position by at most the error.
         u, v = self.coordinates(position)[:2]
         inner_height = INNER_HEIGHT_RATIO * self.limits[1]
         is_outside_centre = abs(v) - error > inner_height + COORDINATE_ROUNDING_RAD
@@ -176,29 +181,34 @@ def find_saddle(
     """Return the saddle near a position, None if none is proven.
 
     A saddle is a place where configuration curves cross, or narrowly miss each other. Boxes
-    of different size about it are tried, the largest first. The signs of the rates of all
-    variables along the curves should be proven in the box. A box in which some of them are
-    not proven is accepted only below a certain size.
+    of different size about it are tried, the largest first. A box has a rectangle of two
+    coordinates u and v, in which the curves are, and limits of all other coordinates. The
+    signs of the rates of all variables along the curves should be proven in the box. In a
+    smaller box more of them are proven, but the curves are followed less far. So a box in
+    which some signs are not proven is accepted only below a certain size.
 
     Parameters
     ----------
     equations
         The equations of the mechanism.
     position
-        (v,) a position (rad) where a curve could not be followed.
+        (variables,) a position (rad) where a curve could not be followed.
     is_proven_crossing
         Returns whether a box is proven to contain a configuration in which the derivatives
         F' of the equations lose a rank. Curves then cross.
     is_allowed
         Returns whether a box may be used: boxes of saddles must not overlap.
     """
+    # Nothing is proven if a division by a ball that contains 0 occurs. The first precision
+    # is enough for the box; `_enclose_level` increases it for the level.
     with working_precision(LEVEL_PRECISIONS_BITS[0]), suppress(ZeroDivisionError):
         reduced_equation = reduce_at_saddle(equations, position)
         size = LARGEST_RECTANGLE_RAD
         while size > SMALLEST_RECTANGLE_RAD:
             saddle = _prove_saddle(reduced_equation, size, is_proven_crossing)
             if saddle is not None and is_allowed(saddle):
-                # A smaller rectangle may show more signs, or may have arms that reach less.
+                # The level decides whether the curves cross. Its sign is 0 if this is
+                # proven, otherwise they miss each other or may do so.
                 accepted_size = (
                     CROSSING_RECTANGLE_RAD if saddle.level_sign == 0 else GAP_RECTANGLE_RAD
                 )
@@ -330,7 +340,27 @@ def _make_saddle(
     arm_rates: ArmRates,
     is_monotonic: Bools,
 ) -> Saddle:
-    """Return the saddle in a box; the other arguments are attributes of `Saddle`."""
+    """Return a saddle, which is a box with further attributes.
+
+    A saddle is a place where two configuration curves cross or narrowly miss each other.
+
+    Parameters
+    ----------
+    box
+        The box about it, whose first two coordinates are u and v.
+    level_sign
+        Sign of the level, the value at the saddle point of the function g(u, v) whose zeros
+        are the curves: 0 if they cross, None if the sign is not proven.
+    gap
+        Largest distance (rad) at which the curves miss each other.
+    central_zone
+        (variables,) largest distance (rad) of each variable from the centre in the zone in
+        which the curves bend.
+    arm_rates
+        Signs of the rates on the four branches, the arms, and how far these reach.
+    is_monotonic
+        (variables,) whether a variable has no stationary point between two joined arms.
+    """
     return Saddle(
         centre=box.centre,
         frame=box.frame,
@@ -347,25 +377,38 @@ def _make_saddle(
 def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[Ball, float]:
     """Return the level of a saddle, and a bound of the slopes of g at a point near it.
 
-    The configurations near a saddle are the zeros of g(u, v). The level is the value of g
-    at its saddle point, which Newton's method approximates. The level differs from the
-    value at the approximation by at most the slopes times the size of the rectangle. The
-    precision is increased until the sign of the level is known.
+    The configurations near a saddle are the zeros of g(u, v). With two coordinates u and v
+    given, F(z) = g l defines all variables z and the number g. F are the equations of the
+    mechanism, and l is the direction that their derivatives miss at a crossing. The level
+    is the value of g at its saddle point, which Newton's method approximates. g is convex
+    in u and concave in v, so the level differs from the value at the approximation by at
+    most the slopes there times the size of the rectangle. The precision is increased until
+    the sign of the level is known, or to the last one of `LEVEL_PRECISIONS_BITS`.
 
     Parameters
     ----------
     reduced_equation
         The reduced equation about its critical point.
     limits
-        (v,) half lengths (rad) of the box; the first two are those of the rectangle.
+        (variables,) half lengths (rad) of the box; the first two are those of the
+        rectangle.
+
+    Returns
+    -------
+    level
+        A ball that contains the level. It contains 0 if the sign is not known.
+    slope_at_position
+        The larger of the bounds of both slopes of g at the approximate saddle point.
 
     Raises
     ------
     ZeroDivisionError
-        If the critical point of g moves away from the centre.
+        If the approximate saddle point is farther from the centre of the box than 0.001 of
+        its half lengths.
     """
     position = exact_balls(reduced_equation.centre)
-    # Largest distance of two points of the rectangle in one direction.
+    # Largest distance of two points of the rectangle along u or v: twice the half length,
+    # and a little more for rounding.
     largest_distance = 2.002 * np.max(limits[:2])
     for bits in LEVEL_PRECISIONS_BITS:
         with working_precision(bits):
@@ -374,19 +417,23 @@ def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[B
                 reduced_equation.equations.construction,
             )
             sharp_equation = replace(reduced_equation, equations=equations)
+            # The point of the last precision is the start for the next one.
             position = sharp_equation.find_critical_point(position)
             offset = (centre_floats(position) - reduced_equation.centre) @ (
                 reduced_equation.frame
             )
             if not np.all(np.abs(offset) < 1e-3 * limits):
                 raise ZeroDivisionError
+            # F at the position is split into a multiple of l, near g l, and a remainder.
+            # `correction` bounds how much z and g change when the remainder is removed.
             approximate_level, residual = sharp_equation.split_residual(position)
             box_balls = sharp_equation.enclose_box(limits)
-            derivatives = sharp_equation.differentiate(box_balls, residual, 1)
+            derivatives = sharp_equation.differentiate(box_balls, residual, order=1)
             value, gradient = sharp_equation.evaluate_at(
                 position, approximate_level, derivatives.correction
             )
             slope_at_position = max(map(upper_magnitude, gradient))
+            # The radius of the ball grows by the largest difference.
             level = widen(value, largest_distance * slope_at_position)
             if not level.contains(0):
                 break
@@ -396,15 +443,22 @@ def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[B
 def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array) -> bool:
     """Return whether the zeros of g in a rectangle are four arms, one in each quadrant.
 
-    The function g(u, v) is convex in u and concave in v. It has to be positive on the sides
-    of constant u, and negative at the points (0, v) with |v| above an inner height, which
-    is a small part of the height of the rectangle. Lower bounds of both are estimated from
-    the value and slopes at the centre and from bounds of the second derivatives.
+    The function g(u, v) is convex in u and concave in v. Two conditions are tested:
+
+    - g is positive on the sides of constant u.
+    - g is negative at the points (0, v) with |v| above an inner height, which is a small
+      part of the height of the rectangle.
+
+    For each v above the inner height, g is then negative at u = 0 and positive at both
+    sides. Because it is convex in u, it has exactly one zero with u > 0 and one with u < 0.
+    These zeros are the arms. Bounds of g follow from its value and slopes at the centre and
+    from bounds of the second derivatives.
 
     Parameters
     ----------
     limits
-        (v,) half lengths (rad) of the box; the first two are those of the rectangle.
+        (variables,) half lengths (rad) of the box; the first two are those of the
+        rectangle.
     value, gradient
         g and its slopes (2,) at the centre, balls.
     hessian
@@ -416,12 +470,18 @@ def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array)
     least_uu, least_vv = map(lower_magnitude, hessian.diagonal())
     largest_uv = upper_magnitude(hessian[0, 1])
     largest_vv = upper_magnitude(hessian[1, 1])
-    # Least value of g on the sides of constant u.
+    # Lower bound of g on the sides of constant u.
     twice_form = least_uu * u * u - 2 * largest_uv * u * v - largest_vv * v * v
     value_on_sides = 0.5 * twice_form - slope_u * u - slope_v * v - level
-    # Least descent of g from the centre to the inner height.
+    # Lower bound of the descent of g from the centre to (0, inner height). Because g is
+    # concave in v, it descends further beyond.
     inner_height = INNER_HEIGHT_RATIO * v
     descent = 0.5 * least_vv * inner_height**2 - slope_v * inner_height
+    # The small numbers cover rounding.
     is_positive_on_sides = value_on_sides > 1e-12 * u * u
+    # g is negative at the inner height if it descends by more than its value at the centre.
+    # It also has to descend by more than 2 u times the slope by u. The least value over u
+    # is then larger at v = 0 than at the inner height, so the saddle point, where it is
+    # largest, is below the inner height.
     is_negative_above = descent > 1.001 * max(level, 2.0 * u * slope_u)
     return bool(is_positive_on_sides and is_negative_above)
