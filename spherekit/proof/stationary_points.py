@@ -110,6 +110,10 @@ def bound_rates(piece: CertifiedArc, half_length: float) -> RateBounds:
     their derivatives are z'' = -N (F'N)^-1 F''(z', z'). The matrix Y is near the inverse of
     F'N at the centre.
 
+    Each equation is a trigonometric polynomial. Its derivative by some variables is at most
+    a bound C times the product of its degrees in these variables. `test.degrees` (k, v) are
+    bounds of the degrees along the frame of t and N, and `test.third_bound` (k,) is C.
+
     Parameters
     ----------
     piece
@@ -123,18 +127,20 @@ def bound_rates(piece: CertifiedArc, half_length: float) -> RateBounds:
     distance = piece.distance_within(half_length)
     bounds = test.bound_arc(half_length, distance)
     rate_error = np.sum(np.abs(normals), axis=1) * bounds.slope * ROUND_UP
-    # Coordinates of the arc, and of z', along the frame: that of z' along t is 1, those
-    # along the normals are at most the slope bound.
+    # Largest coordinates (v,) of the arc, and of z', along the frame: that of z' along t is
+    # 1, those along the normals are at most the slope bound.
     reach = np.append(half_length, np.zeros(len(tangent) - 1) + distance)
     velocity = np.append(1.0, np.zeros(len(tangent) - 1) + bounds.slope)
-    # (k,) change of F'' within the reach, applied to z' twice. Third derivatives are at
-    # most a bound times the product of the degrees.
+    # (k,) bound of how much F''(z', z') changes from the centre to any point of the arc, by
+    # the third derivatives. The error of F'' at the centre (`test.error`) is included.
     sums = test.degrees @ reach
     variation = (test.third_bound * sums + test.error) * (test.degrees @ velocity) ** 2
     # (k,) -Y F''(t, t) at the centre. Coordinate 0 is along t.
     bend = -test.second_derivatives[:, 0, 0]
     magnitudes = np.abs(test.second_derivatives)
     # (k,) deviation of Y F''(z', z') from its value at the centre for z' = t.
+    # `inverse_size` has the magnitudes of Y. The other terms are those in which z' differs
+    # from t.
     form_deviation = (
         test.inverse_size @ variation
         + magnitudes @ velocity @ velocity
@@ -143,6 +149,7 @@ def bound_rates(piece: CertifiedArc, half_length: float) -> RateBounds:
     # The inverse of F'N differs from Y by at most this factor, relative to Y.
     inverse_factor = bounds.contraction / (1.0 - bounds.contraction)
     largest_bend = np.max(np.abs(bend) + form_deviation)
+    # With 1e-15 added, the error is not 0 where all terms are.
     bend_error = (form_deviation + inverse_factor * largest_bend) * ROUND_UP + 1e-15
     second = normals @ bend
     second_error = np.abs(normals) @ bend_error * ROUND_UP
@@ -176,9 +183,13 @@ def _common_sign(low: float, high: float) -> int:
 class StationaryPoint:
     """A configuration at which one variable is, or may be, stationary along a curve.
 
-    In the list `StationaryPoints.proven` the variable is stationary in exactly one
-    configuration near the position. In the list `StationaryPoints.undecided` there is a
-    stretch of the curve from the position on, in which the variable may be stationary.
+    The curve is divided into certified arcs, each alone in a box. Objects of two lists have
+    this class:
+
+    - `StationaryPoints.proven`: the variable is stationary in exactly one configuration
+      near the position.
+    - `StationaryPoints.undecided`: the variable may be stationary in a stretch (part) of
+      the curve that begins at the position.
 
     Attributes
     ----------
@@ -189,8 +200,8 @@ class StationaryPoint:
         each variable. If undecided: bound (rad) of the change of the variable that may be
         stationary, from the position to any configuration of the stretch.
     piece
-        The curve is a row of boxes, the pieces, with one arc of the curve in each. The
-        configuration lies between the centre of the piece with this number and the next.
+        Number of a certified arc. The configuration lies between the centre of this arc and
+        that of the next one.
     """
 
     position: Floats
@@ -218,15 +229,18 @@ class StationaryPoints:
 class _StretchSigns:
     """Proven signs of the rate of a variable in a stretch, a part of a curve.
 
-    The rate is the derivative of the variable along the curve. It may vanish in the
-    stretch. A sign that is not proven is 0.
+    The rate is the derivative of the variable along the curve. The stretch is one in which
+    the rate may vanish. If its derivative has a sign, it vanishes once if its signs at both
+    ends differ, and nowhere if they agree. A sign that is not proven is 0.
 
     Attributes
     ----------
-    at_start, at_end
-        Sign of the rate at the start and at the end.
+    at_start
+        Sign of the rate at the start.
     derivative
         Sign of the derivative of the rate in the whole stretch.
+    at_end
+        Sign of the rate at the end.
     """
 
     at_start: int
@@ -238,18 +252,19 @@ class _StretchSigns:
 class _Stretch:
     """The part of a curve from the centre of an arc to a configuration in the arc's box.
 
-    The arc is a part of the curve that is proven to be alone in an oriented box.
+    The arc is a part of the curve that is proven to be alone in an oriented box. A stretch
+    in which nothing is decided is cut in two, and each part becomes a stretch.
 
     Attributes
     ----------
     piece
         The arc with its box.
     end
-        (v,) the configuration (rad).
+        (v,) the configuration (rad), ahead of the centre along the tangent of the arc.
     end_error
         Distance bound (rad) of the configuration from `end`.
     depth
-        Number of cuts that led to this stretch.
+        How many times the first stretch was cut in two to give this one.
     """
 
     piece: CertifiedArc
@@ -259,7 +274,11 @@ class _Stretch:
 
     @property
     def reach(self) -> float:
-        """Coordinate s (rad) along the tangent that the stretch does not exceed."""
+        """Upper bound (rad) of the coordinate s in the stretch.
+
+        s is the coordinate along the tangent of the arc, 0 at its centre, where the stretch
+        begins. The errors of the end and of its computed coordinate are added.
+        """
         coordinate = self.piece.coordinates(self.end)[0]
         return float(coordinate + self.end_error + COORDINATE_ROUNDING_RAD)
 
@@ -341,9 +360,10 @@ def _examine_stretch(
 ) -> _StretchSigns | CertifiedArc | None:
     """Return the proven signs of the rate of a variable in a stretch, or where to cut it.
 
-    A stretch is a part of a configuration curve. The rate is the derivative of the variable
-    along it. If the rate has one sign, the variable is not stationary in the stretch. If
-    only the derivative of the rate has one sign, the signs of the rate at both ends decide.
+    A stretch is a part of a configuration curve, from the centre of a certified arc to a
+    configuration in the box of this arc. The rate is the derivative of the variable along
+    it. If the rate has one sign, the variable is not stationary in the stretch. If only the
+    derivative of the rate has one sign, the signs of the rate at both ends decide.
 
     Parameters
     ----------
@@ -358,49 +378,75 @@ def _examine_stretch(
 
     Returns
     -------
-    None if the rate does not vanish in the stretch; an arc at which the stretch is to be
-    cut; otherwise the proven signs of the rate at both ends and of its derivative.
+    - None if the rate does not vanish in the stretch.
+    - A certified arc if the stretch is to be cut in two: at the centre of this arc.
+    - Otherwise the proven signs of the rate at both ends, and of its derivative. The
+      stretch is then not cut, even if signs are open (0).
     """
     piece = stretch.piece
     reach = stretch.reach
-    # Signs in the whole stretch, then those at its start (s = 0).
+    # Signs in the whole stretch. They are proven for |s| up to its reach.
     rate_sign, derivative_sign = _rate_signs(piece, min(reach, piece.half_length), variable)
     if rate_sign:
         return None
-    start_signs = _rate_signs(piece, half_length=0.0, variable=variable)
+    # Signs at the start, the centre of the arc (s = 0).
+    start_rate_sign, start_derivative_sign = _rate_signs(
+        piece, half_length=0.0, variable=variable
+    )
     sign_at_end = 0
+    # Cutting helps only if a sign at the start suggests that shorter stretches have one.
+    # Otherwise, or if only a sign at the end is open, stretches below this length are not
+    # cut: a sign that is open at the end stays open, however short the stretches become.
     shortest = SHORTEST_FLAT_STRETCH_RAD
     if derivative_sign:
-        # A short arc at the end gives the sign of the rate there.
+        # A short arc about the end gives the sign of the rate there.
         end_piece = find_piece(equations, stretch.end, piece.tangent, longest=1e-3)
         if end_piece is not None and end_piece.tangent @ piece.tangent > MIN_FORWARD_COSINE:
             sign_at_end, _ = _rate_signs(end_piece, half_length=0.0, variable=variable)
-        # A sign that is open at the end stays open, however short the stretches become.
-    elif allows_short and any(start_signs):
+    elif allows_short and (start_rate_sign or start_derivative_sign):
         shortest = SHORTEST_STRETCH_RAD
-    has_both_signs = start_signs[0] and sign_at_end
+    has_both_signs = start_rate_sign and sign_at_end
     if not has_both_signs and reach >= shortest and stretch.depth < MAX_CUT_DEPTH:
-        # Two ratios in turn, so that successive cuts are not all at the middle.
+        # The sign of a rate cannot be proven at its zero. If a zero is exactly at one cut,
+        # the next cut is at another ratio. So two ratios are used in turn.
         ratio = 0.5 if stretch.depth % 2 else 0.47
         middle = _find_middle_piece(equations, piece, stretch.end, ratio)
         if middle is not None and middle.contains(stretch.end, stretch.end_error):
             return middle
-    return _StretchSigns(start_signs[0], derivative_sign, sign_at_end)
+    return _StretchSigns(start_rate_sign, derivative_sign, sign_at_end)
 
 
 def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
-    """Return the centre of a stretch's arc, with a bound of the change of a variable.
+    """Return the start of a stretch, with a bound of the change of a variable in it.
 
-    The variable may be stationary in the stretch. The bound is the smaller one of two: the
-    extent of the stretch in this variable, and the largest rate of the variable times the
-    length of the stretch.
+    The variable may be stationary in the stretch, a part of a curve. It begins at the
+    centre of a certified arc, of which it is a part. The bound is the smaller one of two:
+    the extent of the stretch in this variable, and the largest rate of the variable times
+    the length of the stretch.
+
+    Parameters
+    ----------
+    stretch
+        The stretch.
+    variable
+        Number of the variable.
+
+    Returns
+    -------
+    The centre of the arc, with the bound (rad) as its error.
     """
     piece = stretch.piece
     reach = min(stretch.reach, piece.half_length)
     bounds = bound_rates(piece, reach)
     largest_rate = max(abs(bounds.rate_low[variable]), abs(bounds.rate_high[variable]))
-    distances = [piece.distance_within(reach)] * (len(stretch.end) - 1)
+    # The stretch is in the box with coordinates up to `reach` along the tangent, and up to
+    # `distance` along each of the normals. This box contains the centre.
+    distance = piece.distance_within(reach)
+    distances = [distance] * (len(stretch.end) - 1)
     extent = np.abs(piece.frame[variable]) @ [reach, *distances]
+    # The change is counted from the configuration at s = 0, which is off the centre by up
+    # to `centre_error`. The factor 1.001, and the 1e-12 rad below, are much larger than the
+    # rounding of these few products.
     change = 1.001 * largest_rate * reach + piece.centre_error
     return StationaryPoint(piece.centre, min(extent, change) + 1e-12)
 
@@ -411,25 +457,29 @@ def _find_middle_piece(
     """Return a certified arc whose centre is between two configurations of a curve.
 
     They are the centre of another certified arc, and the end, a configuration in the box of
-    this arc.
+    this arc. A certified arc is a part of the curve that is proven to be alone in its box.
 
     Parameters
     ----------
     equations
         The equations of the mechanism.
     piece
-        The arc from whose centre the way begins.
+        The given arc.
     end
-        (v,) the configuration (rad) at the end of the way.
+        (v,) the configuration (rad) at the end, ahead of the centre of the given arc.
     ratio
-        Position of the new centre, as a part of the way from the centre to the end.
+        Position of the new centre, as a fraction of the straight line from the centre of
+        the given arc to the end.
 
     Returns
     -------
     None if no such arc is proven.
     """
+    # Coordinate along the tangent of the given arc. It is 0 at the centre of the arc.
     end_coordinate = piece.coordinates(end)[0]
     position = piece.centre + ratio * wrap(end - piece.centre)
+    # An arc with half of this half length reaches both configurations from its centre, so
+    # longer ones are not tried.
     longest = max(2.0 * end_coordinate, SHORTEST_STRETCH_RAD)
     middle = find_piece_ahead(equations, piece, position, longest)
     if middle is None or not piece.coordinates(middle.centre)[0] < end_coordinate:

@@ -138,9 +138,11 @@ def boxes_covered(
 class CertifiedArc(OrientedBox):
     """An oriented box in which the configurations are exactly one arc.
 
-    The first column of `frame` is the tangent t at the centre z0, the others are the
-    normals N. A point of the box is z0 + t s + N y with |s| up to the half length h and
-    each |y_i| up to the radius r.
+    The box is in the space of all variables of a mechanism. A configuration is a point at
+    which all loops of the mechanism close. The first column of `frame` is the tangent t of
+    the configuration curve at the centre z0, the others are the normals N. A point of the
+    box is z0 + t s + N y with |s| up to the half length h and each |y_i| up to the radius
+    r. `limits` are h, followed by r for each normal.
 
     Attributes
     ----------
@@ -149,7 +151,8 @@ class CertifiedArc(OrientedBox):
     centre_error
         The same at s = 0: the distance of a configuration from the centre.
     test
-        The bounds that proved the arc.
+        Computes bounds of the equations of the mechanism near the centre. They have proven
+        the arc, and give further bounds along it.
     """
 
     distance_bound: float
@@ -352,23 +355,49 @@ class TubeTest:
         derivatives: list[Floats],
         tangent_frame: TangentFrame,
     ) -> None:
-        """Compute all quantities at the centre from which bounds follow."""
+        """Compute all quantities at the centre from which bounds follow.
+
+        The k equations F = 0 close the loops of the mechanism. They are trigonometric
+        polynomials in the v variables. Near a configuration, its centre, they are examined
+        in coordinates along a frame: the tangent of the configuration curve and its
+        normals. Y is near the inverse of the derivatives by the normals. If Y F' stays near
+        (0, 1), a column of zeros and the identity matrix, there is exactly one arc of
+        configurations in a box about the centre.
+
+        Parameters
+        ----------
+        equations
+            The equations F. Any derivative of an equation is at most `derivative_bound`
+            times the product of its `degrees` in the variables of the derivative.
+        derivatives
+            F (k,), F' (k, v) and F'' (k, v, v) at the centre, by the variables.
+        tangent_frame
+            The frame, and Y as its `inverse`.
+        """
         values, slopes, curvatures = derivatives
         frame = tangent_frame.frame
         inverse = tangent_frame.inverse
+        # The bound C of derivatives of any order is needed for those of third order.
         self.third_bound = equations.derivative_bound
         self.inverse_size = np.abs(inverse)
+        # The error of the computed derivatives, and the rounding of the matrix products
+        # below. Derivatives are at most C times products of degrees, and so is their
+        # rounding. The factor 4 exceeds the number of successive products, which is 3.
         self.error = equations.harmonics.error + 4.0 * PRODUCT_ROUNDING * self.third_bound
+        # (k, v) bounds of the degrees along the frame. A step along a column of the frame
+        # changes each variable by an element of the column. `ROUND_UP` makes sums of
+        # positive terms larger than their rounding errors.
         self.degrees = equations.degrees @ np.abs(frame) * ROUND_UP
+        # (k, v, v) Y F'' along the frame.
         self.second_derivatives = np.tensordot(inverse, frame.T @ curvatures @ frame, 1)
         # Coordinates (v,) of the tangent along the frame: 1, then zeros.
         self._tangent_coordinates = np.eye(1, len(frame))[0]
         self._second_magnitudes = np.abs(self.second_derivatives)
-        # |Y F| at the centre, and |Y F' - (0, 1)| there.
+        # Largest |Y F| at the centre, with its error.
         self._residual = np.max(np.abs(inverse @ values) + self.inverse_size @ self.error)
-        self._slope_error = np.abs(
-            inverse @ (slopes @ frame) - np.eye(len(inverse), len(frame), 1)
-        )
+        # (k, v) |Y F' - (0, 1)| at the centre, with F' along the frame.
+        zeros_and_identity = np.eye(len(inverse), len(frame), 1)
+        self._slope_error = np.abs(inverse @ (slopes @ frame) - zeros_and_identity)
 
     def bound_slope_change(self, reach: Floats) -> Floats:
         """Return bounds of |Y F' - (0, 1)| at all points within a reach of the centre.
@@ -377,31 +406,41 @@ class TubeTest:
         by the tangent, the others are by the normals. Y is near the inverse of the others,
         so that Y F' is near (0, 1), a column of zeros followed by the identity matrix.
 
+        F' is expanded about the centre: F' = F'(0) + F''(0) x + remainder, where x are the
+        coordinates along the frame. The remainder is bounded by third derivatives. These
+        are at most a constant times the product of the degrees of the equation, a
+        trigonometric polynomial, along the three coordinates.
+
         Parameters
         ----------
         reach
-            (..., v) largest coordinates (rad) along the frame.
+            (..., v) largest coordinates |x| (rad) along the frame.
 
         Returns
         -------
-        (..., k, v).
+        (..., k, v) bounds for each equation and coordinate.
         """
         # (..., k) sum over all coordinates of the degree of an equation times the reach.
         sums = reach @ self.degrees.T
-        # Third-order remainder, and the errors of F' and F''.
+        # (..., k) The remainder of F', and the errors of F'(0) and F''(0) x, each divided
+        # by the degree along the coordinate of the derivative.
         remainder = 0.5 * self.third_bound * sums**2 + self.error * (1.0 + sums)
+        # (..., k, v) |Y F''(0)| times the reach, summed over its last axis but one.
         bending = (reach[..., None, None, :] @ self._second_magnitudes)[..., 0, :]
+        # (..., k, v) |Y| times the remainder, multiplied by the degrees again.
         from_remainder = self.inverse_size @ (remainder[..., None] * self.degrees)
         return (self._slope_error + bending + from_remainder) * ROUND_UP
 
     def bound_arc(self, half_length: Floats | float, radius: Floats | float) -> ArcBounds:
         """Return bounds of the arc for |s| <= half_length, if it stays within the radius.
 
-        The arc is y(s) with the coordinate s along the tangent and y along the normals. Let
-        D = Y F' - (0, 1), with the derivatives F' of the equations along the frame, and Y
-        near the inverse of those by the normals. The slope y' is then at most
-        |column 0 of D| / (1 - contraction), where the contraction is the largest row sum of
-        the other columns of |D|.
+        The arc is y(s) with the coordinate s along the tangent and y along the normals. F'
+        are the derivatives of the equations along this frame: column 0 is by s, the others
+        are by y. Y is near the inverse of the latter. Y F' is near (0, 1), a column of
+        zeros followed by the identity matrix, so the difference D = Y F' - (0, 1) is small.
+        From F' (1, y') = 0 follows that the slope y' is at most
+        |column 0 of D| / (1 - contraction). The contraction is the largest row sum of the
+        other columns of |D|.
 
         Parameters
         ----------
@@ -410,17 +449,23 @@ class TubeTest:
             each other.
         """
         outer = np.multiply.outer
+        # (v,) 1 at the coordinate along the tangent, and 0 at the others.
         along_tangent = self._tangent_coordinates
-        # Reach with |s| up to the half length [0], and at s = 0 [1].
+        along_normals = 1.0 - along_tangent
+        # (2, ..., v) largest coordinates. Index 0 of the first axis is for |s| up to the
+        # half length, index 1 for s = 0.
         reach = outer(outer((1.0, 0.0), half_length), along_tangent) + outer(
-            radius, 1.0 - along_tangent
+            radius, along_normals
         )
+        # (2, ..., k, v) bounds of |D|.
         change = self.bound_slope_change(reach)
         contraction = change[0, ..., 1:].sum(axis=-1).max(axis=-1) * ROUND_UP
         # Where the contraction exceeds 1 the bounds become huge, and not negative.
         margin = np.maximum(1.0 - contraction, 1e-300)
         slope, slope_at_centre = change[..., 0].max(axis=-1) / margin * ROUND_UP
-        # The bound of y' is convex in s: its mean is at most that of both ends.
+        # The distance is that at s = 0, where the residual Y F is corrected, plus the
+        # integral of the slope. The bound of |D| is a polynomial of s with positive
+        # coefficients, so it is convex: its mean is at most the mean of both ends.
         mean_slope = 0.5 * slope + 0.5 * slope_at_centre
         distance = (self._residual / margin + half_length * mean_slope) * ROUND_UP
         return ArcBounds(distance, contraction, slope)
@@ -441,18 +486,25 @@ def correct_configuration(
         (v,) start (rad).
     free_count
         Only the first `free_count` variables are changed. By default all variables are
-        changed; of all Newton steps the shortest one is taken.
+        changed. There are then fewer equations than variables, and of all possible Newton
+        steps the shortest one is taken.
     """
     position = position.copy()
     for _ in range(MAX_CORRECTOR_STEPS):
+        # Values (k,) of the equations, and their derivatives (k, v) by the variables. The
+        # equations are evaluated by Fourier series (harmonics) in the angles, which take
+        # their cosines and sines.
         circle_points = np.stack([np.cos(position), np.sin(position)], axis=-1)
         (values,), (slopes,) = equations.harmonics.derivatives(circle_points[None], 1)
+        # Singular values below `rcond` times the largest count as zero, so that a nearly
+        # singular matrix gives no huge step.
         change, *_ = np.linalg.lstsq(slopes[:, :free_count], -values, rcond=1e-13)
         position[:free_count] += change
         step_size = np.max(np.abs(change))
         # A step of more than 1 rad has left the neighbourhood of the start.
         if not step_size < 1.0:
             return None
+        # Shorter steps (rad) are only rounding.
         if step_size < 1e-11:
             break
     return position if np.max(np.abs(values)) < 1e-10 else None

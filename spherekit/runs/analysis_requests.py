@@ -22,7 +22,10 @@ def plan_requests(
     """Return what has to be evaluated, for each input that moves while others are locked.
 
     A pole is the axis about which one link rotates relative to another. A request lists the
-    poles and links to evaluate, with the plan of how poles follow from each other.
+    poles and links to evaluate, with the plan of how poles follow from each other. For a
+    pole an analysis can need its direction, the velocity coefficient (`rates`), the
+    derivative of its direction by the input (`turns`), or two great circles that intersect
+    in it (`planes`).
 
     Parameters
     ----------
@@ -38,12 +41,15 @@ def plan_requests(
     pair_links = [mechanism.pair(name).links for name in needs.pair_rates]
     links = needs.link_rates.union(*pair_links)
     link_numbers = sorted(mechanism.link_number[link] for link in links)
+    # The direction of a pole is that of a relative angular velocity. The derivative of the
+    # direction therefore follows from rates and their derivatives.
+    rate_poles = sorted(needs.rates | needs.turns)
     return tuple(
         request(
             mechanism,
             input_pair=mechanism.pairs[driven].name,
             poles=sorted(needs.directions),
-            rates=sorted(needs.rates | needs.turns),
+            rates=rate_poles,
             derivatives=needs.derivatives,
             planes=sorted(needs.planes),
             by_rank=by_rank,

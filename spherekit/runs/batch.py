@@ -221,10 +221,14 @@ class Batch:
         def make_column(quantity: str, component: int | None) -> Interleaved:
             """Return the column of a quantity, for all poles at all rows of the batch.
 
+            The column first has the numbers of all poles at the first row, then those at
+            the second row, and so on. It is lazy if the numbers are not in memory yet: they
+            are then computed when the column is read.
+
             Parameters
             ----------
             quantity
-                Name of a method that takes two links and an input, such as "direction".
+                Name of a quantity of a pole, such as "direction".
             component
                 Index of the component of a vector, None for a number.
             """
@@ -238,19 +242,21 @@ class Batch:
             values_by_pole: list[Array | LazyColumn] = []
             # Two links, and the index of the input that moves while the others are locked.
             for i, j, moved in poles:
+                # The numbers of all poles for this input. In a lazy field, only the numbers
+                # of the names in `IN_MEMORY` are computed already.
                 pole_field = self._pole_field(moved)
                 if (
                     isinstance(pole_field, LazyField)
                     and field_name not in pole_field.IN_MEMORY
                 ):
-                    # The numbers are computed when they are read.
                     self._check_pole(i, j, quantity)
+                    # A quantity that is a number is stored as its only component, 0.
+                    component_index = 0 if component is None else component
                     lazy_column = pole_field.column(
-                        field_name, pole_of(i, j), component or 0
+                        field_name, pole_of(i, j), component_index
                     )
                     values_by_pole.append(lazy_column)
                 else:
-                    # The numbers are known.
                     values = self._pole(i, j, quantity, moved)
                     if component is not None:
                         values = values[:, component]
@@ -426,16 +432,23 @@ class Batch:
     def pair_rate(self, name: str, moved: int = 0) -> Floats:
         """Return (n,) the rate of a pair's variable per unit rate of the input.
 
-        `moved` is the index of the input that moves while the others are locked.
+        `name` is the name of a pair with one variable, such as an R pair. `moved` is the
+        index of the input that moves while the others are locked.
+
+        Raises
+        ------
+        UndeclaredNeed
+            If the analysis has not declared the pair in `Needs.pair_rates`.
         """
-        self._check("pair_rate", "pair_rates", name)
+        self._check("pair_rate", need="pair_rates", name=name)
         pair = self.mechanism.pair_number[name]
+        # Pairs with several variables cannot be declared in `Needs.pair_rates`.
         (variable,) = self.mechanism.variables_of(pair)
         first, second = self.mechanism.ends[pair]
         # (n, 3) relative angular velocity of the links per unit rate of the variable.
         axis = self._motion.vectors[:, variable]
         # The relative angular velocity of the links per unit rate of the input is the axis
-        # times the rate that is sought.
+        # times the rate that is sought. `w` has the angular velocity (n, 3) of each link.
         w = self._pole_field(moved).w
         along_axis = np.sum((w[second] - w[first]) * axis, axis=1)
         return along_axis / np.vecdot(axis, axis)
@@ -510,7 +523,12 @@ class Batch:
 
         An analysis declares in its `Needs` of which poles it reads which quantities,
         because a run computes only the declared ones. A pole is the instantaneous axis of
-        the relative rotation of two links.
+        the relative rotation of two links. `Needs` has four sets of poles:
+
+        - `directions`: their directions are read,
+        - `rates`: their velocity coefficients are read,
+        - `turns`: the derivatives of their directions by the input are read,
+        - `planes`: two great circles that intersect in the pole are read.
 
         Parameters
         ----------
@@ -523,8 +541,10 @@ class Batch:
         needs = self.needs
         if quantity.startswith("acceleration"):
             self._check(quantity, "derivatives")
-        # The fields of `Needs` each of which makes the quantity available. This method is
-        # called for every column of every pole, so no union of the sets is formed.
+        # The sets that make the quantity available: the pole has to be in one of them. A
+        # direction is computed for three of the sets. The sets are searched one by one,
+        # because this method is called for every column of every pole, and a union of them
+        # would take longer.
         declared = [needs.directions, needs.rates, needs.planes]
         declaration = "directions=..."
         if quantity == "planes":
@@ -537,6 +557,7 @@ class Batch:
             declared = [needs.rates]
             declaration = "rates=..."
         if not any(pole in declared_poles for declared_poles in declared):
+            # The link with the larger number comes first, as in the names of poles.
             low, high = (self.mechanism.links[link] for link in pole)
             raise UndeclaredNeed(
                 f"{quantity} of the pole of links {high} and {low} was read; declare it in "
