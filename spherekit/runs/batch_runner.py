@@ -127,8 +127,9 @@ class BlockRows:
     ) -> None:
         """Allocate the arrays and cut the rows into slices. `fill` computes the rows.
 
-        A row is certified if the error bounds that the kernel computes are small enough. A
-        row is one sample in one assembly mode (way to assemble the mechanism).
+        A row is one sample in one assembly mode (way to assemble the mechanism). A row is
+        certified if the error bounds that the kernel computes are small enough. A slice is
+        a number of successive rows of one mode that are computed together.
 
         Parameters
         ----------
@@ -146,13 +147,15 @@ class BlockRows:
         mode_count = len(position_analysis.assembly_modes)
         n = q.shape[1]
         # Closure residual and configuration error (rad), certificate, and status code of
-        # each row. `singular_error` (rad) is set for rows without certificate.
+        # each row. `singular_error` bounds the errors (rad) of configurations near dead
+        # centres. It is computed only in rows without certificate.
         self.closure = np.empty((2, n))
         self.is_certified = np.ones(n, dtype=bool)
         self.status = np.zeros(n, dtype=np.int8)
         self.singular_error = nans(n)
-        # Pair variables (rad). A closed form computes all of them. Otherwise they are
-        # predicted before `fill`, and those that are not predicted stay NaN.
+        # Pair variables (rad). A closed form computes all of them. Otherwise the caller
+        # writes predicted ones before `fill`, by interpolation between solved samples.
+        # Those that cannot be predicted stay NaN.
         new_array = np.empty if kernel.has_closed_form else nans
         self.values = new_array((len(position_analysis.mechanism.variable_owners), n))
 
@@ -162,9 +165,11 @@ class BlockRows:
             self._quality_function = kernel.closed_form_quality
         else:
             self._quality_function = kernel.row_quality
-        # Its results for a slice have about SLICE_NUMBERS numbers. The slice is a multiple
-        # of the rows that a kernel evaluates at once.
-        calls_per_slice = round(SLICE_NUMBERS / (self._quality_function.width * SLICE_ROWS))
+        # It returns `width` numbers for each row. The slices are so small that its results,
+        # about SLICE_NUMBERS numbers, stay in the cache of the processor. A slice is a
+        # multiple of the rows that a kernel evaluates at once.
+        numbers_per_call = self._quality_function.width * SLICE_ROWS
+        calls_per_slice = round(SLICE_NUMBERS / numbers_per_call)
         slice_size = max(1, calls_per_slice) * SLICE_ROWS
         self.slices = split_rows(mode_count, n // mode_count, slice_size)
 
@@ -174,7 +179,8 @@ class BlockRows:
         A row is one sample in one assembly mode (way to assemble the mechanism). The
         kernel, a set of compiled functions, computes many rows at once. It certifies a row
         if the row's error bounds are small. The arrays of this object (pair variables,
-        residuals, certificates, status codes) are filled.
+        residuals, certificates, status codes) are filled. A slice is a number of successive
+        rows of one mode that are computed together.
 
         Parameters
         ----------
@@ -185,19 +191,22 @@ class BlockRows:
         -------
         For each slice with certified rows: the index of its assembly mode, and the pairs of
         rows between which a pole direction may reverse. A pole is the axis about which one
-        link rotates relative to another.
+        link rotates relative to another. The axis has two opposite directions, and the one
+        that continues the direction in the previous row is chosen later.
         """
         # One entry for each slice, None if the kernel did not certify all of its rows.
         reversals_by_slice = thread_map(
             self._fill_slice, self.slices, self.kernel.is_compiled
         )
+        # `_solve_rows` solves rows singly. It also marks those as certified in which the
+        # kernel gives small error bounds for the solved configuration.
         uncertified = np.flatnonzero(~self.is_certified & (self.status == Status.OK))
         if len(uncertified):
             self._solve_rows(samples, uncertified)
         self.is_certified &= self.status == Status.OK
 
-        # In slices without reversals (None), rows may be certified now, after they were
-        # solved singly. The kernel evaluates all certified rows of these slices once more.
+        # In slices with such rows (None) it is not known yet where directions may reverse.
+        # The kernel evaluates all certified rows of these slices once more.
         quality_function = self.kernel.row_quality
         result: list[tuple[int, SliceReversals]] = []
         for (mode, slice_rows), reversals in zip(
@@ -299,15 +308,20 @@ class BlockRows:
     ) -> None:
         """Take a step of Newton's method at rows of a slice whose loops are not closed.
 
-        The kernel is a set of compiled functions that evaluate many rows at once. A step
-        that is too large may lead to another assembly mode and is not taken. The pair
-        variables in `values` and the numbers in `columns` are changed in place.
+        A row is one sample in one assembly mode. A slice is a part of the rows of a block,
+        which are computed together. The configurations of these rows were predicted, mostly
+        with errors far below `MAX_BLOCK_NEWTON_STEP_RAD`. Newton's method reduces an error
+        to about its square, so that one step is enough. A larger step may lead to another
+        assembly mode and is not taken. Rows that stay open are solved singly later.
+
+        The pair variables in `values` and the numbers in `columns` are changed in place.
 
         Parameters
         ----------
         columns
-            (width, n) results of `RowKernel.row_quality` for the rows of the slice: the
-            numbers that decide whether rows are certified.
+            (numbers, n) results of `RowKernel.row_quality` for the rows of the slice:
+            closure residual, error bounds and angular velocities. They decide whether a row
+            is certified, that is accurate enough.
         row_numbers
             (n,) numbers of these rows in the block.
         open_rows
@@ -372,22 +386,28 @@ class BlockRows:
 class SliceReversals:
     """The rows of a slice between which pole directions may reverse, and its errors.
 
+    A slice is a number of successive rows (samples in one assembly mode) of a block. A row
+    is certified if the error bounds of its numbers are small enough. Here successive rows
+    are successive certified rows.
+
     A pole is the axis about which one link rotates relative to another. It is a line, so
     its direction is known up to a sign, which is chosen continuously from row to row. Rows
     between which no direction can reverse have equal signs and are not compared later.
 
-    The object is made while the columns of the slice are in the cache of the processor.
+    These numbers are few. They are computed together with the slice, because its columns
+    need not be read from memory again then.
 
     Attributes
     ----------
     rows
-        (2,) numbers of the first and last certified row of the slice.
+        (2,) numbers, in the block, of the first and last certified row of the slice.
     end_velocities
-        For each input the relative angular velocities (poles, 3, 2) at these rows.
+        For each input the relative angular velocities (poles, 3, 2) per unit rate of the
+        input, at these two rows. They are compared with those of the adjacent slices.
     gaps
         For each input the pairs of rows (2, k) between which a direction may reverse.
     errors
-        For each input the largest errors of directions, rates and their derivatives.
+        For each input the largest errors (3,) of directions, rates and their derivatives.
     """
 
     def __init__(
@@ -397,7 +417,11 @@ class SliceReversals:
         columns: Floats,
         rows: Indices,
     ) -> None:
-        """Find the pairs of rows, and keep the numbers of the slice that are needed later.
+        """Find the rows between which a pole direction may reverse, and store the errors.
+
+        A pole is the axis about which one link rotates relative to another. A slice is a
+        number of successive rows of a block. A row is certified if the error bounds of its
+        numbers are small enough; other rows are not examined here.
 
         Parameters
         ----------
@@ -412,14 +436,17 @@ class SliceReversals:
         rows
             (n,) numbers of these rows in the block, rising.
         """
+        # The first and the last certified row, at which slices are compared later.
         self.rows = rows[[0, -1]]
         self.end_velocities: list[Floats] = []
         self.gaps: list[Indices] = []
         self.errors: list[Floats] = []
         for input_index, input_columns in enumerate(kernel.input_columns):
-            # Components of the angular velocities of links per unit rate of this input.
+            # (components, n) components of the angular velocities of all links per unit
+            # rate of this input.
             velocities = columns[quality_function.slices["velocities", input_index]]
-            # A direction may reverse between a gap start and the next row.
+            # A gap is a pair of rows between which a direction may reverse. It begins at an
+            # index in `rows`, and ends at the next certified row.
             gap_starts = _find_reversals(input_columns, velocities)
             self.gaps.append(np.array([rows[gap_starts], rows[gap_starts + 1]]))
             # For each pole, the velocity of its second link relative to its first.
@@ -446,13 +473,15 @@ def _find_reversals(input_columns: InputColumns, velocities: Floats) -> Indices:
     value a and its greatest value b in all rows. The product of the component at any two
     rows is therefore at least min(a^2, b^2), or a b if a and b have different signs. If the
     sum of these bounds over the three components is positive, no direction reverses.
-    Otherwise both halves of the rows are treated likewise. Few rows are compared one by
-    one.
+    Because of rounding, the sum divided by the product of the lengths, which is a cosine,
+    has to exceed `MIN_DIRECTION_COSINE`. Otherwise both halves of the rows are treated
+    likewise. Few rows are compared one by one.
 
     Parameters
     ----------
     input_columns
-        The columns of the moving input, which know the links of each pole.
+        The columns of the moving input. It subtracts the angular velocities of the two
+        links of each pole.
     velocities
         (components, n) components of the angular velocities of all links, per unit rate of
         the input, at n successive rows.
@@ -463,7 +492,9 @@ def _find_reversals(input_columns: InputColumns, velocities: Floats) -> Indices:
     """
     low = np.min(velocities, axis=1)
     high = np.max(velocities, axis=1)
-    # (poles, 3) bounds a and b of each component of the relative velocities.
+    # (poles, 3) bounds a and b of each component of the relative velocities. The relative
+    # velocity is the velocity of the second link, taken from the first argument, minus that
+    # of the first link, from the second argument. It is least for low minus high.
     least = input_columns.relative_velocities(low, high)
     greatest = input_columns.relative_velocities(high, low)
     least_squared = least * least
@@ -575,9 +606,12 @@ class PendingPoles:
     is_assembled
         (modes, samples) rows with a configuration.
     uncertified
-        (k,) numbers of rows with a configuration that are not certified.
+        (k,) numbers of rows with a configuration that are not certified. Rows without a
+        configuration are not certified either, and are not among them.
     stops
-        For each input, the rows at which directions are compared; see `find_stops`.
+        A direction of a pole is a line with two senses, whose sign is continued from row to
+        row. For each input, and by the index of the assembly mode, these are the rows at
+        which directions have to be compared; see `find_stops`.
     error_maxima
         (inputs, 3) largest errors of directions, rates and their derivatives. NaN if no
         row is certified.
@@ -643,7 +677,11 @@ class BatchRunner:
         needs_timing: bool = True,
         reads_frames: bool = False,
     ) -> "BatchRunner | None":
-        """Make a kernel, compiled functions that evaluate all numbers of many rows at once.
+        """Return a runner with a kernel for a run, or None if a kernel does not help.
+
+        A kernel is a set of compiled functions that evaluate all numbers of many rows at
+        once. It also bounds the errors of each row, and certifies rows in which they are
+        small enough. The others are solved without it.
 
         Parameters
         ----------
@@ -663,17 +701,19 @@ class BatchRunner:
 
         Returns
         -------
-        None if a kernel does not help: in a simulation, for few rows, without poles, or if
-        the kernel cannot certify rows of this mechanism.
+        None in a simulation, for few rows, without poles, or if the kernel cannot bound the
+        errors of rows of this mechanism.
         """
         position_analysis = sampling.position_analysis
         row_count = len(sampling) * len(position_analysis.assembly_modes)
         if sampling.simulation is not None or row_count < MIN_KERNEL_ROWS or not requests:
             return None
         is_compiled = row_count >= MIN_COMPILED_ROWS and available()
-        # Some samples are the reference for the order in which variables are eliminated.
+        # The configurations at some evenly spaced samples decide in which order variables
+        # are eliminated.
+        reference_motion = position_analysis.sparse(REFERENCE_SAMPLES)
         kernel = row_kernel(
-            position_analysis.sparse(REFERENCE_SAMPLES),
+            reference_motion,
             requests,
             engine="compiled" if is_compiled else "numpy",
         )
@@ -698,7 +738,10 @@ class BatchRunner:
     def block_size(self) -> int:
         """Number of samples in a block, limited by memory.
 
-        Each sample has one row in each assembly mode.
+        Each sample has one row in each assembly mode. Without a kernel, a block has
+        `PositionAnalysis.block` samples. With a kernel it has at most `MAX_BLOCK_FACTOR`
+        times as many. In a run that is recorded for the 3D viewer, blocks are as small as
+        without a kernel.
         """
         position_analysis = self.sampling.position_analysis
         # A column has 8 bytes in each row.
@@ -709,7 +752,6 @@ class BatchRunner:
             bytes_per_row = max(bytes_per_row, frame_bytes)
         mode_count = len(position_analysis.assembly_modes)
         fitting_size = BLOCK_BYTES // (bytes_per_row * mode_count)
-        # Blocks of a recorded run are as small as without a kernel.
         factor = 1 if self.is_recorded else MAX_BLOCK_FACTOR
         return max(1, min(fitting_size, position_analysis.block * factor))
 
@@ -719,13 +761,17 @@ class BatchRunner:
         Parameters
         ----------
         size
-            Number of samples in a block. If it is `block_size`, blocks may grow. They
-            become larger as long as no column of the previous block was read, because only
-            the pair variables of such a block are in memory.
+            Number of samples in a block. If it is `block_size`, the number that fits into
+            memory, blocks may grow. They become larger as long as no column of the previous
+            block was read, because only the pair variables of such a block are in memory. A
+            smaller number was chosen by the caller and is kept.
         first_sample
             Number of the first sample.
         """
-        may_grow = size == self.block_size and not (self.is_recorded or self.reads_frames)
+        # A recording, and analyses that read rotation matrices, need memory for each row
+        # even if no column is read.
+        needs_more_memory = self.is_recorded or self.reads_frames
+        may_grow = size == self.block_size and not needs_more_memory
         largest_size = MAX_BLOCK_GROWTH * size if may_grow else size
 
         def block_samples() -> Iterator[Indices]:
@@ -735,6 +781,7 @@ class BatchRunner:
             while start < len(self.sampling):
                 yield np.arange(start, min(start + count, len(self.sampling)))
                 start += count
+                # `fields` stores the columns of the last block for which it was called.
                 if self._last_columns is not None:
                     was_read = self._last_columns.was_read
                     count = size if was_read else min(2 * count, largest_size)
@@ -748,8 +795,8 @@ class BatchRunner:
         """Return the poles of a block, for each input that moves while others are locked.
 
         A pole is the axis about which one link rotates relative to another. The columns of
-        numbers are computed when they are read. This method can be called once for each
-        motion.
+        numbers are computed when they are read. This method can be called only once for
+        each motion, because it removes what was stored for it from memory.
 
         Parameters
         ----------
@@ -764,8 +811,9 @@ class BatchRunner:
         -------
         For each input, an object with the attributes of `PoleField`.
         """
-        # What `motion_at` has computed already, such as rows at which directions may
-        # reverse.
+        # What `motion_at` has computed already: rows at which directions may reverse, rows
+        # whose error bounds are too large for the kernel (uncertified), and the largest
+        # errors for each input.
         pending = self.unread.pop(id(motion))
         columns = KernelColumns(self.kernel, motion, self.requests, pending.uncertified)
         self._last_columns = columns
@@ -783,7 +831,8 @@ class BatchRunner:
                     sign_continuation,
                 )
             else:
-                # Over a grid of inputs, directions point to one side of a fixed plane.
+                # Rows of a grid of inputs do not follow each other. In each assembly mode
+                # all directions point to the side of a fixed vector.
                 sign_function = signs_by_start_sides(
                     motion, pending.is_assembled, sign_continuation
                 )

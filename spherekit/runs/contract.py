@@ -28,8 +28,8 @@ class Sweep:
     """A parameter of an analysis that trades speed for accuracy, for `spherekit trade`.
 
     The command recommends the quickest value for a wanted accuracy. The analysis is run
-    with each value of the parameter. One column of a table is compared with that of the
-    most accurate value.
+    with each value of the parameter. One column of a table of its results is compared with
+    the same column at the most accurate value.
 
     Attributes
     ----------
@@ -44,11 +44,13 @@ class Sweep:
     error
         Column with the error estimate of the analysis, if there is one.
     places
-        Whether `column` is a position in rad, such as an input at which something happens.
-        Each position is then compared with the nearest one of the most accurate value. With
-        several inputs there is one column for each, whose name begins with `column`.
+        Whether the column has positions (places) in rad, such as inputs at which something
+        happens. Each position is compared with the nearest one of the most accurate value.
+        With several inputs a position has one column for each of them. The names of all
+        these columns begin with `column`.
     beside
-        Names and values of other parameters of the analysis during the comparison.
+        Names and values of other parameters of the analysis, which are constant during the
+        comparison.
     inputs
         Whether the parameter matters to mechanisms with any number of inputs, with one, or
         with several.

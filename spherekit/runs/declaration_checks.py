@@ -36,7 +36,10 @@ def _find_class_faults(cls: Any) -> Iterator[str]:
     """Yield a phrase for each fault in the class of an analysis.
 
     An analysis is a frozen dataclass derived from `AbstractAnalysis`. Other people can
-    write one, so that its class attributes, methods, parameters and tables are checked.
+    write analyses as plugins. Therefore the class attributes, methods, parameters and
+    tables are checked.
+
+    The caller reads the first fault only. Later checks may fail after an earlier fault.
     """
     if not (isinstance(cls, type) and issubclass(cls, AbstractAnalysis)):
         yield f"{cls!r} is not a subclass of AbstractAnalysis"
@@ -53,6 +56,8 @@ def _find_class_faults(cls: Any) -> Iterator[str]:
         yield f"its name {cls.name!r} may hold letters, digits and underscores only"
     if cls.name in RESERVED_NAMES:
         yield f"its name {cls.name!r} is that of a file that every run writes"
+    # The contract is the number of the version of the interface between spherekit and
+    # plugins.
     if cls.contract != CONTRACT:
         yield f"written for contract {cls.contract}, this spherekit has {CONTRACT}"
     if cls.__abstractmethods__:
@@ -72,7 +77,8 @@ def _find_class_faults(cls: Any) -> Iterator[str]:
 def _find_table_faults(tables: Sequence[Table]) -> Iterator[str]:
     """Yield a phrase for each fault in the tables that an analysis declares.
 
-    Names, units and the order of the columns are checked.
+    Names, units and the order of the columns are checked. An analysis that other people
+    have written (a plugin) can have any fault.
     """
     for table in tables:
         if not NAME_PATTERN.fullmatch(table.name):
@@ -90,10 +96,13 @@ def _find_table_faults(tables: Sequence[Table]) -> Iterator[str]:
                     f"{listing(sorted(UNIT_SYMBOLS), len(UNIT_SYMBOLS))} "
                     "(--deg converts angles)"
                 )
-        # `turns` says how the numbers of a column change if all axes are rotated. Columns
-        # that change like the components of a vector must be next to each other: x, y, z.
+        # The attribute `turns` of a column says how its numbers change if the mechanism is
+        # rotated as a whole. Columns with "vector" are components of vectors, which have to
+        # be next to each other: x, y, z. So the number of successive ones is a multiple of
+        # 3. `groupby` puts successive columns with the same behaviour into one group.
         for behaviour, group in groupby(column.turns for column in table.columns):
-            if behaviour == "vector" and len(list(group)) % 3:
+            component_count = len(list(group))
+            if behaviour == "vector" and component_count % 3:
                 yield f"table {table.name}: the columns of a vector come in threes: x, y, z"
                 break
         names = [column.name for column in table.columns]
@@ -186,6 +195,7 @@ def _find_item_fault(field: str, item: Any, mechanism: Mechanism) -> str:
     if item not in names:
         return f", but {name} has no {kind} of that name{choices(item, names, f'{kind}s')}"
     has_to_be_single = field in NEEDS_OF_SINGLE_VARIABLES
+    # A sliding contact has two variables, so "the variable of the pair" is not unique.
     if has_to_be_single and mechanism.pair(item).kind.variable_count > 1:
         return ", a pair with two variables, which has no single one"
     return ""

@@ -120,13 +120,21 @@ def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int
     def extrapolate(*keys: str) -> int:
         """Return the predicted value of an entry of the cost, such as the size of a table.
 
-        `keys` are its nested keys. The entry is a linear function of the number of samples,
-        which two short runs give, and proportional to the number of assembly modes.
+        The entry is a linear function of the number of samples, which two short runs give,
+        and proportional to the number of assembly modes.
+
+        Parameters
+        ----------
+        keys
+            The nested keys of the entry, such as ``"tables", "motion", "csv_bytes"`` or
+            ``"configurations"``.
         """
-        is_motion = keys[1:2] == (MOTION,)
+        is_motion = len(keys) > 1 and keys[1] == MOTION
         if has_many_poles and not is_motion:
-            # Only one run was measured. The part that does not grow with the samples is
-            # small in tables of many poles.
+            # With many poles, the two short runs have no tables but that of the motion.
+            # Other tables were measured in one run of MEASURED_SAMPLES_OF_MANY_POLES
+            # samples. They are taken to be proportional to the number of samples, because
+            # the part that does not grow with it is small in tables of many poles.
             measured_value = _entry(measured["cost"], keys)
             value = measured_value * samples / MEASURED_SAMPLES_OF_MANY_POLES
         else:

@@ -36,17 +36,20 @@ RowSlice = tuple[int, slice]
 
 
 class ColumnKey(NamedTuple):
-    """Identifies a column: one number of a pole or link at all rows of a block.
+    """Identifies a column of a kernel: one number of a pole or link in all rows.
 
-    A pole is the axis about which one link rotates relative to another. A row is one sample
-    in one assembly mode (way to assemble the mechanism).
+    A kernel is a set of compiled functions that evaluates many rows at once. A row is one
+    sample in one assembly mode (way to assemble the mechanism). The rows are those of a
+    block, the samples that are computed together. A pole is the axis about which one link
+    rotates relative to another.
 
     Attributes
     ----------
     input_index
         Index of the input that moves while the others are locked.
     quantity
-        Name of a quantity of `PoleField`, such as ``"direction"``.
+        Name of a quantity: an attribute of `PoleField`, which has quantities of poles and
+        of links. An example is ``"direction"``.
     subject
         The pole (two link numbers) or the link (its number).
     component
@@ -144,7 +147,8 @@ class KernelColumns:
         self.requests = requests
         self.uncertified_fields: list[PoleField] = []
         self.was_read = False
-        # (variables, n) pair variables (rad), and (n,) whether the row has failed.
+        # For the n rows of the block: (variables, n) pair variables (rad), and (n,) whether
+        # the row has failed.
         self._values = motion.values.T
         self._failed = motion.failed
         # (n,) rows in which other numbers replace those of the kernel.
@@ -159,9 +163,13 @@ class KernelColumns:
         if len(uncertified):
             rows = motion.rows(uncertified)
             for request, input_columns in zip(requests, kernel.input_columns, strict=True):
-                field = evaluate_unsigned(rows, replace(request, planes=frozenset()))
-                # A pole is a line with two senses. As in the kernel, the sense is first
-                # chosen so that no velocity coefficient is negative.
+                # The great circles (planes) through poles are left out. They are computed
+                # for all rows together when they are read.
+                request_without_planes = replace(request, planes=frozenset())
+                field = evaluate_unsigned(rows, request_without_planes)
+                # A pole is a line with two senses. At first the sense is chosen so that no
+                # velocity coefficient is negative, as the kernel does. `set_signs` changes
+                # it so that directions are continuous along the samples.
                 for pole in input_columns.signed_poles:
                     signs = np.where(field.velocity_coefficient[pole] < 0.0, -1.0, 1.0)
                     apply_signs(field, pole, signs)
@@ -174,7 +182,7 @@ class KernelColumns:
         two senses. The sense of poles that are the axis of a pair is fixed; they are left
         out. With the unit vector u and the velocity coefficient c of a pole, the relative
         angular velocity is ``c u`` and its derivative is ``c' u + c u'``. Derivatives are
-        with respect to the input.
+        with respect to the input. Both do not depend on the choice of the sense.
 
         Parameters
         ----------
@@ -182,7 +190,12 @@ class KernelColumns:
             Index of the input that moves while the others are locked.
         rows
             (k,) numbers of the rows.
+
+        Returns
+        -------
+        Unit vectors u, relative angular velocities, and their derivatives.
         """
+        # Poles and quantities are called "signed" because they get a sign later.
         input_columns = self.kernel.input_columns[input_index]
         quantities = input_columns.signed_quantities(
             self.kernel.all_columns(self._values[:, rows])
@@ -192,11 +205,12 @@ class KernelColumns:
         unit_rate = quantities["direction_dq"]
         (coefficient,) = quantities["velocity_coefficient"]
         (coefficient_rate,) = quantities["acceleration_coefficient"]
-        # Rows that are not certified can have NaN or huge numbers here.
+        # A row is certified if the error bounds that the kernel computes are small enough.
+        # Other rows can have NaN or huge numbers here.
         with np.errstate(invalid="ignore", over="ignore"):
             velocity = coefficient * unit
             velocity_rate = coefficient_rate * unit + coefficient * unit_rate
-        # In these rows the ordinary functions have evaluated the poles.
+        # In rows that are not certified, ordinary functions have evaluated the poles.
         replaced = np.flatnonzero(np.isin(rows, self.uncertified))
         if len(replaced):
             field = self.uncertified_fields[input_index]
@@ -212,8 +226,10 @@ class KernelColumns:
         """Choose the senses of all pole directions.
 
         A pole is the axis about which one link rotates relative to another: a line, whose
-        direction has two possible signs. The signs are applied at once in the rows that are
-        not certified. In the others, `read` applies them when columns are computed.
+        direction has two possible signs. In most rows the kernel computes the columns when
+        they are read, and `read` applies the signs then. In rows whose errors may be too
+        large for the kernel (not certified), ordinary functions have evaluated the poles.
+        Their signs are applied here.
 
         Parameters
         ----------
@@ -225,6 +241,8 @@ class KernelColumns:
         """
         self._sign_functions = sign_functions
         rows = self.uncertified
+        # A field has the numbers of all poles in these rows. The directions of
+        # `signed_poles`, which are not the axis of a pair, get a sign.
         for input_index, field in enumerate(self.uncertified_fields):
             poles = self.kernel.input_columns[input_index].signed_poles
             # (3, poles, k). The first `reshape` makes the shape right without poles, too.
@@ -250,20 +268,30 @@ class KernelColumns:
         """
         self.was_read = True
         # The position of each column in the result of the kernel, the set of compiled
-        # functions that evaluates all columns of many rows at once.
+        # functions that evaluates all columns of many rows at once. A key has the name of a
+        # quantity, its subject (a pole or a link), and the index of a component.
         column_indices = []
         for key in keys:
             indices = self.kernel.input_columns[key.input_index].column_indices
             column_indices.append(indices[key.quantity][key.subject][key.component])
 
         def read_slice(row_slice: RowSlice) -> None:
-            """Compute the columns of one slice."""
+            """Compute the columns of one slice, and pass them to the reader.
+
+            They are those of `keys`, the columns that `read` was asked for.
+
+            Parameters
+            ----------
+            row_slice
+                The index of an assembly mode, and a slice of its successive rows.
+            """
             mode, rows = row_slice
             values = np.ascontiguousarray(self._values[:, rows])
             all_columns = np.empty((self.kernel.all_columns.width, values.shape[1]))
             self.kernel.all_columns(values, all_columns)
             # The kernel gives directions in one of their two senses. The chosen signs
-            # change them in place.
+            # change them in place. There is a sign function for each input, but none at all
+            # before `set_signs` was called; hence strict=False.
             for find_signs, input_columns in zip(
                 self._sign_functions, self.kernel.input_columns, strict=False
             ):
@@ -274,6 +302,7 @@ class KernelColumns:
                 for k in np.flatnonzero(np.any(signs < 0, axis=1)):
                     signed_columns[:, k] *= signs[k]
             columns = [all_columns[index] for index in column_indices]
+            # Rows that have failed, or whose errors may be too large for the kernel.
             if np.any(self._is_replaced[rows]):
                 columns = [
                     self._replace_uncertified(key, column, rows)
@@ -284,11 +313,12 @@ class KernelColumns:
         thread_map(read_slice, self._slices, self.kernel.is_compiled)
 
     def _replace_uncertified(self, key: ColumnKey, column: Floats, rows: slice) -> Floats:
-        """Return a column of a slice, with the right numbers in rows without certificate.
+        """Return a column of some rows, with the right numbers in uncertified rows.
 
-        A pole is the axis about which one link rotates relative to another. The kernel does
-        not certify all rows. Ordinary functions have computed the others, and their numbers
-        replace those of the kernel. Failed rows become NaN.
+        The kernel certifies a row if its error bounds are small enough. Ordinary functions
+        have computed all other rows, and their numbers replace those of the kernel. Failed
+        rows become NaN. A pole is the axis about which one link rotates relative to
+        another.
 
         Parameters
         ----------
@@ -297,11 +327,11 @@ class KernelColumns:
         column
             (k,) the numbers of the kernel.
         rows
-            The k rows of the block to which the numbers belong.
+            The k successive rows of the block to which the numbers belong.
         """
         result = np.where(self._failed[rows], np.nan, column)
-        # `uncertified` are the numbers of all rows without certificate, rising. Those from
-        # `low` to `high` are in the slice.
+        # `uncertified` are the numbers of all uncertified rows, rising. Those from `low` to
+        # `high` are among these rows.
         low, high = np.searchsorted(self.uncertified, [rows.start, rows.stop])
         if low < high:
             field = self.uncertified_fields[key.input_index]
@@ -420,7 +450,10 @@ class LazyField:
 
     @cached_property
     def as_arrays(self) -> PoleField:
-        """The field with all columns as arrays, computed when it is first asked for."""
+        """The poles with all columns as arrays.
+
+        The arrays are computed when this property is first read, and then stored.
+        """
         n = len(self._field.status)
         # Allocate an array (components, n) for each quantity of each pole or link. The
         # field gets views of these arrays, which are filled below.
@@ -429,13 +462,17 @@ class LazyField:
             for subject, indices in indices_by_subject.items():
                 components = np.empty((len(indices), n))
                 for k, component in enumerate(components):
+                    # A lazy column is computed by its source, the kernel, when it is read.
                     key = ColumnKey(self._input_index, quantity, subject, k)
                     columns.append((LazyColumn(self._source, key, n), component))
                 values = components.T if len(components) > 1 else components[0]
                 getattr(self._field, quantity)[subject] = values
-        # Compute all columns together, from row 0 on.
-        copy_columns(columns, [(slice(0, n), 0)])
-        # The kernel has no great circles.
+        # Compute all columns together. A span is a slice of rows to read, and the number of
+        # the first row to write.
+        all_rows = (slice(0, n), 0)
+        copy_columns(columns, [all_rows])
+        # The kernel has no columns for the great circles (planes) in which poles are. They
+        # are computed by the plan, which constructs poles from others.
         request = self._source.requests[self._input_index]
         planned_poles = PlannedPoles(request.plan, self._motion)
         for pole in request.planes:
