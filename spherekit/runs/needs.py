@@ -21,8 +21,8 @@ class Needs:
         Poles whose direction and velocity coefficient are read. With `derivatives` their
         acceleration coefficient can be read too.
     derivatives
-        Whether derivatives with respect to the input are read, for the poles and links in
-        `rates`, `turns` and `link_rates`.
+        Whether derivatives by the input are read, for the poles and links in `rates`,
+        `turns` and `link_rates`.
     planes
         Poles of which the two great circles that intersect in the pole are read.
     pair_values
@@ -39,12 +39,14 @@ class Needs:
         Whether the time of each row and the rates and accelerations of the inputs are read.
     tracer
         Whether the analysis uses the position analysis of the run, in order to compute
-        other configurations than those of the samples.
+        other configurations than those of the samples, such as those along a curve.
     turns
-        Poles whose derivative of the axis direction is read. Needs `derivatives`.
+        Poles whose axis turns are read: the derivatives of the axis direction by the input.
+        They need `derivatives`.
     links
         Numbers of the links that an analysis with `tracer` reads. If it is empty, the
-        analysis reads the whole mechanism.
+        analysis reads the whole mechanism. It is read of single analyses only, not of a
+        union.
     """
 
     directions: frozenset[Pole] = frozenset()
@@ -62,7 +64,11 @@ class Needs:
     links: frozenset[int] = frozenset()
 
     def union(self, other: "Needs") -> "Needs":
-        """Return the needs of two analyses together."""
+        """Return the needs of two analyses together.
+
+        Its `links` have no meaning, since an empty set stands for the whole mechanism.
+        """
+        # The operator | is the union of two sets, and "or" of two booleans.
         return Needs(
             **{name: value | getattr(other, name) for name, value in vars(self).items()}
         )

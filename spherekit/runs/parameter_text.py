@@ -144,7 +144,8 @@ def parse_fields(
         For unknown keys, unreadable values and missing fields, with what is allowed.
     """
 
-    def make_error(_: Names, message: str) -> AnalysisError:
+    def make_error(_faulty_keys: Names, message: str) -> AnalysisError:
+        """Return an error with a message, which names the faulty keys already."""
         return AnalysisError(f"{name}: {message}")
 
     def split_list(text: str) -> list[str]:
@@ -161,10 +162,12 @@ def parse_fields(
             ) from None
 
     items: dict[str, str] = {}
+    # Empty parts are ignored.
     for part in filter(None, text.split(",")):
-        key, equals, items[key] = part.partition("=")
+        key, equals, value = part.partition("=")
         if not equals:
             raise make_error((), f'"{part}" is not a parameter; write {part}=VALUE')
+        items[key] = value
     return read_fields(cls, name, items, read, make_error, key_of_field)
 
 

@@ -15,14 +15,16 @@ def prefetch(
 ) -> Iterator[Result]:
     """Yield the result of each item, and compute the next result while one is used.
 
+    While the caller uses result k, a thread computes result k + 1. Item k + 1 is taken from
+    `items` when the caller asks for result k. At this time the caller has used all results
+    up to k - 1, on which item k + 1 may therefore depend.
+
     Parameters
     ----------
     compute
         Function of one item that returns its result.
     items
-        The items. An item is taken from this iterator as late as possible: when the caller
-        asks for the result before it. It can therefore depend on the use of earlier
-        results.
+        The items.
     looks_ahead
         Whether the next result is computed in another thread, which needs a second core.
         Otherwise each result is computed when the caller asks for it.

@@ -169,14 +169,17 @@ class ProvenPoles:
         """
         from spherekit.tables.table_files import write_table
 
-        # Refuse to replace files that spherekit has not made: those without this column.
+        # Refuse to replace a file that spherekit has not made. A file that it has made
+        # contains the name of the column proven_ux, of which these bytes are the beginning.
         for table_format in TABLE_FORMATS.values():
             file_name = f"{PROVEN_TABLE.name}.{table_format.ending}"
             check_made_by_spherekit(folder / file_name, b"proven_u")
         notes = {"analysis": PROVEN_ANALYSIS, "mechanism_hash": mechanism_hash}
         chunks = split_into_chunks(PROVEN_TABLE, self.data)
-        stem = folder / PROVEN_TABLE.name
-        return write_table(stem, PROVEN_TABLE, chunks, notes, degrees, formats)
+        path_without_ending = folder / PROVEN_TABLE.name
+        return write_table(
+            path_without_ending, PROVEN_TABLE, chunks, notes, degrees, formats
+        )
 
 
 class PoleKey(NamedTuple):
@@ -345,6 +348,7 @@ def check_provable(mechanism: Mechanism, analyses: Collection[str], whole: bool)
             "--prove reads the angles of all pairs, and --only-needed leaves pairs out; "
             "give one of the two"
         )
+    # This call raises the `PlanError` if no proof applies. Its result is not used.
     find_construction(read_decimals(mechanism).structure)
 
 

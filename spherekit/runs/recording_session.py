@@ -171,20 +171,22 @@ class RecordingSession:
     def use_final_sampling(self, sampling: Sampling) -> None:
         """Record the samples of a finished simulation from now on.
 
-        While a simulation is solved, a preliminary one with more samples is shown. The
-        finished one can end earlier. Links at samples after its end are then hidden.
+        While a simulation is solved, its links are shown at samples up to the requested end
+        time. The finished simulation can end earlier, and then has fewer samples. Samples
+        after its end that are already shown are hidden. The last sample of the finished
+        simulation is at its end, which can be another time than that of the shown sample
+        with the same number. This shown sample is hidden too.
         """
-        # The last sample of the finished simulation may be at another time than the sample
-        # that was shown with the same number. This sample is therefore hidden too.
-        # `_shown_count` samples have been shown.
-        shown_after_end = np.arange(len(self._sampling))[
-            len(sampling) - 1 : self._shown_count
-        ]
-        if shown_after_end.size:
-            motion = self._sampling.motion_at(shown_after_end)
-            # Links without a rotation (NaN) are not drawn.
+        # Numbers of the samples to hide. Those below `_shown_count` have been shown.
+        first_hidden = len(sampling) - 1
+        hidden_samples = np.arange(len(self._sampling))[first_hidden : self._shown_count]
+        if hidden_samples.size:
+            motion = self._sampling.motion_at(hidden_samples)
+            # Links without a rotation (NaN) are not drawn. To record them again, without
+            # rotations, hides them.
             motion = replace(motion, placed=np.full_like(motion.placed, np.nan))
             scenes = moving_link_scenes(motion, self._link_shapes)
+            # `MOTION` says that the run itself shows these scenes, and no analysis.
             self.record_scenes(scenes, motion, MOTION)
         self._sampling = sampling
 
@@ -239,8 +241,10 @@ class RecordingSession:
         """
         count = motion.samples
         timing = motion.timing
+        # `_inputs` and `_times` are those of the whole recording. `_inputs` is None if
+        # there are several inputs or the samples are times, `_times` if they are no times.
         if scene.over:
-            # An axis of its own. `_inputs` and `_times` are those of the whole recording.
+            # An axis of its own, or several. All have one value for each row of the scene.
             count = len(scene.over[0].values)
             self._recorder.log(
                 scene,

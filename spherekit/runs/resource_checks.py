@@ -48,10 +48,12 @@ def need_memory(
     needed = evaluation_memory(mechanism, row_count)
     usable = usable_memory()
     if needed > usable:
+        # Half of the rows that would fit by this estimate.
+        advised_row_count = max(1, int(row_count * usable / needed / 2))
         raise AnalysisError(
             f"{listing(whole_analyses)} looks at all samples at once: that takes about "
             f"{size_text(needed)} of memory for {row_count} rows, and this process may use "
-            f"{size_text(usable)}; ask for {max(1, int(row_count * usable / needed / 2))} "
+            f"{size_text(usable)}; ask for {advised_row_count} "
             "rows (samples of all assembly modes) or fewer, or for one assembly mode"
         )
 

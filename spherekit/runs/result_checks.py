@@ -70,8 +70,10 @@ def compute_checked_tables(
         columns = _check_columns(where, table, returned_tables[table.name])
         data[table.name] = columns
         rows = row_count(columns)
-        # Tables over the samples have the same number of rows, perhaps several, for each
-        # row of the batch.
+        # A table over the samples has the same number of rows, perhaps several, for each
+        # row of the batch. A table is over the samples if three things are true. Each of
+        # its rows follows from one row of the batch. The analysis does not compute
+        # configurations of its own. The table has columns for sample and assembly mode.
         has_rows_of_samples = (
             analysis.rowwise and analysis.reads_samples and table.in_assembly_modes
         )

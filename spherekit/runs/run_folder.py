@@ -182,7 +182,9 @@ class RunFolder:
     def refuse_foreign_results(self, names: Iterable[str]) -> None:
         """Raise `OutputError` if results would replace files that no run has written.
 
-        The summary of a run lists its files, which results may replace.
+        The summary of a run lists its files, which results may replace. A summary counts
+        only if it is signed: it contains a checksum of itself, so that no other file of the
+        same name is taken for one.
 
         Parameters
         ----------
@@ -192,9 +194,11 @@ class RunFolder:
         summary_path = self.path / SUMMARY
         replaceable_names = {
             *self._written_files(summary_path),
-            # Files of new results that an interrupted `publish` has moved already.
+            # Complete results are first in a folder of their own, with their summary. If
+            # their move to this folder (`publish`) was interrupted, some are here already.
             *self._written_files(self.work / FINISHED / SUMMARY),
         }
+        # A summary without a valid signature is empty.
         if _signed_summary(summary_path):
             replaceable_names.add(SUMMARY)
         # `lexists` also finds links that lead nowhere.

@@ -152,11 +152,12 @@ class RunPlan:
             For each input, the last pole directions of the previous block. The signs of
             directions continue from there. They are updated in place.
         """
-        # A kernel has computed the motion of this block. It computes the poles too, when
-        # they are read.
+        # A kernel (a compiled function that evaluates many rows at once) has computed the
+        # motion of this block. Then the `BatchRunner` knows this very object by its id. Its
+        # pole fields compute the poles by the kernel too, when they are read.
         if isinstance(self.source, BatchRunner) and id(motion) in self.source.unread:
             return self.source.fields(motion, sign_continuations)
-        # Only some poles are evaluated, if the size of tables is measured.
+        # A run that only measures the size of its tables evaluates only some poles.
         if self.max_poles is not None:
             return tuple(
                 evaluate_sample(motion, request, self.max_poles)
@@ -202,7 +203,8 @@ class RunPlan:
         Parameters
         ----------
         analysis
-            The analysis. It may read only the quantities that it has declared as needs.
+            The analysis. It may read only the quantities that it has declared as needs,
+            because the run evaluates no others.
         motion
             The configurations of the block.
         pole_fields
@@ -214,6 +216,7 @@ class RunPlan:
         sampling = self.sampling
         return Batch(
             mechanism=self.mechanism,
+            # The steps in which the poles follow, for each moving input.
             plans=self.plans,
             needs=self.needs[self.analyses.index(analysis)],
             _motion=motion,
@@ -221,6 +224,7 @@ class RunPlan:
             _angles=continued_angles,
             timed=sampling.is_over_time,
             _position_analysis=sampling.position_analysis,
+            # The least and greatest inputs and rates of the whole run, for axes of plots.
             _run_extents=sampling.extents,
         )
 
@@ -253,6 +257,11 @@ class RunPlan:
     ) -> None:
         """Store the rows of a table for a block of samples, and count them.
 
+        Failed rows are counted too. Most analyses have rows for the samples of the block. A
+        row whose configuration failed is then no failure of the analysis. Some analyses
+        read no samples, and compute configurations of their own. All their failed rows are
+        failures, even if their tables have columns for sample and assembly mode.
+
         Parameters
         ----------
         analysis_name
@@ -274,19 +283,19 @@ class RunPlan:
                 for mode in self.sampling.position_analysis.assembly_modes
                 if mode.name
             }
+            # The declaration, and the rows, with a column for the names of modes.
             stored_table = table.with_names(self.mechanism)
-            table_store.add(
-                analysis_name, stored_table, stored_table.named(rows, mode_names)
-            )
-        # The rows belong to the samples of the batch, except for an analysis that reads no
-        # samples. It computes configurations of its own, even if its tables have columns
-        # for sample and assembly mode.
-        has_rows_of_batch = True
-        for analysis in self.analyses:
-            if analysis.name == analysis_name:
-                has_rows_of_batch = analysis.reads_samples
+            stored_rows = stored_table.named(rows, mode_names)
+            table_store.add(analysis_name, stored_table, stored_rows)
+        names_without_samples = [
+            analysis.name for analysis in self.analyses if not analysis.reads_samples
+        ]
         run_state.count_rows(
-            analysis_name, table, rows, batch=batch, has_rows_of_batch=has_rows_of_batch
+            analysis_name,
+            table,
+            rows,
+            batch=batch,
+            has_rows_of_batch=analysis_name not in names_without_samples,
         )
 
     @cached_property
@@ -346,10 +355,12 @@ class RunPlan:
         return (motion_table(self.sampling), EVENTS.of(self.mechanism))
 
     def tables(self, failed: Collection[str] = ()) -> Mapping[str, tuple[Table, ...]]:
-        """Return the declared tables of a run, by name of the analysis.
+        """Return the declarations of the tables of a run, by name of the analysis.
 
-        The configurations have the name `MOTION`. Tables get a column for names of assembly
-        modes if the mechanism names any.
+        A declaration has the columns of a table with their units, but no rows. The tables
+        of the run itself, those of configurations and of events, are under the name
+        `MOTION`. Tables get a column for names of assembly modes (ways to assemble the
+        mechanism) if the mechanism names any.
 
         Parameters
         ----------
@@ -378,7 +389,9 @@ def collect_needs(analyses: Analyses, mechanism: Mechanism) -> DeclaredNeeds:
     AnalysisError
         If a parameter does not fit the mechanism, or two analyses have the same name.
     """
+    # Without names of pairs the mechanism keeps its own inputs, which are checked.
     mechanism = driven_at(mechanism)
+    # The tables of an analysis are stored under its name, so it can occur only once.
     for name, count in Counter(analysis.name for analysis in analyses).items():
         if count > 1:
             raise AnalysisError(
@@ -570,11 +583,13 @@ def extract_needed_part(study: Study, analyses: Analyses) -> Mechanism:
         except PluginError:
             # The run reports the error.
             continue
+        # All links on which the quantities in the needs depend.
         links = links_of(mechanism, needs)
-        # An analysis that computes further configurations (`tracer`) reads all links unless
-        # it declares some.
-        declared_links = needs.links if needs.tracer else links
-        if not declared_links:
+        # An analysis with `tracer` computes further configurations. It reads the whole
+        # mechanism unless it declares `links`. Any other analysis reads the whole mechanism
+        # if its needs name no quantity of a link.
+        reads_whole = not needs.links if needs.tracer else not links
+        if reads_whole:
             raise AnalysisError(
                 f"{analysis.name}: looks at the whole mechanism, so no part of it can be "
                 "left out; run it without only_needed (--only-needed)"

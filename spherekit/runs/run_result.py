@@ -111,12 +111,16 @@ class RunResult:
 
     def _repr_html_(self) -> str:
         """Return the first rows of all tables, the findings and the failures as HTML."""
-        parts = [f"<p>{html_text(repr(self)[1:-1])}</p>"]
+        # The text of `repr` without its angle brackets.
+        title = repr(self)[1:-1]
+        parts = [f"<p>{html_text(title)}</p>"]
         for name, result in self.results.items():
             for table in result.tables:
                 if table.name in result.data:
                     parts.append(_first_rows_html(name, table, result.data[table.name]))
         findings = []
+        # The sentence under "search" says how the assembly modes (ways to assemble the
+        # mechanism) were found. A run that computes no motion has none.
         if self.summary.get("assembly_modes"):
             findings.append(str(self.summary["search"]))
         findings += map(str, self.summary.get("remarks", ()))
@@ -207,7 +211,10 @@ class RunResult:
                 f"{path}: a recording is a file named *.rrd; tables go to a folder "
                 "by write(folder)"
             )
-        self._check_views(str(path)).record(path)
+        # The views repeat the run when they are first used. A result that was not made by
+        # `spherekit.run` has no views, and an error is raised.
+        views = self._check_views(str(path))
+        views.record(path)
         return path
 
     def show(self) -> None:
@@ -334,9 +341,10 @@ def _first_rows_html(analysis: str, table: Table, data: TableArrays) -> str:
 
 
 def tables_by_file_stem(declared: Declared) -> dict[str, tuple[str, Table]]:
-    """Return the analysis and the table of each file, by its name without the ending.
+    """Return the analysis and the table of each file, by the stem of the file.
 
-    The first table of an analysis is in the file that is named like the analysis.
+    The stem is the name of the file without its ending. The first table of an analysis is
+    in the file that is named like the analysis.
     """
     tables_by_stem = {}
     for analysis, tables in declared.items():
@@ -388,11 +396,15 @@ def make_result(
     # when they are used, or they are in memory.
     files: list[Path] = []
     data: dict[str, dict[str, TableArrays]] = {name: {} for name in declared}
+    # Columns in memory are in rad. `write_results` replaces these units by those of the
+    # files, which may be in degrees.
     summary = {**summary, "units": _units_by_stem(declared, degrees=False)}
+    # Name of the analysis and table of each file, by the name of the file without ending.
     tables_by_stem = tables_by_file_stem(declared)
     if run_folder is not None and store is not None:
         from spherekit.tables.table_files import ParquetColumns
 
+        # The rows of each table, in chunks of limited length.
         chunks_by_stem = {
             stem: store.pieces(name, table)
             for stem, (name, table) in tables_by_stem.items()

@@ -52,7 +52,8 @@ EVALUATED = "judged"
 """Key of the number of rows at which poles were evaluated, for all moving inputs."""
 
 BY_EQUATIONS = "by_equations"
-"""Key of the number of these rows that needed the velocity equations."""
+"""Key of the number of these rows whose velocities were computed by the velocity equations
+in quad precision, because float64 leaves too few digits or the user asked for it."""
 
 BY_KERNEL = "by_kernel"
 """Key of the number of these rows that a kernel evaluated."""
@@ -121,6 +122,10 @@ class RunState:
     def from_journal(cls, entries: Facts) -> Self:
         """Return the state of a stopped run from its journal, in order to resume the run.
 
+        The state contains what the next block of samples needs of the blocks before (signs
+        of pole directions, angles with their whole revolutions) and what the summary of the
+        run needs (counted rows, largest errors, mobility and so on).
+
         Parameters
         ----------
         entries
@@ -130,17 +135,21 @@ class RunState:
             name: Findings(item["figures"], tuple(item["warnings"]), tuple(item["remarks"]))
             for name, item in entries["findings"].items()
         }
+        # JSON has no tuples as keys. Each count is a list: the texts of its key, and then
+        # the number. A key is, for example, ("poles", status).
+        counts: Counter[Names] = Counter()
+        for *key, number in entries["counts"]:
+            counts[tuple(key)] = number
         return cls(
             sign_continuations=[
-                SignContinuation.restored(memory) for memory in entries["signs"]
+                SignContinuation.restored(signs) for signs in entries["signs"]
             ],
             last_angles=entries["angles"],
             samples_done=entries["done"],
             failures=entries["failures"],
             findings=findings,
             stage_seconds=entries["seconds"],
-            # Each entry is the parts of a key and then the number.
-            counts=Counter({tuple(key): number for *key, number in entries["counts"]}),
+            counts=counts,
             error_maxima=entries["largest"],
             mobility_by_rank=entries["rank"],
             redundant_constraints=entries["redundant"],
@@ -205,7 +214,8 @@ class RunState:
         """
         is_valid = motion.status == Status.OK
         for pole_field in pole_fields:
-            # If no velocities failed, the field has the same array of statuses.
+            # If no velocities failed, the field has the very array of the motion, which
+            # need not be compared again.
             if pole_field.status is not motion.status:
                 is_valid = pole_field.status == Status.OK
             # Many poles share one array of status codes (n,), which is counted once.
@@ -221,6 +231,9 @@ class RunState:
                 errors = largest_errors(pole_field)
             for attribute, key in POLE_ERROR_KEYS.items():
                 self._note_error(key, np.array([errors[attribute]]))
+            # Keys of counts are tuples, here of one text. Rows in quad precision are those
+            # computed by the velocity equations. A row is computed by a kernel (a compiled
+            # function for many rows) only if the kernel certifies its errors.
             is_quad_precision = pole_field.is_quad_precision
             self.counts[EVALUATED,] += len(is_quad_precision)
             self.counts[BY_EQUATIONS,] += int(np.count_nonzero(is_quad_precision))
@@ -271,6 +284,9 @@ class RunState:
     ) -> None:
         """Count the rows of a table of an analysis in a block, and those that failed.
 
+        A row fails if it has a status other than OK. If the configuration of its sample has
+        failed, its rows have the same status, which is no failure of the analysis.
+
         Parameters
         ----------
         analysis_name
@@ -280,14 +296,14 @@ class RunState:
         batch
             The samples that the analysis has read. Without it failed rows are not counted.
         has_rows_of_batch
-            Whether the rows belong to the samples of the batch. A row is then not counted
-            as failed if its configuration has failed with the same status.
+            Whether the rows belong to the samples of the batch. Rows with the status of
+            their configuration are then not counted as failed.
         """
         self.counts[ROWS, analysis_name, table.name] += row_count(data)
         if batch is None:
             return
-        # Statuses of poles are ignored if the analysis reads poles: `count_block` counts
-        # them.
+        # If the analysis reads poles, its rows can have the statuses of these. They are not
+        # counted here, because `count_block` counts the statuses of all poles.
         needs = batch.needs
         ignored = [Status.OK]
         if needs.directions | needs.rates | needs.planes:
@@ -296,7 +312,9 @@ class RunState:
         for column in table.columns:
             if column.kind != "status":
                 continue
-            # A column with rows for several subjects, such as poles, has an array for each.
+            # A column can be `Interleaved`: it has rows for several subjects, such as
+            # poles, and stores an array for each subject. Subjects without a status of
+            # their own share one array, which is counted once, `part_count` times.
             values = data[column.name]
             parts = values.parts if isinstance(values, Interleaved) else (values,)
             arrays = (np.asarray(part) for part in parts)
@@ -344,20 +362,24 @@ class RunState:
 
         Returns
         -------
-        The largest error of each kind by name, None if no row has one. Also the fractions
-        of the rows whose velocities were computed by velocity equations in quad precision
-        and by a kernel, None without such rows.
+        The largest error of each kind by name, None if no row has one. Also two fractions
+        of all rows at which velocities were computed: by velocity equations in quad
+        precision, and by a kernel (a compiled function for many rows). Velocities of the
+        other rows were computed in float64 without a kernel. The fractions are None if no
+        velocities were computed.
         """
         keys = (CLOSURE_RESIDUAL, CONFIGURATION_ERROR, *POLE_ERROR_KEYS.values())
         errors = {key: self.error_maxima.get(key) for key in keys}
+        # Keys of counts are tuples, here of one text.
         evaluated = self.counts[EVALUATED,]
-        fractions = {
-            name: self.counts[key,] / evaluated if evaluated else None
-            for name, key in (
-                ("fraction_by_velocity_equations", BY_EQUATIONS),
-                ("fraction_by_kernel", BY_KERNEL),
-            )
+        fractions: dict[str, float | None] = {
+            "fraction_by_velocity_equations": None,
+            "fraction_by_kernel": None,
         }
+        if evaluated:
+            by_equations = self.counts[BY_EQUATIONS,]
+            fractions["fraction_by_velocity_equations"] = by_equations / evaluated
+            fractions["fraction_by_kernel"] = self.counts[BY_KERNEL,] / evaluated
         return errors | fractions
 
 
