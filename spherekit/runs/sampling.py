@@ -185,7 +185,7 @@ class Sampling:
         motion
             A block of successive samples: n rows.
         names
-            Pairs whose variables are returned.
+            Pairs whose variables are returned, inputs and passive pairs.
         last_angles
             The variables at the end of the previous block. They are updated in place.
 
@@ -195,13 +195,17 @@ class Sampling:
         """
         solver = self.position_analysis.solver
         passive_names = set(names) - set(self.position_analysis.inputs)
+        # Inputs have no jumps, so the states are only needed if a passive pair is
+        # requested.
         if self.simulation is not None and passive_names:
             assert motion.timing is not None
-            # A simulation has counted the revolutions of passive pairs already.
+            # A simulation has counted the revolutions already. They are added to all
+            # variables that are angles; `solver.angles` has the numbers of these variables.
             difference = self.simulation.at(motion.timing.t).values - motion.values
             values = motion.values.copy()
             values[:, solver.angles] += TURN * np.round(difference / TURN)[:, solver.angles]
             motion = replace(motion, values=values)
+        # Without a simulation, revolutions are counted from sample to sample.
         angle_unwrapping = self.position_analysis.angle_unwrapping
         return continue_angles(motion, names, angle_unwrapping, last_angles)
 
@@ -311,8 +315,9 @@ def make_sampling(
     engine
         The solver of a simulation; see `simulate`.
     follow
-        Whether assembly modes (ways to assemble the mechanism) are searched if the samples
-        are no times. Without assembly modes there are no configurations.
+        False if no analysis of the run needs the motion. Assembly modes (ways to assemble
+        the mechanism) are then not searched, and there are no configurations. If the
+        samples are times, the modes are searched in any case.
     on_progress
         Function that is called while a simulation is solved. Its argument has all samples
         and the part of the simulation that is solved.
@@ -325,7 +330,7 @@ def make_sampling(
         See `PositionAnalysis` and `simulate`.
     """
     check_time(study)
-    mechanism = driven_at(study.mechanism)
+    mechanism = driven_at(study.mechanism)  # the mechanism, after a check of its inputs
     if study.duration is None:
         return _sample_inputs(study, mechanism, follow)
     # With a duration the samples are times. With a start the motion is a simulation.
@@ -337,7 +342,10 @@ def make_sampling(
 
 
 def _sample_inputs(study: Study, mechanism: Mechanism, follow: bool) -> Sampling:
-    """Return samples over the ranges of the inputs, or on a path of the inputs.
+    """Return samples that are values of the inputs.
+
+    They are on the straight path through the ranges of all inputs, on a grid over these
+    ranges, or the values that the study lists (`path`).
 
     Parameters
     ----------
@@ -347,7 +355,8 @@ def _sample_inputs(study: Study, mechanism: Mechanism, follow: bool) -> Sampling
     mechanism
         The mechanism of the study, with the inputs of the run.
     follow
-        Whether assembly modes are searched. Without them there are no configurations.
+        False if no analysis of the run needs the motion. Assembly modes are then not
+        searched, and there are no configurations.
     """
     # `input_pair=None`: the inputs are those of the mechanism.
     position_analysis = PositionAnalysis(
@@ -362,7 +371,8 @@ def _sample_inputs(study: Study, mechanism: Mechanism, follow: bool) -> Sampling
         crossings=study.crossings,
     )
     input_grid = position_analysis.input_grid
-    # The samples have times if they are on a straight path, or if there is one input.
+    # Samples without a list are on a straight path or on a grid. They have times if they
+    # are on the straight path, or if there is one input.
     is_straight = study.path is None and input_grid.is_path
     timing = None
     if is_straight or len(mechanism.input_pairs) == 1:
@@ -450,7 +460,9 @@ def _simulate_study(
 
     def show_progress(partial_simulation: Simulation) -> None:
         """Pass all samples to `on_progress`, with the part that is simulated already."""
-        # Inputs and rates are not filled in (NaN): they are known for a part only.
+        # The motion at a sample is computed from the simulation. Inputs and rates of all
+        # samples are known for a part only, and nothing reads them during the simulation.
+        # A column of NaN takes their place, whatever the number of inputs.
         unknown = nans((len(t), 1))
         assert on_progress is not None
         on_progress(
@@ -625,8 +637,10 @@ def _default_timing(q: Floats, is_straight: bool) -> Timing:
     is_straight
         Whether the inputs move on a straight path from the first to the last row.
         Otherwise there is a single input, which moves from its least to its greatest value.
+        Its values may be in any order, so the times are not sorted then.
     """
-    # (2, inputs): the first and the last values, or the least and the greatest.
+    # (2, inputs): the first and the last values, or the least and the greatest. The second
+    # result of `input_extents`, of rates, is not used.
     ends = q[[0, -1]] if is_straight else input_extents(q)[0]
     displacement = ends[1] - ends[0]
     fastest = np.argmax(np.abs(displacement))
@@ -634,7 +648,8 @@ def _default_timing(q: Floats, is_straight: bool) -> Timing:
     if displacement[fastest]:
         relative_speed = displacement / np.abs(displacement[fastest])
     else:
-        # No input moves. The rates are then those of inputs that move at the default speed.
+        # No input moves, as with a single sample. The rates are those of inputs that move
+        # at the default speed, so that velocities are not all zero.
         relative_speed = np.ones_like(displacement)
     return Timing(
         t,

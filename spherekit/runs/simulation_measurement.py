@@ -55,16 +55,17 @@ Smaller: a single disturbed round decides. Larger: the budget is exceeded by slo
 
 
 @dataclass(frozen=True)
-class Effort:
-    """The settings of a run that `spherekit.trade` measures, and how long it measures.
+class TradeOptions:
+    """Options of `spherekit.trade`, beside those that it shares with other functions.
 
-    A setting is one way to compute a run, such as an engine. Its time and error are
-    measured.
+    The function measures the time and the error of each setting of a run. A setting is one
+    way to compute the run, such as an engine.
 
     Attributes
     ----------
     settings
-        Settings to measure; by default all that apply to samples, or to a simulation.
+        Settings to measure. By default they are all settings of a simulation if the run is
+        one, otherwise all settings with which velocities at samples are computed.
     checked
         Largest number of samples at which errors are measured.
     rounds
@@ -73,8 +74,9 @@ class Effort:
         Time (s) after which no further round begins.
     """
 
-    # Fields of a study that are no options of `spherekit.trade`.
-    unused = ("tolerance", "verify", "degrees")
+    # Fields of a study that are no options of `spherekit.trade`. `apply_study_options`
+    # reads this list; all other fields of a study are options too.
+    excluded_study_fields = ("tolerance", "verify", "degrees")
 
     settings: Sequence[Setting] | None = None
     checked: int | None = None
@@ -198,7 +200,11 @@ def compute_timed_tables(
     planning_seconds = time.process_time() - start
 
     def make_batches() -> Iterator[Batch]:
-        """Yield the data of each block of samples, as the analysis reads them."""
+        """Yield the data of each block of samples, as the analysis reads them.
+
+        The two senses of a pole axis are equally right. If there is a reference, the axes
+        get the senses that they have there, so that opposite senses do not count as errors.
+        """
         # `source` computes the motion of each block. The poles of a block, and its
         # variables without jumps of whole turns, are evaluated from the motion.
         blocks = run_plan.source.blocks(run_plan.block_size)
@@ -222,7 +228,7 @@ def measure_candidates(
     candidates: Sequence[Candidate],
     compare: Callable[[Tables], Sequence[Deviation]],
     sample_ratio: float,
-    effort: Effort,
+    trade_options: TradeOptions,
 ) -> list[Measured]:
     """Measure the error of every candidate, and its time over alternating rounds.
 
@@ -234,7 +240,7 @@ def measure_candidates(
         Function that returns the deviations of tables from the reference.
     sample_ratio
         Number of samples of the run that is wanted, over that of the measured runs.
-    effort
+    trade_options
         Number of rounds, and the time after which no round begins.
 
     Returns
@@ -274,8 +280,8 @@ def measure_candidates(
     # Then the times: before any sample, and of all samples, in each round.
     first_seconds: dict[str, list[float]] = {item.name: [] for item in applicable}
     sample_seconds: dict[str, list[float]] = {item.name: [] for item in applicable}
-    for round_number in range(effort.rounds):
-        if round_number >= MIN_ROUNDS and time.monotonic() - start > effort.budget:
+    for round_number in range(trade_options.rounds):
+        if round_number >= MIN_ROUNDS and time.monotonic() - start > trade_options.budget:
             break
         # Alternating orders, so that a machine that becomes slower favours none.
         order = applicable if round_number % 2 == 0 else applicable[::-1]
@@ -284,7 +290,7 @@ def measure_candidates(
             seconds = timed_tables.seconds - timed_tables.first_seconds
             first_seconds[candidate.name].append(timed_tables.first_seconds)
             sample_seconds[candidate.name].append(sample_ratio * seconds)
-            text = f"{candidate.name}, round {round_number + 1} of {effort.rounds}"
+            text = f"{candidate.name}, round {round_number + 1} of {trade_options.rounds}"
             progress.report_if_due(lambda: text)  # noqa: B023
 
     for name, seconds_of_rounds in sample_seconds.items():
@@ -303,7 +309,7 @@ def measure_candidates(
 
 
 def measure_simulation_settings(
-    run_plan: RunPlan, study: Study, effort: Effort
+    run_plan: RunPlan, study: Study, trade_options: TradeOptions
 ) -> SettingMeasurement:
     """Measure integrators and tolerances of a simulation.
 
@@ -316,10 +322,10 @@ def measure_simulation_settings(
         The run with the samples of the study's simulation.
     study
         The study.
-    effort
+    trade_options
         The settings that are measured, and how long.
     """
-    settings = effort.settings or [
+    settings = trade_options.settings or [
         Setting(integrator=integrator, tolerance=tolerance)
         for integrator in INTEGRATORS
         for tolerance in TOLERANCES_RAD
@@ -369,7 +375,7 @@ def measure_simulation_settings(
     ]
     sample_ratio = study.count / len(run_plan.sampling)
     results = []
-    for measured in measure_candidates(candidates, compare, sample_ratio, effort):
+    for measured in measure_candidates(candidates, compare, sample_ratio, trade_options):
         setting = measured.setting
         is_compiled = setting is not None and setting.integrator == "compiled"
         if is_compiled and not measured.reason:
@@ -513,6 +519,7 @@ def _compute_exact_tables(
     duration = run_plan.sampling.duration
     assert simulation is not None and study.start is not None and duration is not None
     assert sampling.t is not None
+    # The simulation in many digits. All samples of the float64 simulation are one block.
     exact = refined(simulation, study.start, duration)
     (motion,) = sampling.blocks(len(sampling))
     # Variables (n, variables), then their first and second derivatives by time, as balls:
@@ -531,11 +538,15 @@ def _compute_exact_tables(
     # Rates and accelerations of the input.
     input_rates = [centre_floats(derivative[:, [driven]]) for derivative in derivatives]
     if exact.kind == "sticking":
-        # The simulation ends with sticking, where dry friction jumps. Numbers that depend
-        # on it are not compared from there on.
+        # The simulation ends where a pair begins to stick. Dry friction jumps there, and
+        # with it the accelerations, so neither value before or after the jump is the only
+        # right one. Rates and accelerations are made NaN from there on, and nothing that
+        # follows from them is compared.
         is_sticking = sampling.t >= min(float(exact.end), simulation.end.t)
         for rate in input_rates:
             rate[is_sticking] = np.nan
+    # The float64 simulation may end later, by its error. Samples after the end of the exact
+    # one have the state at its end, and therefore its time.
     timing = Timing(np.minimum(sampling.t, float(exact.end)), *input_rates)
     motion = replace(motion, values=values, inputs=centre_floats(inputs), timing=timing)
     (analysis,) = run_plan.analyses

@@ -48,8 +48,8 @@ def apply_study_options(
         Fields of `Study`, fields of `options_class`, or `input_pair`, the names of the
         driven pairs. A name that is a field of both belongs to `options_class`.
     options_class
-        Dataclass of the other options. Its attribute `unused` names the fields of `Study`
-        that are no options of the function.
+        Dataclass of the other options. Its attribute `excluded_study_fields` names the
+        fields of `Study` that are no options of the function.
 
     Returns
     -------
@@ -98,12 +98,21 @@ def apply_study_options(
 
 
 def _list_options(options_class: type) -> dict[str, inspect.Parameter]:
-    """Return the keyword options of a function, with default values and types, by name.
+    """Return the keyword options of a public function, with default values and types.
 
-    They are `input_pair`, the fields of `Study` that are options, and the fields of
-    `options_class`, whose attribute `unused` names further fields of `Study` that are none.
+    The function takes a study and options that replace fields of the study. Its options are
+    `input_pair`, most fields of `Study`, and the fields of `options_class`, which belong to
+    this function only. The class may list further fields of `Study` that are no options in
+    its attribute `excluded_study_fields`.
+
+    Returns
+    -------
+    The options by name, as parameters that `inspect.signature` can show.
     """
-    excluded = {*FIELDS_WITHOUT_OPTION, *getattr(options_class, "unused", ())}
+    excluded = {
+        *FIELDS_WITHOUT_OPTION,
+        *getattr(options_class, "excluded_study_fields", ()),
+    }
     study_fields = [item for item in fields(Study) if item.name not in excluded]
     # The default value and the type of each option.
     options: dict[str, tuple[Any, Any]] = {"input_pair": (None, str | Sequence[str] | None)}

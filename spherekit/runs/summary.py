@@ -146,8 +146,8 @@ def measure_cost(
         with timer.stage(RECORDING):
             recorder.finish()
         recording = {"recording": recorder.cost}
-    # How many results, such as pole axes, one configuration needs, by name of the input
-    # that moves.
+    # How many results one configuration needs, by name of the input that moves: pole axes,
+    # their derivatives by the input, and angular velocities of links ("link rates").
     counts_by_input = {}
     for request in run_plan.requests:
         moving_pair = run_plan.mechanism.pairs[request.plan.input]
@@ -166,14 +166,19 @@ def measure_cost(
             "rows": run_state.counts[ROWS, analysis_name, table.name],
             "columns": len(table.columns),
         }
+    # Rows whose poles were computed from the velocity equations of the whole mechanism, in
+    # quad precision, because float64 left too few digits.
+    equation_count = run_state.counts[BY_EQUATIONS,]
+    # The engine that solved a simulation, with its steps and computing times.
     simulation = run_plan.sampling.simulation
+    engine = {} if simulation is None else {"simulate": asdict(simulation.engine)}
     return {
         "configurations": run_state.configurations,
         "each_configuration": counts_by_input,
         **totals,
-        "velocity_equation_solves": run_state.counts[BY_EQUATIONS,],
+        "velocity_equation_solves": equation_count,
         "tables": tables,
         **recording,
         "seconds": timer.total_seconds(),
-        **({} if simulation is None else {"simulate": asdict(simulation.engine)}),
+        **engine,
     }

@@ -24,13 +24,15 @@ class Deviation:
         The largest deviation, divided by `scale`. It is at least the rounding error of
         float64.
     scale
-        1 for absolute errors, otherwise the largest reference value.
+        1 for absolute errors, such as those of angles. Otherwise the largest reference
+        value of all columns of the table with the same unit.
     compared
         Number of reference values.
     missing
         Number of reference values for which the table has no number.
     estimate
-        Error that the analysis itself estimates; NaN without an estimate.
+        Largest error that the analysis itself estimates, relative to the largest number of
+        the column; NaN without an estimate.
     """
 
     column: str
@@ -77,8 +79,9 @@ def compute_deviations(
     Some errors are absolute, such as those of angles. The others are relative to the
     largest reference value of all columns of the table with the same unit, because the
     values of one column may all be rounding errors, for example a torque that balances
-    others. If all derivatives by an angle (such as N m/rad) are rounding errors, their
-    errors are relative to the functions that are differentiated (`_find_scale`).
+    others. All columns with a unit such as N m/rad, of derivatives by an angle, may be
+    rounding errors too. Their errors are then relative to the columns in N m, which are
+    differentiated.
 
     Parameters
     ----------
@@ -112,7 +115,8 @@ def compute_deviations(
             differences, reference_count = _subtract(
                 column, columns[column.name], reference_columns[column.name]
             )
-            # A deviation below one rounding of float64 counts as one rounding.
+            # `differences` has an entry for each row in which both tables have a number. A
+            # deviation below one rounding of float64 counts as one rounding.
             deviations.append(
                 Deviation(
                     column=f"{table.name}.{column.name}",
@@ -128,9 +132,10 @@ def compute_deviations(
 def _find_scale(largest_by_unit: Mapping[str, float], unit: str) -> float:
     """Return the number to which errors of columns with a unit are relative.
 
-    It is the largest reference value with this unit. If this is a rounding error of the
-    functions whose derivatives by an angle have this unit, it is the largest value of these
-    functions. An example is N m/rad, the unit of derivatives of torques.
+    It is the largest reference value with this unit. There is one exception. A unit such as
+    N m/rad is that of derivatives by an angle, here of the columns in N m. If these columns
+    are constant, their derivatives are only rounding errors. Errors of the derivatives are
+    then relative to the largest value of the columns in N m.
 
     Parameters
     ----------

@@ -64,8 +64,9 @@ class StoredTables:
         """
         from spherekit.tables.table_files import write_columns
 
-        # If there are several blocks, the rows of a file are sorted by assembly mode, so
-        # that the final table can have all rows of a mode together.
+        # If there are several blocks, the rows of a file are sorted by assembly mode (way
+        # to assemble the mechanism), so that the final table can have all rows of a mode
+        # together. `mode_rows` lists each mode with the slice of its rows.
         by_mode = self._has_several_blocks and table.in_assembly_modes
         mode_rows = sort_by_mode(convert_columns(table, arrays(data)), by_mode)
         # The file is divided into groups of at most CHUNK_ROWS rows, each of one mode. The
@@ -82,6 +83,7 @@ class StoredTables:
             columns=mode_rows.columns,
             notes={MODES: group_modes},
             groups=group_rows,
+            # The file is only read once, when the tables of the complete run are written.
             compression="none",
         )
         self._file_counts[key] += 1

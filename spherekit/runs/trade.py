@@ -29,9 +29,9 @@ from spherekit.runs.runner import run
 from spherekit.runs.sampling import Sampling, make_sampling
 from spherekit.runs.simulation_measurement import (
     Candidate,
-    Effort,
     SettingMeasurement,
     TimedTables,
+    TradeOptions,
     compute_timed_tables,
     make_analysis_plan,
     measure_candidates,
@@ -90,8 +90,8 @@ def choose_check_samples(sampling: Sampling, even_count: int, request: Request) 
     The samples are spread evenly, and refined where the error bounds of pole axes have a
     peak, because errors of rounding and of interpolation are largest there. A pole is the
     axis about which one link rotates relative to another. Samples in the middle of the gaps
-    on both sides of each peak are added, until a peak and its neighbours are successive
-    samples of the run.
+    on both sides of the highest peaks (`MAX_REFINED_PEAKS`) are added, until these peaks
+    and their neighbours are successive samples of the run.
 
     Parameters
     ----------
@@ -105,12 +105,15 @@ def choose_check_samples(sampling: Sampling, even_count: int, request: Request) 
     """
     q = sampling.inputs[:, 0]
     even_samples = np.linspace(0, len(q) - 1, even_count).astype(np.intp)
+    # The samples with the least and the greatest input are added, so that the range of the
+    # input is the same.
     samples = np.unique([*even_samples, np.argmin(q), np.argmax(q)])
     if sampling.inputs.shape[1] > 1 or not request.poles:
         return samples
     new_samples = samples
     while len(new_samples):
         motion = sampling.motion_at(samples)
+        # Poles as intersections of the best conditioned great circles, with error bounds.
         field = evaluate(motion, request, route="conditioned")
         # (modes, samples) the largest error bound of any pole direction, 0 without one.
         bounds = [np.zeros(len(motion)), *field.direction_error.values()]
@@ -163,7 +166,7 @@ def take_samples(sampling: Sampling, rows: Indices, search: bool) -> Sampling:
     )
 
 
-@takes_study_options(Effort)
+@takes_study_options(TradeOptions)
 @checked(AnalysisError)
 def trade(
     subject: Subject, analysis: str | AbstractAnalysis = "poles", **options: Any
@@ -172,19 +175,24 @@ def trade(
 
     A setting is one way to compute the run, such as an engine or a tolerance. Some analyses
     have parameters that trade speed for accuracy; their values are then measured instead.
+    The result, a trade, has the time and the error of each setting.
 
     Parameters
     ----------
     subject
         The run for which a setting is sought: a study or a mechanism, as an object, as the
-        path of a file, or as the name of a shipped example. If it has many samples, errors
+        path of a file, or as the name of a shipped example. If it has more samples than
+        `checked`, or by default more than 361 samples or about 1500 configurations, errors
         are measured at fewer samples over the same range.
     analysis
         The analysis, as an object or by its name with parameters.
     options
-        `input_pair`, names of the driven pairs, and fields of
-        `spherekit.files.study.Study` and of `Effort` (settings, checked, rounds, budget).
-        An option replaces the value in the study.
+        - `input_pair`: names of the driven pairs;
+        - fields of `spherekit.files.study.Study`, which replace the values in the study;
+        - `settings`: the settings to measure, by default all that apply;
+        - `checked`: largest number of samples at which errors are measured;
+        - `rounds`: number of times that each setting is run, 5 by default;
+        - `budget`: time (s) after which no further round begins, 30 by default.
 
     Raises
     ------
@@ -193,7 +201,7 @@ def trade(
     PlanError, SolveError, ModelError
         See `spherekit.run`.
     """
-    study, effort = apply_study_options("trade", subject, options, Effort)
+    study, trade_options = apply_study_options("trade", subject, options, TradeOptions)
     # Settings of a simulation have tolerances of their own, instead of that of the study.
     study = replace(study, tolerance=DEFAULT_TOLERANCE)
     if isinstance(analysis, str):
@@ -201,13 +209,13 @@ def trade(
     # Parameters of the analysis that trade speed for accuracy.
     sweeps = [sweep for sweep in analysis.trades if sweep.applies(study.mechanism)]
     if sweeps:
-        return _trade_parameters(study, analysis, sweeps, effort)
+        return _trade_parameters(study, analysis, sweeps, trade_options)
     # A study with a start is a simulation. It is computed again with each setting, so it
-    # gets fewer samples.
+    # gets fewer samples here. Other runs get fewer samples in `_trade_samples`.
     is_simulation = study.start is not None
     shortened_study = study
     if is_simulation:
-        sample_count = min(study.count, effort.checked or MAX_CHECKED_SAMPLES)
+        sample_count = min(study.count, trade_options.checked or MAX_CHECKED_SAMPLES)
         shortened_study = replace(study, samples=sample_count)
     run_plan = make_analysis_plan(make_sampling(shortened_study), analysis)
     if not reads_poles(run_plan):
@@ -217,12 +225,14 @@ def trade(
             "nothing to measure"
         )
     if is_simulation:
-        measurement = measure_simulation_settings(run_plan, study, effort)
+        measurement = measure_simulation_settings(run_plan, study, trade_options)
         return _make_trade(run_plan, study, measurement)
-    return _trade_samples(run_plan, study, effort)
+    return _trade_samples(run_plan, study, trade_options)
 
 
-def _choose_sampling(run_plan: RunPlan, study: Study, effort: Effort) -> Sampling:
+def _choose_sampling(
+    run_plan: RunPlan, study: Study, trade_options: TradeOptions
+) -> Sampling:
     """Return the samples at which the errors of settings are measured.
 
     They are those of the run, or fewer over the same range, because reference values in
@@ -234,13 +244,16 @@ def _choose_sampling(run_plan: RunPlan, study: Study, effort: Effort) -> Samplin
         The run, with its samples and the poles that its analysis reads.
     study
         The study of the run.
-    effort
-        The largest number of samples at which errors are measured.
+    trade_options
+        Its attribute `checked` is the largest number of samples at which errors are
+        measured, None for the default.
     """
     sampling = run_plan.sampling
+    # Each sample has a configuration (row) in each assembly mode, a way to assemble the
+    # mechanism.
     mode_count = len(sampling.position_analysis.assembly_modes)
     default_count = max(MIN_CHECKED_SAMPLES, MAX_CHECKED_ROWS // mode_count)
-    max_count = min(MAX_CHECKED_SAMPLES, effort.checked or default_count)
+    max_count = min(MAX_CHECKED_SAMPLES, trade_options.checked or default_count)
     if len(sampling) <= max_count:
         return sampling
     axis_count = len(sampling.shape)
@@ -249,6 +262,8 @@ def _choose_sampling(run_plan: RunPlan, study: Study, effort: Effort) -> Samplin
         side = max(2, int(max_count ** (1.0 / axis_count)))
         samples = tuple(min(axis_samples, side) for axis_samples in sampling.shape)
         return make_sampling(replace(study, samples=samples))
+    # The first request has the poles of the first input, which decide where samples along
+    # a path are added.
     rows = choose_check_samples(sampling, max_count, run_plan.requests[0])
     return take_samples(sampling, rows, study.search)
 
@@ -269,11 +284,13 @@ def _choose_kernel_sampling(run_plan: RunPlan, study: Study) -> Sampling | None:
     return take_samples(sampling, np.arange(count), study.search)
 
 
-def _trade_samples(run_plan: RunPlan, study: Study, effort: Effort) -> Trade:
+def _trade_samples(run_plan: RunPlan, study: Study, trade_options: TradeOptions) -> Trade:
     """Measure the settings of a run that is no simulation.
 
-    A setting is a way to compute the velocities at the samples. Its tables are compared
-    with tables from solutions of the closure equations in more digits than float64.
+    A setting is a way to compute the velocities at the samples: one of the `ENGINES`, and
+    for NumPy one of the `ROUTES` to the pole axes. Its tables are compared with tables from
+    solutions of the closure equations in more digits than float64. The result, a trade, has
+    the time and the error of each setting.
 
     Parameters
     ----------
@@ -281,19 +298,20 @@ def _trade_samples(run_plan: RunPlan, study: Study, effort: Effort) -> Trade:
         The run for which a setting is sought, with one analysis.
     study
         The study of this run.
-    effort
+    trade_options
         The settings to measure, and how long.
     """
     (analysis,) = run_plan.analyses
-    # Samples at which the default setting is timed with a kernel, compiled functions for
-    # many rows. None if the run does not use one.
+    # Long runs with the default setting, `ORDINARY`, use a kernel: compiled functions for
+    # many rows. No other setting does. These are the samples at which the default setting
+    # is timed with the kernel, None if the run is too short for one.
     kernel_sampling = _choose_kernel_sampling(run_plan, study)
     # Samples at which errors are measured.
-    sampling = _choose_sampling(run_plan, study, effort)
+    sampling = _choose_sampling(run_plan, study, trade_options)
     checked_plan = make_analysis_plan(sampling, analysis)
     motion = sampling.motion_at(np.arange(len(sampling)))
     reference = compute_reference_tables(checked_plan, motion)
-    settings = effort.settings or [
+    settings = trade_options.settings or [
         *(Setting(route=route) for route in ROUTES),
         *(Setting(engine=engine) for engine in ENGINES if engine != "numpy"),
     ]
@@ -308,7 +326,8 @@ def _trade_samples(run_plan: RunPlan, study: Study, effort: Effort) -> Trade:
             fields = reference.pole_fields if is_compared else ()
             return compute_timed_tables(sampling, analysis, setting, fields)
         timed_tables = compute_timed_tables(kernel_sampling, analysis, setting)
-        # The time is converted to the number of samples at which errors are measured.
+        # `first_seconds` is the time before the first sample, which does not depend on the
+        # number of samples. The rest is converted to the samples of the other settings.
         sample_seconds = timed_tables.seconds - timed_tables.first_seconds
         sample_seconds = sample_seconds * len(sampling) / len(kernel_sampling)
         return timed_tables._replace(seconds=timed_tables.first_seconds + sample_seconds)
@@ -320,11 +339,11 @@ def _trade_samples(run_plan: RunPlan, study: Study, effort: Effort) -> Trade:
         ],
         compare=lambda tables: measure_deviations(checked_plan, tables, reference.tables),
         sample_ratio=study.count / len(sampling),
-        effort=effort,
+        trade_options=trade_options,
     )
     measurement = SettingMeasurement(
         reference=f"the closure equations in {REFERENCE_DIGITS} digits{reference.lacking}",
-        floor=EPS,
+        floor=EPS,  # error of the reference values, which are rounded to float64
         reference_tables=reference.tables,
         settings=measured_settings,
     )
@@ -333,6 +352,9 @@ def _trade_samples(run_plan: RunPlan, study: Study, effort: Effort) -> Trade:
 
 def _make_trade(run_plan: RunPlan, study: Study, measurement: SettingMeasurement) -> Trade:
     """Return the result of `trade` from measured settings.
+
+    A trade shows how much accuracy is lost for speed. It has the time and the error of each
+    setting (way to compute a run), and for which run they were measured.
 
     Parameters
     ----------
@@ -372,12 +394,16 @@ def _make_trade(run_plan: RunPlan, study: Study, measurement: SettingMeasurement
 
 
 def _trade_parameters(
-    study: Study, analysis: AbstractAnalysis, sweeps: Sequence[Sweep], effort: Effort
+    study: Study,
+    analysis: AbstractAnalysis,
+    sweeps: Sequence[Sweep],
+    trade_options: TradeOptions,
 ) -> Trade:
     """Measure parameters of an analysis that trade speed for accuracy.
 
     The analysis is run with each value of a parameter. One column of a table is compared
-    with the column for the most accurate value.
+    with the column for the most accurate value. The result, a trade, has the time and the
+    error of each value.
 
     Parameters
     ----------
@@ -388,7 +414,7 @@ def _trade_parameters(
     sweeps
         The parameters with their values and the compared columns. The last value of each is
         the most accurate one.
-    effort
+    trade_options
         Number of repetitions, and the time after which measuring ends.
     """
     all_measured: list[Measured] = []
@@ -408,9 +434,11 @@ def _trade_parameters(
         reference = reference_candidate.run(True).tables
         compare = partial(_compare_sweep_column, sweep, reference)
         all_measured += measure_candidates(
-            candidates, compare, sample_ratio=1.0, effort=effort
+            candidates, compare, sample_ratio=1.0, trade_options=trade_options
         )
-        # Comparing the reference with itself gives the scale of errors.
+        # Comparing the reference with itself gives the scale of errors. The compared column
+        # has either positions (`places`), such as inputs (rad) at which something happens,
+        # or other numbers, whose errors are relative to the largest one.
         (deviation,) = compare(reference)
         scale_words = "absolute rad" if sweep.places else "over the largest"
         columns.setdefault(deviation.column, (scale_words, deviation.scale))
@@ -419,9 +447,12 @@ def _trade_parameters(
         mechanism=study.mechanism.name,
         analysis=analysis.name,
         samples=study.count,
+        # Errors were measured in the results of one run, not sample by sample.
         checked=1,
         rows=1,
         reference=f"the tightest: {', '.join(reference_names)}",
+        # The error of the reference is not known. It is taken as the smallest error that
+        # was measured.
         floor=min(finite_errors, default=EPS),
         derivatives=None,
         columns=tuple((name, words, scale) for name, (words, scale) in columns.items()),
@@ -435,9 +466,10 @@ def _run_with_value(
 ) -> TimedTables:
     """Run an analysis with one value of a parameter, and measure the time.
 
-    The user seeks the best value for a run with many samples. Here fewer samples are
-    computed, because the time of such an analysis does not depend on their number. The
-    whole time therefore counts as spent before the first sample.
+    An analysis with such a parameter spends its time on a search of its own, and hardly any
+    on the samples of the run. Therefore few samples are computed here, unless the parameter
+    itself is their number. The whole time counts as spent before the first sample, so that
+    it is not multiplied when the time of a run with more samples is estimated.
 
     Parameters
     ----------
@@ -446,11 +478,13 @@ def _run_with_value(
     analysis
         The analysis.
     sweep
-        The parameter, values of other parameters, and the table that is compared.
+        The parameter, values of other parameters (`beside`), and the table that is
+        compared.
     value
         The value of the parameter. The parameter "samples" is the number of samples.
     is_compared
-        Not used here. The function of a `Candidate` has this argument.
+        Not used, because the tables are returned in any case. Functions that run an
+        analysis for `measure_candidates` have this argument.
     """
     start = time.process_time()
     sample_count = min(study.count, MIN_CHECKED_SAMPLES)
@@ -536,11 +570,16 @@ def _compare_sweep_column(
 def _group_numbers(sweep: Sweep, data: TableArrays) -> dict[Names, Floats]:
     """Return the finite numbers of a column, grouped by the texts in their rows.
 
+    Two runs may find a different number of rows. A number is therefore only compared with
+    numbers in rows with the same texts, such as the kind of a singularity.
+
     Parameters
     ----------
     sweep
-        Names of the column of numbers, and of the columns of texts. With several inputs
-        there is one column of numbers for each, such as ``q_21`` and ``q_31`` for ``q``.
+        A parameter of an analysis that is varied, with the columns by which its results are
+        compared: `column` has the numbers, and `match` are the columns of texts. With
+        several inputs there is one column of numbers for each, such as ``q_21`` and
+        ``q_31`` for ``q``.
     data
         The columns of the table by name.
 

@@ -229,8 +229,9 @@ def _choose_from_trades(
     """Return the cheapest setting that meets a tolerance in all trades.
 
     A trade consists of the settings of a run (ways to compute it) with their measured times
-    and errors, for one analysis. If no setting meets the tolerance, the most accurate one
-    is returned.
+    and errors, for one analysis. Measured times scatter, so all settings that are about as
+    fast as the cheapest one count as equally cheap, and the most accurate of these is
+    returned. If no setting meets the tolerance, the most accurate one is returned.
 
     Parameters
     ----------
@@ -241,7 +242,8 @@ def _choose_from_trades(
     kind
         Adjective for the trades in the reason, such as ``"stored"``.
     """
-    # For each trade, its usable settings with their times and errors.
+    # For each trade, its usable settings with their times and errors. A setting counts if
+    # it could be run and gave all numbers that the reference has.
     measured_of_trades: list[dict[Setting, Measured]] = []
     for stored_trade in trades:
         measured_of_trades.append(

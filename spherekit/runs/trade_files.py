@@ -35,7 +35,7 @@ def describe_run(study: Study, analysis: AbstractAnalysis) -> Facts:
     analysis
         The analysis whose settings are measured.
     """
-    mechanism = driven_at(study.mechanism)
+    mechanism = driven_at(study.mechanism)  # the mechanism, after a check of its inputs
     path = study.path
     # The description of an analysis is its name, version and parameters.
     ((_, version, analysis_parameters),) = describe_analyses([analysis])
@@ -54,8 +54,11 @@ def describe_run(study: Study, analysis: AbstractAnalysis) -> Facts:
         "samples": "x".join(map(str, study.shape)),
         "input_values": None if path is None else hash_array(path),
         "assembly_mode": assembly_mode,
+        # Whether all assembly modes (ways to assemble the mechanism) are searched.
         "search": study.search,
-        # The key is left out for the default, because trades of earlier versions lack it.
+        # Where configuration curves cross, modes keep the signs of their dyads ("end"), or
+        # follow smooth curves ("pass"). The key is left out for the default "end", because
+        # trades of earlier versions lack it.
         **({"crossings": "pass"} if study.crossings == "pass" else {}),
         "laws": {pair: repr(law) for pair, law in study.laws.items()},
         "duration": study.duration,
