@@ -233,7 +233,7 @@ def test_a_wrong_configuration_is_reported_or_has_no_reference():
     values[far_row, theta_32] += 1e-4
     values[near_row, theta_32] += 1e-8
     wrong_motion = replace(motion, values=values)
-    verifier.check_block(wrong_motion, (evaluate(wrong_motion, pole_request),), {})
+    verifier.select_from_block(wrong_motion, (evaluate(wrong_motion, pole_request),), {})
     verification = verifier.verify()
     assert verification["rows"] == len(motion)
 

@@ -225,7 +225,7 @@ def run_study(
                     timer=timer,
                 )
                 if verifier is not None:
-                    verifier.check_block(motion, pole_fields, continued_angles)
+                    verifier.select_from_block(motion, pole_fields, continued_angles)
                 run_state.stage_seconds = timer.total_seconds()
                 save_checkpoint()
 

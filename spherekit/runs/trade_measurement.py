@@ -54,14 +54,16 @@ def measure_run(run_plan: RunPlan) -> tuple[list[Deviation], int]:
         # Its position in the part is the fractional part of a multiple of the golden ratio.
         # A regular pattern could coincide with a pattern of the run.
         parts = samples[:CHECKED_SAMPLES]
-        fractions = (parts + parts * GOLDEN % 1.0) / CHECKED_SAMPLES
+        positions_in_parts = (parts * GOLDEN) % 1.0
+        fractions = (parts + positions_in_parts) / CHECKED_SAMPLES
         samples = np.unique((fractions * sample_count).astype(np.intp))
     reference = compute_reference_tables(run_plan, run_plan.sampling.motion_at(samples))
 
-    # The same samples as the run computes them.
-    block = run_plan.source.motion_at(samples)
-    ((motion, pole_fields, continued_angles),) = run_plan.evaluate_blocks([block])
-    # A pole is a line with two senses. Both tables get the senses of the reference.
+    # The same samples as the run computes them, in a single block.
+    (block,) = run_plan.evaluate_blocks([run_plan.source.motion_at(samples)])
+    motion, pole_fields, continued_angles = block
+    # A pole is an axis, whose direction may point either way. In both tables directions
+    # point as in the reference.
     pole_fields = align_directions(
         pole_fields, reference.pole_fields, np.arange(len(motion))
     )
@@ -83,7 +85,8 @@ class ReferenceTables:
         The poles from which they are computed, for each input that moves while the others
         are locked. A pole is the axis about which one link rotates relative to another.
     lacking
-        Phrase with the number of rows that have no reference values; empty if all have.
+        End of a sentence about the reference values, such as ", 3 rows without", with the
+        number of rows that have none. Empty if all have.
     """
 
     tables: Tables
@@ -110,11 +113,13 @@ def compute_reference_tables(
         exact.
     """
     (analysis,) = run_plan.analyses
+    # One request for each input that moves while the others are locked, if poles are read.
     requests = [request for request in run_plan.requests if request.poles]
     pole_fields = [evaluate(motion, request) for request in requests]
     reference = compute_reference(motion, requests, pole_fields, inputs=inputs)
     reference_motion = replace(reference.motion, samples=motion.samples)
-    # Rows of the run for which no solution in many digits was computed.
+    # Rows of the run for which no solution in many digits was computed. `exact` has an
+    # entry for each moving input, all with the same configurations.
     is_lacking = (motion.status == Status.OK) & (reference.exact[0].status != Status.OK)
     lacking_count = np.sum(is_lacking)
     # There is no block before this one whose angles are continued.

@@ -38,7 +38,8 @@ class Measured:
     """The times and errors of one setting of a run, or of one value of a parameter.
 
     A setting is a way to compute a run, such as an engine. Times are those of the run for
-    which a setting is sought, even if fewer samples were measured.
+    which a setting is sought. If fewer samples were measured, times are multiplied by the
+    ratio of the numbers of samples.
 
     Attributes
     ----------
@@ -49,11 +50,13 @@ class Measured:
     seconds, seconds_median
         Best and median processor time (s) of the run, without compiling.
     first_seconds
-        The part of these times (s) that is spent before the first sample.
+        The part of these times (s) that is spent before the first sample, and that does not
+        grow with the number of samples.
     compile_seconds
         Time (s) for compiling, which is spent once.
     error
-        Largest deviation from reference values, in units of the scale of its column.
+        Largest deviation of any column from reference values. The deviation of a column is
+        divided by the scale of the column (`Trade.columns`).
     worst_column
         The column with this deviation.
     own_estimate
@@ -239,13 +242,16 @@ class Trade:
     def _setting_as_dict(self, measured: Measured) -> Facts:
         """Return one setting with its times and errors as data for JSON.
 
-        NaN becomes None, because JSON has no NaN.
+        A setting is a way to compute a run. "what" describes it in words, and "applies" is
+        false if it cannot compute this run (`Measured.reason` says why). NaN becomes None,
+        because JSON has no NaN.
         """
         values = {}
         for key, value in asdict(measured).items():
             # Only NaN differs from itself.
             is_nan = value != value
             values[key] = None if is_nan else value
+        # `first_seconds` are spent before the first sample, whatever the number of samples.
         seconds_per_sample = (measured.seconds - measured.first_seconds) / self.samples
         return {
             **values,

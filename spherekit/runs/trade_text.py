@@ -35,6 +35,7 @@ def as_text(trade: Trade, tolerance: float | None = None) -> str:
     front = trade.pareto
     rows: list[Names] = [HEADINGS]
     for measured in trade.settings:
+        # A setting that does not apply to this run has a reason.
         if not measured.reason:
             rows.append(_make_cells(measured, is_on_front=measured in front))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
@@ -45,6 +46,7 @@ def as_text(trade: Trade, tolerance: float | None = None) -> str:
             for cell, alignment, width in zip(row, ALIGNMENTS, widths, strict=True)
         ]
         lines.append("  ".join(cells).rstrip())
+    # Each setting was run several times, in rounds.
     lines.append(
         "*: no other is quicker and as accurate. Times are processor times of the whole "
         "run, the best of the rounds and their median; compiling comes once."
@@ -55,7 +57,9 @@ def as_text(trade: Trade, tolerance: float | None = None) -> str:
         for measured in trade.settings
         if np.isfinite(measured.own_estimate)
     ]
-    # Columns whose errors have the same scale share a line.
+    # Columns whose errors have the same scale share a line. The words about it begin with
+    # "absolute" if the scale is 1. Otherwise errors are divided by a number, which is
+    # added.
     columns_by_scale: dict[str, list[str]] = {}
     for column, scale_words, scale in trade.columns:
         scale_number = "" if scale_words.startswith("absolute") else f" ({scale:.3g})"
@@ -119,7 +123,8 @@ def _make_cells(measured: Measured, is_on_front: bool) -> Names:
 
     A setting is a way to compute a run. The cells are a star (if no other setting is
     quicker and as accurate), the name, the largest error and its column, and the best time,
-    the median time and the time for compiling.
+    the median time and the time for compiling. The number of results that the reference has
+    and this setting lacks (`missing`) is added to the error.
     """
     error = f"{measured.error:.1e}"
     if measured.missing:
@@ -139,13 +144,17 @@ def _make_cells(measured: Measured, is_on_front: bool) -> Names:
 def _list_inapplicable_settings(trade: Trade) -> list[str]:
     """Return lines that list the settings which do not apply, with the reasons.
 
-    Reasons that differ only in numbers or in the name of their setting share a line.
+    A trade has the measured times and errors of all settings, the ways to compute a run.
+    Settings that cannot compute it have a reason instead. Reasons that differ only in
+    numbers or in the name of their setting share a line.
     """
     # Reasons are compared without their numbers. Each entry has the first of the equal
     # reasons, with its numbers, and the names of the settings.
     settings_by_reason: dict[str, tuple[str, list[str]]] = {}
     for measured in trade.settings:
         if measured.reason:
+            # The name of the setting is taken out of the reason, so that reasons of several
+            # settings become equal.
             reason = measured.reason.replace(f" {measured.name} ", " ")
             reason = reason.removeprefix(f"{trade.mechanism}: ")
             key = without_numbers(reason)

@@ -83,7 +83,11 @@ class _BlockRows(ArrayRows):
     continued_angles: ContinuedAngles
 
     def select_for_check(self, count: int, sample_count: int) -> "_BlockRows":
-        """Return the worst rows, and others spread evenly over the run.
+        """Return rows to be computed again in many digits: the worst, and some others.
+
+        The worst rows have the largest closure residual, the largest error bound of a pole
+        direction, and the largest condition number of the closure Jacobian. The other rows
+        are spread evenly over the run.
 
         Parameters
         ----------
@@ -103,7 +107,7 @@ class _BlockRows(ArrayRows):
             for errors in pole_field.direction_error.values():
                 direction_bound = np.fmax(direction_bound, errors)
         # The row with the largest closure residual, with the largest error bound, and with
-        # the worst conditioning.
+        # the largest condition number. NaN never counts as the largest.
         worst_rows = [
             np.argmax(np.nan_to_num(score, nan=-1.0))
             for score in (motion.residual, direction_bound, motion.conditioning)
@@ -164,10 +168,13 @@ def compute_reference(
         (n, inputs) inputs in more digits than float64. By default those of the motion.
     """
     all_rows = np.ones(len(motion), dtype=bool)
-    input_pairs = [item.plan.input for item in requests] or motion.assembly.inputs[:1]
-    # By default the mechanism has the float64 numbers nearest to those of its file. If the
-    # run has computed some rows from the decimal numbers of the file, the reference uses
-    # them too.
+    # The moving input of each request. Without requests it is the first input.
+    input_pairs = [request.plan.input for request in requests]
+    if not input_pairs:
+        input_pairs = list(motion.assembly.inputs[:1])
+    # The geometry of a mechanism is in the frames of its pairs. By default they follow from
+    # the float64 numbers nearest to those of its file. If the run has computed some rows
+    # from the decimal numbers of the file, the frames of the reference follow from these.
     frames = None
     if any(np.any(pole_field.is_decimal) for pole_field in pole_fields):
         arithmetic = arithmetic or Digits()
@@ -176,6 +183,7 @@ def compute_reference(
     exact = exact_rows_by_input(
         motion, all_rows, input_pairs, arithmetic, inputs=inputs, frames=frames
     )
+    # The values for all moving inputs have the same configurations.
     return ReferenceRows(
         exact=exact,
         motion=exact_motion(motion, all_rows, exact[0]),
@@ -213,7 +221,7 @@ class Verifier:
         # All rows of the run, if an analysis reads them at once.
         self._whole: _BlockRows | None = None
 
-    def check_block(
+    def select_from_block(
         self,
         motion: Motion,
         pole_fields: PoleFields,
@@ -221,9 +229,9 @@ class Verifier:
     ) -> None:
         """Select rows of a block that may be verified at the end of the run.
 
-        `_count` rows are verified: the worst ones, and others spread evenly. They are
-        selected anew from the selection so far and the rows of this block, so that no more
-        rows are in memory.
+        `_count` rows are verified: those with the largest residuals, error bounds and
+        condition numbers, and others spread evenly. They are selected anew from the
+        selection so far and the rows of this block, so that no more rows are in memory.
 
         Parameters
         ----------
@@ -238,8 +246,8 @@ class Verifier:
         block_rows = _BlockRows(
             motion, tuple(field.as_arrays for field in pole_fields), continued_angles
         )
-        # If an analysis reads all samples at once, there is one block, which is needed at
-        # the end.
+        # If an analysis reads all samples at once, the run has a single block. At the end
+        # such an analysis is computed from all its rows, with the verified ones replaced.
         if self._run_plan.whole_analyses:
             self._whole = block_rows
         is_valid = run_status(motion, block_rows.pole_fields) == Status.OK
@@ -340,6 +348,10 @@ class Verifier:
     ) -> list[_TablePair]:
         """Compute the tables of an analysis from rows of the run and from reference rows.
 
+        An analysis usually computes each row by itself, so the verified rows are enough. An
+        analysis that reads all samples of a run at once (`at_once`) needs all rows. Those
+        that are verified are then replaced by reference rows.
+
         Parameters
         ----------
         analysis
@@ -347,12 +359,11 @@ class Verifier:
         selected
             The verified rows as the run has computed them.
         reference_rows
-            The same rows, computed in many digits. If the analysis reads all samples at
-            once, they replace their counterparts among all rows of the run.
+            The same rows, computed in many digits.
 
         Returns
         -------
-        Each table with its columns from both.
+        For each declared table its columns by the run, and by the reference.
         """
         if analysis.at_once and self._whole is not None:
             reference_rows = self._put_into_whole(self._whole, reference_rows)
@@ -560,11 +571,14 @@ def _pole_errors(
     Errors (n,) by name of the quantity: directions (rad), rates (velocity coefficients),
     and derivatives of both by the input (1/rad).
     """
-    # Errors of directions are about as large as the rounding error of float64, so they are
-    # computed in more digits.
+    # Errors of directions are about as large as the rounding error of float64. The
+    # difference is therefore computed in more digits and then rounded. Numbers of the
+    # reference are balls (a centre with an error bound). A pole axis has two opposite
+    # directions; the one on the side of the run's direction is taken.
     with exact.arithmetic.within():
         direction = pole_field.direction[pole]
         direction_error = centre_floats(exact_direction(exact, pole, direction) - direction)
+    # The errors of the other quantities are larger, so the rounded reference is enough.
     rate_error = (
         pole_field.velocity_coefficient[pole] - reference_field.velocity_coefficient[pole]
     )

@@ -39,7 +39,9 @@ BOUNDED_QUANTITIES = {
 def format_verification(verification: Facts) -> list[str]:
     """Return the lines that tell a user the result of a verification.
 
-    In a verification some rows of a run are computed again in many digits and compared.
+    In a verification some rows of a run are computed again in many digits and compared. The
+    deviation of a number is also given in roundings: divided by the rounding error of the
+    number and by the condition number of its row.
 
     Parameters
     ----------
@@ -56,13 +58,15 @@ def format_verification(verification: Facts) -> list[str]:
         f"{verification['largest_distance_rad']:.1e} rad, conditioning up to "
         f"{verification['largest_condition']:.1e}"
     ]
-    lines += [
-        f"  {item['table']}.{item['column']}: off by {item['deviation']:.1e}"
-        f"{' ' * bool(item['unit'])}{item['unit']} at {_describe_row(item)} "
-        f"({item['in_roundings']:.2g} roundings)"
-        for item in _columns_to_show(verification["columns"])
-        if item["deviation"]
-    ]
+    for item in _columns_to_show(verification["columns"]):
+        if item["deviation"]:
+            unit = f" {item['unit']}" if item["unit"] else ""
+            lines.append(
+                f"  {item['table']}.{item['column']}: off by {item['deviation']:.1e}"
+                f"{unit} at {_describe_row(item)} "
+                f"({item['in_roundings']:.2g} roundings)"
+            )
+    # `over_bound` is the largest ratio of an error to its bound.
     for name, quantity in BOUNDED_QUANTITIES.items():
         facts = verification[name]
         if facts["count"]:

@@ -123,8 +123,12 @@ def series_colour(link: int | None, used_colours: Sequence[Colour]) -> Colour:
     """
     if link is not None:
         return link_colour(link)
+    # The first colour, the grey of the ground, is not used for other curves.
     unused_colours = [colour for colour in LINK_COLOURS[1:] if colour not in used_colours]
-    return unused_colours[0] if unused_colours else link_colour(len(used_colours) + 1)
+    if unused_colours:
+        return unused_colours[0]
+    # All colours are used already, so they are repeated in their order.
+    return link_colour(len(used_colours) + 1)
 
 
 def lighten(colour: Colour, steps: int) -> Colour:

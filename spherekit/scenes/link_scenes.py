@@ -79,15 +79,18 @@ def link_shapes(mechanism: Mechanism) -> list[Body]:
 def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
     """Return a scene with the ground, and the plans of the poles as a text.
 
-    A plan says how the pole axes are constructed while one input moves and the others are
-    locked.
+    A pole is the axis of the relative rotation of two links. A plan says how the poles
+    follow from each other while one input moves and the others are locked. In each pass
+    poles are found as intersections of great circles through known ones. Poles that do not
+    follow in this way belong to an irreducible part and are computed together.
 
     Parameters
     ----------
     plans
         The plan for each input.
     shapes
-        The links from `link_shapes`, the ground first.
+        The links from `link_shapes`. Only the first one is shown here, the ground, since
+        the others move.
     """
     mechanism = plans[0].mechanism
     lines = [f"# Plan of {mechanism.name}"]
@@ -101,8 +104,8 @@ def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
             f"relative to {markdown_text(base)}{locked_words}."
         )
         lines += ["", as_markdown(plan), ""]
-        # The steps that construct poles. Axes of pairs are known from the start (pass 0)
-        # and need no explanation.
+        # The steps that construct poles. Axes of pairs are known from the start and need no
+        # explanation. They have the pass number (`round`) 0.
         step_lines = [
             describe(plan, step)
             for step in plan.steps

@@ -51,7 +51,7 @@ TURN_BY_UNIT = {"deg": 360.0, "rad": 2.0 * np.pi}
 
 
 def quantity_scale(values: Floats, unit: str) -> float:
-    """Return the scale of a quantity, by which changes count as rounding or not.
+    """Return the scale of a quantity. Changes far below it count as rounding in plots.
 
     It is the largest magnitude. For angles, rates and pure numbers it is at least 1, since
     smaller values may be rounding. A torque or an inertia may be small by itself.
@@ -115,7 +115,9 @@ def choose_plot_range(
 def choose_map_range(values: Floats, unit: str) -> Range:
     """Return the least and the greatest value that the colours of a map show.
 
-    Whole numbers are counts. Their colours begin at zero.
+    If all values are whole numbers, they are taken for counts. The range of counts contains
+    0 and 1. Other values get a range without outliers, in which changes that may be
+    rounding (relative to the scale of the quantity) are not visible.
 
     Parameters
     ----------
@@ -125,6 +127,7 @@ def choose_map_range(values: Floats, unit: str) -> Range:
         Unit of the values.
     """
     finite = values[np.isfinite(values)]
+    # `initial` extends the range to 0 and 1, also if there are no values.
     if np.all(finite == np.round(finite)):
         return np.min(finite, initial=0.0), np.max(finite, initial=1.0)
     scale = quantity_scale(finite, unit)
@@ -209,11 +212,11 @@ DOT_HALF_WIDTH = 0.4
 
 
 def place_labels(texts: Sequence[str], places: Floats, letter: float) -> Floats:
-    """Return positions of labels near their points, where they hide nothing.
+    """Return positions of labels near their points, where they hide nothing if possible.
 
     A few positions around its point are tried for each label, the nearest first. The first
-    one that overlaps neither a point nor an earlier label is taken. If there is none, it is
-    the nearest.
+    one that overlaps neither a point nor an earlier label is taken. If all of them overlap
+    something, the nearest is taken.
 
     Parameters
     ----------
@@ -239,8 +242,11 @@ def place_labels(texts: Sequence[str], places: Floats, letter: float) -> Floats:
     )
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     for number, text in enumerate(texts):
+        # Half width, with a margin of 0.1 letters, and half height.
         half_size = letter * np.array([LETTER_HALF_WIDTH_RATIO * len(text) + 0.1, 0.5])
-        # Long labels are farther away in the x direction.
+        # Offsets of a label's middle from its point. For a label as wide as high they would
+        # be on circles. For wider labels they are on ellipses: the half width beyond that
+        # is added in the x direction, so that the label does not cover its point.
         extra_width = np.array([half_size[0] - 0.5 * letter, 0.0])
         offsets = directions * (letter * distances[:, None] + extra_width)
         # (n, candidates, 2) positions of the label, and which of them overlap anything.

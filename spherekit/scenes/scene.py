@@ -30,7 +30,10 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Axis:
-    """A quantity over which rows run: an input, the time, or one of an analysis.
+    """A quantity over which the rows of a scene are plotted, such as an input or the time.
+
+    It may also be a quantity that only an analysis knows. A run is computed in blocks of
+    samples. The values are those of one block.
 
     Attributes
     ----------
@@ -41,7 +44,7 @@ class Axis:
     values : array (n,)
         The value of each row.
     span : (low, high), or None
-        Least and greatest value of all blocks, if `values` belongs to one block.
+        Least and greatest value of all blocks of the run, None if there are no others.
     """
 
     label: str
@@ -51,7 +54,7 @@ class Axis:
 
     @property
     def extent(self) -> Range:
-        """Least and greatest value, of all blocks if `span` states them."""
+        """Least and greatest value: `span` if it is stated, otherwise those of `values`."""
         if self.span is not None:
             return self.span
         finite = self.values[np.isfinite(self.values)]
@@ -266,14 +269,14 @@ class Mark:
 
 @dataclass(frozen=True)
 class PlaneCurve:
-    """A curve in the plane of a portrait.
+    """A curve in the plane of a `Portrait`, a plot of one quantity against another.
 
     Attributes
     ----------
     points : array (k, 2)
-        x and y in the units of the portrait.
+        x and y, in the units that the portrait states for its two quantities.
     tone : int
-        Number of the colour.
+        Number of the colour, the same for curves and marks of one kind.
     label : str
         Name of the curve, if it has to be distinguished from others.
     """
@@ -287,7 +290,8 @@ class PlaneCurve:
 class Portrait:
     """One quantity plotted against another, with a mark that moves with the samples.
 
-    Without fixed curves, the curve is the whole path of the moving mark.
+    Without fixed curves, the curve is the whole path of the moving mark. A run is computed
+    in blocks of samples: x and y belong to one block, the ranges to the whole run.
 
     Attributes
     ----------
@@ -300,7 +304,7 @@ class Portrait:
     x_label, y_label : str
         Names of both quantities.
     x_range, y_range : (low, high)
-        Least and greatest values of all blocks, which are the limits of the frame.
+        Least and greatest values of the whole run, which are the limits of the frame.
     x_unit, y_unit : str
         Units of both quantities.
     curves : sequence of PlaneCurve
@@ -326,11 +330,14 @@ class Portrait:
     logarithmic: bool = False
 
     def placed(self) -> Floats:
-        """Return the moving mark (n, 2) in a frame from 0 to 1 in both directions."""
+        """Return the moving mark (n, 2), as `framed` returns points."""
         return self.framed(np.stack([self.x, self.y], axis=1))
 
     def framed(self, points: Floats) -> Floats:
-        """Return points (n, 2) of the plane in a frame from 0 to 1 in both directions."""
+        """Return points (n, 2) of the plane as fractions of the width and height.
+
+        The limits of the frame are at 0 and 1, on logarithmic axes in logarithms.
+        """
         low, high = np.array([self.x_range, self.y_range]).T
         if self.logarithmic:
             points, low, high = (
@@ -447,7 +454,7 @@ class Diagram:
     Attributes
     ----------
     path : str
-        Place of the diagram in the tree of a recording.
+        Address of the diagram in a recording for the 3D viewer, whose objects form a tree.
     label : str
         Title of the diagram.
     x_label, y_label : str
@@ -463,11 +470,12 @@ class Diagram:
     lines : array (n, m, 3)
         a, b, c of each line a x + b y + c = 0 in each sample.
     words : sequence of str (n,), or empty
-        A text for each sample.
+        A text that is shown in the diagram in each sample.
     readings : array (n, k, 2) rad, or None
-        Two angles of each point that are listed beside the plane.
+        Two angles that belong to each point in each sample. They are listed as numbers
+        beside the plane, under the `reading_names`.
     reading_names : two texts
-        Names of these angles.
+        Names of these two angles.
     """
 
     path: str
@@ -577,8 +585,9 @@ class Scene:
     primitives : tuple
         The visible objects.
     over : tuple of Axis
-        The axes over which the rows run, if these are not the samples of the run. The run
-        fills in its inputs or times otherwise.
+        The axes over which the rows are plotted. An analysis states them only if the rows
+        are not the samples of the run. Otherwise the run fills in its inputs or times when
+        it draws the scene.
     source : str
         Name of the analysis that shows the scene. The run fills it in.
     """
@@ -592,6 +601,7 @@ class Scene:
         """Return the scene at some of its samples.
 
         A scene with axes of its own is returned unchanged, since its rows are no samples.
+        (The run fills in axes of samples later, when it draws the scene.)
 
         Parameters
         ----------
@@ -637,8 +647,10 @@ def _convert_fields(item: Any, axis_factors: Floats) -> Any:
     item
         The primitive or axis.
     axis_factors
-        (axes,) factors by which values on the axes of the scene are multiplied.
+        (axes,) factors that convert values on the axes of the scene: 180/pi for angles and
+        their rates, 1 for others.
     """
+    # Marked inputs state no unit. They are values on the axes of the scene.
     if isinstance(item, InputMarks):
         return replace(item, inputs=axis_factors * item.inputs)
     # Each field with a unit is converted together with the fields that have this unit.
@@ -651,8 +663,10 @@ def _convert_fields(item: Any, axis_factors: Floats) -> Any:
             values = getattr(item, name)
             if values is not None:
                 changes[name] = factor * np.asarray(values)
+    # The curves and marks of a portrait have the units of x and y, which are listed in this
+    # order in `FIELDS_BY_UNIT`.
     if isinstance(item, Portrait):
-        xy_factors = np.array(factors)  # of x and of y
+        xy_factors = np.array(factors)
         changes["curves"] = [
             replace(curve, points=xy_factors * curve.points) for curve in item.curves
         ]
