@@ -63,14 +63,18 @@ class FulfilledCondition:
 class ParallelAxes:
     """The condition that some of the pole axes of four links are parallel.
 
-    `axes` are names of fields of `SixPoles`, such as "os" for links o and s.
+    The pole axis of two links is the axis about which they rotate relative to each other.
+    The four links are the input link i and its reference r, and the output link o and its
+    reference s. `axes` are names of fields of `SixPoles`, such as "os" for the pole axis of
+    the links o and s. Where the name is a word of Python, an underscore follows ("is_").
     """
 
     axes: tuple[str, ...]
 
     def sine(self, poles: SixPoles) -> Floats:
         """Return the largest sine (n,) between two of the axes, NaN if one is unknown."""
-        vectors = poles.stacked(self.axes)
+        vectors = poles.stacked(self.axes)  # (n, axes, 3)
+        # The length of the vector product of two unit vectors is the sine.
         products = cross(vectors[:, :, None], vectors[:, None])
         return np.max(np.linalg.norm(products, axis=-1), axis=(1, 2))
 
@@ -193,8 +197,11 @@ def find_conditions(
 ) -> list[tuple[FulfilledCondition, ...]]:
     """Return the geometric conditions that are fulfilled at each of n configurations.
 
-    A condition says that pole axes of the links of a relation c y' = d q' are parallel, or
-    that their planes coincide. Then c (type II), d (type I) or both (type III) vanish.
+    The relation c y' = d q' is that of the rate y' of the output and the rate q' of the
+    input. Its coefficients c and d follow from the pole axes of four links: input link i,
+    its reference r, output link o, its reference s. A condition says that some of these
+    axes are parallel, or that planes through them coincide. Then c (type II), d (type I) or
+    both (type III) vanish.
 
     Parameters
     ----------
@@ -209,13 +216,15 @@ def find_conditions(
 
     Returns
     -------
-    For each configuration the certain conditions, then the uncertain ones, the most special
-    ones first.
+    For each configuration the certain conditions, then the uncertain ones, each in the
+    order of the table `FOUR_LINKS`: the most special ones first. Conditions that exceed the
+    tolerance by less than `UNDECIDED_FACTOR` are uncertain.
     """
     links = relation.links
     # The possible conditions by their labels. All conditions of a label have to be
-    # fulfilled. If the four links are only two different links, c and d never vanish, and
-    # there are no conditions.
+    # fulfilled. They depend on the form of the relation: the output is the rotation of link
+    # o relative to s (form "i") or relative to r (form "ii"). If the four links are only
+    # two different links, c and d never vanish, and there are no conditions.
     listed: Mapping[str, tuple[Condition, ...]] = {}
     if len(links.different) == 4:
         listed = FOUR_LINKS[relation.form, kind]
@@ -247,10 +256,15 @@ def _condition_of_three_links(
 ) -> dict[str, tuple[Condition, ...]]:
     """Return the condition of a type of singularity for a relation of three links.
 
-    Two of the four links i, r, o, s are then the same link. The three pole axes are in one
-    plane, so that there is one condition for each type: two axes coincide, or all three. If
-    r = s or o = i, the lecture of Di Gregorio numbers the condition. Otherwise its label is
-    the type alone.
+    The input is the rotation of link i relative to r, with the pole axis u_q. The output is
+    that of link o relative to s (form "i") or relative to r (form "ii"), with the pole axis
+    u_y. Here two of the four links are the same link. The three links have three pole axes
+    in one plane: u_q, u_y and a third one, p. In the relation c y' = d q', c is
+    proportional to the sine of the angle between u_y and p, and d to that between u_q and
+    p. Type I means d = 0, type II means c = 0, and type III means both.
+
+    If r = s or o = i, R. Di Gregorio's lecture on singularities of spherical mechanisms
+    numbers the condition. Otherwise its label is the type alone.
 
     Parameters
     ----------
@@ -263,6 +277,7 @@ def _condition_of_three_links(
     -------
     The condition, by its label.
     """
+    # Names of axes are those of fields of `SixPoles`; "or" is a word of Python.
     third_axis = find_third_axis(relation.form, relation.links)
     output_axis = "os" if relation.form == "i" else "or_"
     axes_by_kind = {
@@ -282,9 +297,10 @@ class RelationAt:
     Attributes
     ----------
     form
-        "i" or "ii", see `Relation`.
+        "i" if the output is the rotation of link o relative to s, "ii" if it is that
+        relative to r, the reference of the input. The links are those of the relation.
     c, d
-        The coefficients.
+        The coefficients, from the directions of pole axes alone.
     residual
         Difference c y' - d q' at the rates on the curve, relative to the size of the rates.
     type
@@ -292,8 +308,8 @@ class RelationAt:
     conditions
         The geometric conditions that are fulfilled, the most special ones first.
     note
-        Why `type` differs from the type by the rates of its input and output, or an empty
-        string.
+        The type also follows from the rates: y' = 0 (I), q' = 0 (II) or both (III). If this
+        type is not `type`, the note says why. It is empty if both are the same.
     """
 
     form: Form
@@ -402,6 +418,11 @@ def _explain_disagreement(
 ) -> str:
     """Return why the coefficients c and d of c y' = d q' give another type than the rates.
 
+    y' is the rate of the output and q' that of the input. c and d are triple products of
+    pole axes of the links of input and output. By the coefficients a singularity has type I
+    if d = 0 and type II if c = 0. By the rates it has type I if y' = 0 and type II if
+    q' = 0. Type III means both.
+
     Parameters
     ----------
     kind, type_by_rates
@@ -411,8 +432,10 @@ def _explain_disagreement(
     resting_links
         Names of links that rest relative to each other, such as ``3 and 4``.
     """
+    # The same two links rotate relative to each other as input and as output.
     if len(links.different) == 2:
         return "the output is the input, and c and d are constant"
+    # Triple products of axes that are in one plane are all 0. They say nothing about rates.
     if kind == Type.III:
         cause = "the six axes of the chosen links lie in one plane"
         if resting_links:

@@ -53,8 +53,9 @@ Form = Literal["i", "ii"]
 class FourLinks:
     """Numbers of the links of an input and an output.
 
-    i and r are different links, and so are o and s. Apart from that, two of the four may be
-    the same link.
+    The input is the rotation of link i relative to r, the output that of link o relative to
+    s. i and r are different links, and so are o and s. Apart from that, two of the four may
+    be the same link.
 
     Attributes
     ----------
@@ -71,7 +72,7 @@ class FourLinks:
 
     @property
     def different(self) -> tuple[int, ...]:
-        """The links, each once: three have three poles in a plane, two one pole."""
+        """The two, three or four different links among i, r, o and s, each listed once."""
         return tuple(dict.fromkeys((self.i, self.r, self.o, self.s)))
 
     def ends(self, axis: str) -> tuple[int, int]:
@@ -81,7 +82,10 @@ class FourLinks:
 
     @property
     def poles(self) -> list[Pole]:
-        """The poles of the links, each once: the output's and the input's first."""
+        """The poles of all pairs of different links, each listed once.
+
+        The pole of the output is first, that of the input second.
+        """
         poles: list[Pole] = []
         for axis in LINKS_OF_AXIS:
             first, second = self.ends(axis)
@@ -140,7 +144,9 @@ class SixPoles:
 
 
 def make_six_poles(links: FourLinks, pole_axis: Callable[[Pole], Floats]) -> SixPoles:
-    """Return the pole axes of any two of four links.
+    """Return the pole axes of any two of four links, the six fields of `SixPoles`.
+
+    The field of two links that are the same link is NaN.
 
     Parameters
     ----------
@@ -149,7 +155,10 @@ def make_six_poles(links: FourLinks, pole_axis: Callable[[Pole], Floats]) -> Six
     pole_axis
         Function that returns the unit vectors (n, 3) of a pole.
     """
-    no_axis = np.full_like(pole_axis(pole_of(links.i, links.r)), np.nan)
+    # The axis of the input exists in any case, and has the shape (n, 3) of all axes.
+    input_axis = pole_axis(pole_of(links.i, links.r))
+    no_axis = np.full_like(input_axis, np.nan)
+    # By the name of the field, such as "os" for the links o and s.
     vectors = {}
     for axis in LINKS_OF_AXIS:
         first, second = links.ends(axis)
@@ -162,18 +171,24 @@ def make_six_poles(links: FourLinks, pole_axis: Callable[[Pole], Floats]) -> Six
 class Relation:
     """The relation c y' = d q' between the rates of output and input, at n configurations.
 
+    The input is the rotation of link i relative to r. The output is the rotation of link o
+    relative to s, or relative to r. The coefficients are triple products of pole axes, in
+    which the rates of all other pairs of links are eliminated.
+
     Attributes
     ----------
     form
-        "i" if the output is link o relative to s, "ii" if it is o relative to r.
+        "i" if the output is the rotation of link o relative to s, "ii" if it is that
+        relative to r. In form ii s is only needed for its pole axes.
     links, poles
         The four links, and the pole axes (axes of relative rotation) of any two of them,
         from which c and d are computed.
     output
         The links whose relative rate is y': (o, s) in form i, (o, r) in form ii.
     c, d
-        (n,) coefficients, at most 1 in size. Both are 0 if the axes do not span the plane
-        or space that they generally do.
+        (n,) coefficients, at most 1 in size. With four links both are 0 where the pole axes
+        are all in one plane. With three links the axes always are, and both are NaN where
+        the axes are on one line.
     """
 
     form: Form
@@ -204,8 +219,12 @@ class ThirdAxis:
     links, so four links take part. If two of the four are the same link, there are three
     links. The three pole axes (axes of relative rotation) of any two of them are in one
     plane with the unit normal n. One is the axis u_q of the input, another the axis u_y of
-    the output, and the third axis p is the remaining one. The coefficients are
-    c = n . (u_y x p) and d = n . (u_q x p), or -n . (u_q x p).
+    the output, and the third axis p is the remaining one.
+
+    The angular velocities of three links satisfy y' u_y - q' u_q = r' p or
+    y' u_y + q' u_q = r' p, depending on the order in which input and output name the links.
+    The product with p and n removes r'. The coefficients are therefore c = n . (u_y x p)
+    and d = n . (u_q x p) in the first case, d = -n . (u_q x p) in the second one.
 
     Attributes
     ----------
@@ -216,8 +235,9 @@ class ThirdAxis:
         1 or -1, the sign in the formula of d.
     label_suffix
         End of the label of a condition for a singularity, after its type I, II or III. It
-        depends on which two of the four links are the same, as in the lecture of Di
-        Gregorio. It is empty if the lecture does not number the conditions.
+        depends on which two of the four links are the same, as in R. Di Gregorio's lecture
+        on the singularity analysis of spherical mechanisms. It is empty if the lecture does
+        not number the conditions.
     """
 
     name: str
@@ -231,7 +251,14 @@ def find_third_axis(form: Form, links: FourLinks) -> ThirdAxis:
     Three links have three pole axes in one plane: those of input and output, and this one.
     `form` is "i" if the output is the rotation of link o relative to s, and "ii" if it is
     that relative to r. In both forms the input is the rotation of link i relative to r.
+
+    Names of axes are those of fields of `SixPoles`: "io" is the pole axis of the links i
+    and o. Where the name is a word of Python, an underscore follows. In the relation c y' =
+    d q' the sign of d is -1 if the rotations of input and output follow one another (of o
+    relative to i and of i relative to r, for example), and 1 otherwise.
     """
+    # The arguments are the name of the axis, the sign of d, and the end of the label of
+    # conditions in Di Gregorio's lecture.
     if form == "ii":
         return ThirdAxis("os" if links.s == links.i else "io", 1.0, "")
     if links.i == links.s:
@@ -240,6 +267,7 @@ def find_third_axis(form: Form, links: FourLinks) -> ThirdAxis:
         return ThirdAxis("is_", -1.0, "")
     if links.o == links.i:
         return ThirdAxis("rs", 1.0, ".2")
+    # The reference links r and s are the same link.
     return ThirdAxis("io", 1.0, ".3")
 
 
@@ -248,14 +276,18 @@ def make_relation(
 ) -> Relation:
     """Return c w_os = d w_ir (form i) or c w_or = d w_ir (form ii), from axes of poles.
 
-    With four links c = u_rs . (u_os x u_io) and d = u_rs . (u_ir x u_io). In form ii
-    c = u_or . (u_os x u_is) and d = u_ir . (u_os x u_is), with any link other than i, r and
-    o for s (Di Gregorio 2012).
+    w_ab is the rate of link a relative to b, and u_ab their pole axis. The input is the
+    rotation of link i relative to r. The output is the rotation of link o relative to s in
+    form i, relative to r in form ii. There is no form ii if o is r or i, and callers do not
+    ask for it.
 
-    u_ab is the pole axis of links a and b. If two of the four links are the same link,
-    three pole axes are in a plane with unit normal n. Let u be the axis of the output and p
-    the third axis. Then c = n . (u x p) and d = +-n . (u_ir x p). If o and s are i and r,
-    the relation is y' = q' or y' = -q'. There is no form ii if o is r or i.
+    - With four different links, c = u_os . (u_io x u_rs) and d = u_ir . (u_io x u_rs). In
+      form ii c = u_or . (u_os x u_is) and d = u_ir . (u_os x u_is), with any link other
+      than i, r and o for s (Di Gregorio 2012).
+    - With three, their three pole axes are in a plane with the unit normal n: the axis u of
+      the output, u_ir, and the remaining one, p. Then c = u . (p x n) and
+      d = +-u_ir . (p x n). The sign is explained at `ThirdAxis`.
+    - With two, the relation is y' = q' or y' = -q'.
 
     Parameters
     ----------
@@ -273,6 +305,8 @@ def make_relation(
         output_axis = poles.or_
         output_name = "or_"
         output_links = (links.o, links.r)
+    # All coefficients are products of the axis of the output or input with one vector, here
+    # `normal`.
     if len(links.different) == 2:
         ones = np.ones(len(poles.ir))
         d = ones if links.o == links.i else -ones
@@ -307,14 +341,17 @@ def _normal_to_third_axis(poles: SixPoles, output_name: str, third_name: str) ->
     possible in each row. The one at an acute angle with the vector of the row before is
     taken, so that the vectors are continuous along a curve of configurations.
     """
-    # "ir" is the axis of the input: that of link i relative to its reference r. `sine` is
-    # that of the largest angle between two of the three axes.
+    # Names have the letters of the two links: the input is the rotation of link i relative
+    # to r. `sine` is the largest sine of the angle between any two of the three axes.
     normals, sine = poles.plane((output_name, "ir", third_name))
     normals[~(sine > ONE_LINE_SINE)] = np.nan
-    # Rows without a plane are passed over.
+    # A normal is reversed if it is opposite to that of the row before, so the signs of all
+    # rows are products of these reversals. Rows without a plane are left out.
     rows = np.flatnonzero(all_finite(normals, 1))
     cosines = np.vecdot(normals[rows[1:]], normals[rows[:-1]])
     reversals = np.where(cosines < 0.0, -1.0, 1.0)
     signs = np.cumprod(np.append(1.0, reversals))
-    normals[rows] *= signs[: len(rows), None]
+    # There is one sign too many if no row has a plane.
+    signs = signs[: len(rows)]
+    normals[rows] *= signs[:, None]
     return cross(getattr(poles, third_name), normals)

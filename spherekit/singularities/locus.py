@@ -99,22 +99,29 @@ class SingularityMeasure:
 
     @property
     def gradient(self) -> Floats:
-        """(n, g) the derivatives of `value` along the basis of the tangent space.
+        """(n, g) derivatives of `value` as the configuration changes, with g freedoms.
 
+        A configuration is singular if rates x close the loops and satisfy E x = 0, where E
+        x are the rates of the inputs (type II) or of the output (type I). N is a basis of
+        the rates that close the loops, and B = E N. `value` is det B, or det(B^T B) if B is
+        not square or the sign of det B has no meaning. Both follow from
         d det B = trace(adj(B) dB). The adjugate exists where B is singular, too.
+
+        The derivatives are along the g columns of the basis of the tangent space, which
+        are the changes of the configuration that keep the loops closed.
         """
         degrees_of_freedom = self.space.dimension
         basis = self.motion_space.basis[:, None]
-        # B = E N, of the equations E and the basis N of the motions.
-        # B changes because E changes, and because the motions must continue to close the
-        # loops.
+        # B changes because E changes, and because N must continue to close the loops
+        # (`rate_corrections`). Both arrays have one more direction, that of the step that
+        # closes slightly open loops, which is left out.
         derivatives = self.constraint.equation_derivatives(self.space)
         derivatives = derivatives[:, :degrees_of_freedom] @ basis
         corrections = self.motion_space.rate_corrections[:, :degrees_of_freedom]
         equations = self.constraint.equations(self.space.linearisation)
         derivatives += equations[:, None] @ corrections @ basis
         if not self.changes_sign:
-            # The derivative of B^T B.
+            # `value` is det(B^T B) here. The derivative of B^T B is B'^T B + B^T B'.
             half = np.swapaxes(derivatives, 2, 3) @ self.constraint_on_basis[:, None]
             derivatives = half + np.swapaxes(half, 2, 3)
         # The letters are: n configuration, j direction of change, a and b rows and columns.
@@ -126,8 +133,10 @@ class LocusPoints(ArrayRows):
     """n singular configurations: points of a locus of g - 1 dimensions.
 
     The locus of a mechanism with g degrees of freedom is the set of configurations in which
-    unit rates x close the loops and satisfy E x = 0 (inputs or output at rest). Rows in
-    which Newton's method failed are NaN.
+    unit rates x of the V variables close the loops and satisfy the m equations E x = 0. E x
+    are the rates of the inputs (type II) or of the output (type I). x is a combination of k
+    rates that close the loops: of all of them (k = g), or of those of a part of the
+    mechanism. Rows in which Newton's method failed are NaN.
 
     Attributes
     ----------
@@ -142,14 +151,15 @@ class LocusPoints(ArrayRows):
     residual
         (n,) the larger of the closure residual (rad) and the largest component of E x.
     reciprocal_condition
-        (n,) of the equations of the locus: 0 where the locus crosses itself.
+        (n,) reciprocal condition number of `equations`: 0 where the locus crosses itself.
     first_step, step_ratio
         (n,) size of Newton's first step (rad), and of the second step relative to it.
     equations
-        (n, m + 1, g + k) the linearised equations E x = 0 and |x| = 1.
+        (n, m + 1, g + k) the linearised equations E x = 0 and |x| = 1. The unknowns are
+        changes of the configuration and of x, by their coordinates in `basis`.
     basis
-        (n, V, g + k) the bases of the unknowns of `equations`: g columns of the tangent
-        space, then k columns of the motions.
+        (n, V, g + k) g columns for changes of the configuration that keep the loops closed
+        (the tangent space), then k columns for x.
     """
 
     values: Floats
@@ -176,15 +186,20 @@ class LocusPoints(ArrayRows):
 class _LinearisedLocus:
     """The equations of a locus, linearised at n pairs of a configuration and a motion.
 
-    The equations are: the loops are closed, J x = 0, E x = 0 and |x| = 1 for the rates x of
-    the motion. The unknowns of `equations` are coordinates of the change of the
-    configuration in the basis of `space` (g), then coordinates of the change of the motion
-    in the basis of `motion_space` (k).
+    The equations are: the loops are closed, J x = 0 for the rates x of the motion with the
+    Jacobian J of the loop closure, E x = 0 and |x| = 1. E x are the rates of the inputs
+    (type II) or of the output (type I), m numbers. There may be b more equations in the V
+    variables, the borders, which select points of the locus.
+
+    The unknowns of `equations` are coordinates of the change of the configuration in the
+    basis of `space` (g), then coordinates of the change of the motion in the basis of
+    `motion_space` (k).
 
     Attributes
     ----------
     space, motion_space
-        Rates that close the loops of the mechanism, and those among which x is looked for.
+        The g independent rates that close the loops, and the k of which x is a combination.
+        They are the same, or `motion_space` has those of a part of the mechanism.
     unit_motions
         (n, V) the motions x, projected onto `motion_space` and scaled to length 1.
     constraint_residual
@@ -192,9 +207,11 @@ class _LinearisedLocus:
     closing_change
         (n, m) the change of E x if the loops are closed by `space.closing_step`.
     motion_corrections
-        (n, V, g + 1) the changes of x that keep J x = 0 along each of `space.directions`.
+        (n, V, g + 1) the changes of x that keep J x = 0 while the configuration changes:
+        along each of the g rates of `space`, and, in the last column, by the step that
+        closes slightly open loops.
     equations
-        (n, m + 1 + borders, g + k) the rows E x = 0, |x| = 1 and the borders.
+        (n, m + 1 + b, g + k) the rows E x = 0, |x| = 1 and the borders.
     """
 
     space: TangentSpace
@@ -254,19 +271,24 @@ class SingularityLocus:
     ) -> TangentSpace:
         """Return the space of motions among which singular motions are sought.
 
-        It is `space`, or for a part of the mechanism the motions of the part alone.
+        A motion is given by the rates of all V variables, which close the loops. The space
+        of motions is `space`. If only a part of the mechanism moves with the output, it has
+        the k rates that close the loops of this part (`self.part`) while all other
+        variables rest.
 
         Parameters
         ----------
         space
-            All rates that close the loops of the mechanism.
+            All g independent rates that close the loops of the mechanism.
         reference_basis
-            (n, V, g + k) bases to which that of the result is aligned, see
-            `LocusPoints.basis`.
+            (n, V, g + k) bases of neighbouring configurations: g columns for `space`, then
+            k columns for the motions. The basis of the result is rotated to be as near as
+            possible to the k columns, so that it changes continuously.
         """
         if self.part is None:
             return space
         if reference_basis is not None:
+            # The last k columns.
             reference_basis = reference_basis[..., self.degrees_of_freedom :]
         return tangent_space(
             space.linearisation, self.motion_dimension, reference_basis, self.part, space
@@ -278,12 +300,15 @@ class SingularityLocus:
         A configuration is singular if a unit vector x of rates closes the loops and has
         E x = 0, where E x are the rates of the inputs (type II) or of the output (type I).
         The least size of E x over all x that close the loops is the smallest singular value
-        of E on an orthonormal basis of these rates.
+        of E on an orthonormal basis of these rates. For a part of the mechanism only the
+        rates of the part are used, with the other variables at rest.
         """
         motion_space = self.motion_space(space)
         equations = self.constraint.equations(space.linearisation)
         constraint_on_basis = equations @ motion_space.basis
         svd = decompose(constraint_on_basis)
+        # Singular values are in descending order. The smallest one belongs to the last row
+        # of `svd.right`, which has the coordinates of x.
         last = self.motion_dimension - 1
         smallest = np.where(svd.is_finite, svd.values[:, last], np.nan)
         motion = motion_space.to_rates(svd.right[:, last])
@@ -401,10 +426,14 @@ class SingularityLocus:
         The locus is the set of singular configurations. The equations of its points are:
         the loops are closed, the motion x is a unit vector of rates that close the loops,
         E x = 0, and borders @ values = targets. E x are the rates of the inputs (type II)
-        or of the output (type I). The unknowns of the linear system are g coordinates of
-        the change of the configuration along the tangent space of the loops, and k
-        coordinates of the change of x along the space of motions. The steps of the V
-        variables and V rates follow from them.
+        or of the output (type I). The borders are further linear equations in the
+        variables, which select one point of the locus.
+
+        The unknowns of the linear system are g coordinates of the change of the
+        configuration, along the rates that close the loops, and k coordinates of the change
+        of x. These are along the same rates, or along those of a part of the mechanism. The
+        steps of the V variables and V rates follow from them. A row whose system is not
+        finite only gets the step that closes the loops.
 
         Parameters
         ----------
@@ -413,11 +442,13 @@ class SingularityLocus:
         borders, targets
             (n, b, V) and (n, b) linear equations in the variables that select a point.
         reference_basis
-            (n, V, g + k) bases to which those of the tangent spaces are aligned, or None.
+            (n, V, g + k) bases of neighbouring configurations, to which those of the g and
+            of the k coordinates are aligned, so that they change continuously; or None.
         """
         values, motions = np.split(unknowns, 2, axis=1)
         linearised = self._linearise(values, motions, borders, reference_basis)
         space = linearised.space
+        # All residuals are those after the step that closes the loops, to first order.
         closed_values = values + space.closing_step
         border_residual = targets - np.matvec(borders, closed_values)
         constraint_residual = -linearised.constraint_residual - linearised.closing_change
@@ -459,12 +490,16 @@ class SingularityLocus:
     ) -> _LinearisedLocus:
         """Return the equations of the locus, linearised at configurations and motions.
 
-        E x are the rates of the inputs (type II) or of the output (type I). Rows of the
-        matrix are: E x = 0 (m), |x| = 1 (one), and the borders (b). Columns are the
-        coordinates of the change of the configuration in the tangent space (g), then those
-        of the change of the motion x in the space of motions (k). The derivative of E x by
-        the configuration has two terms: E changes, and x changes because it must continue
-        to close the loops.
+        A singular configuration has a motion: unit rates x that close the loops, with
+        E x = 0. E x are the rates of the inputs (type II) or of the output (type I). The
+        borders are further linear equations in the variables, which select points of the
+        locus.
+
+        Rows of the matrix are: E x = 0 (m), |x| = 1 (one), and the borders (b). Columns are
+        the coordinates of the change of the configuration (g), along the rates that close
+        the loops, then those of the change of x (k). These are along the same rates, or
+        along those of a part of the mechanism. The derivative of E x by the configuration
+        has two terms: E changes, and x changes because it must continue to close the loops.
 
         Parameters
         ----------
@@ -473,15 +508,17 @@ class SingularityLocus:
         borders
             (n, b, V) rows of linear equations in the variables that select a point.
         reference_basis
-            (n, V, g + k) bases to which those of the tangent spaces are aligned, or None.
+            (n, V, g + k) bases of neighbouring configurations, to which those of the g and
+            of the k coordinates are aligned, so that they change continuously; or None.
         """
         space = self.tangent_space(values, reference_basis)
         motion_space = self.motion_space(space, reference_basis)
         coordinates = unit_rows(np.vecmat(motions, motion_space.basis))
         unit_motions = motion_space.to_rates(coordinates)
         constraint = self.constraint.equations(space.linearisation)
-        # The letters are: n configuration, g direction of change, v and w variables, m
-        # equations E x.
+        # `rate_corrections` has g + 1 directions of change: those of the basis of `space`,
+        # then the step that closes the loops. The letters are: n configuration, g direction
+        # of change, v and w variables, m equations E x.
         motion_corrections = np.einsum(
             "ngvw,nw->nvg", motion_space.rate_corrections, unit_motions
         )
@@ -524,7 +561,8 @@ class SingularityLocus:
         linearised
             The system of the locus, linearised at n points.
         equations
-            (n, m + 1, g + k) its equations E x = 0 and |x| = 1, without borders.
+            (n, m + 1, g + k) its equations E x = 0 and |x| = 1, without the equations
+            (borders) that select one point of the locus.
 
         Returns
         -------
@@ -535,21 +573,25 @@ class SingularityLocus:
             (n,) 0 where the locus crosses itself, or where a row is not finite.
         """
         g = self.degrees_of_freedom
+        # At a regular point k of the equations E x = 0 and |x| = 1 are independent.
         rank = self.motion_dimension + 1
         svd = decompose(equations)
         null_space = np.swapaxes(svd.right[:, rank:], 1, 2)
         value_part = null_space[:, :g]
+        # The motion changes along its k coordinates, and because it has to close the loops
+        # in the changed configuration.
         motion_changes = linearised.motion_space.basis @ null_space[:, g:]
         motion_changes += linearised.motion_corrections[..., :g] @ value_part
         # The basis of the null space is replaced by one whose changes of the variables are
-        # orthonormal. A null vector with length zero only changes the motion. The locus is
-        # not regular at such a point.
+        # orthonormal. `lengths` are those of the changes before. A null vector with length
+        # zero only changes the motion. The locus is not regular at such a point, and the
+        # smallest divisor only prevents a division by zero.
         left, lengths, mixing = np.linalg.svd(value_part, full_matrices=False)
         divisors = np.maximum(lengths, REDUNDANT_EQUATION_RATIO)[:, None]
         tangents = linearised.space.basis @ left
         motion_derivatives = motion_changes @ np.swapaxes(mixing, 1, 2) / divisors
-        # The smallest singular value relative to the greatest one, made less if a tangent
-        # hardly changes the variables.
+        # The smallest singular value relative to the greatest one, times the smallest
+        # length: at an irregular point a tangent hardly changes the variables.
         condition = svd.values[:, rank - 1] * lengths[:, -1]
         condition = condition / np.maximum(svd.values[:, 0], SMALLEST_NORMAL)
         return tangents, motion_derivatives, np.where(svd.is_finite, condition, 0.0)
