@@ -101,21 +101,21 @@ TEXT_FIELDS = ("path", "label", "markdown", "unit", "group", "x_label", "y_label
 
 @dataclass(frozen=True)
 class _SceneRows:
-    """The rows of a scene.
+    """The rows that the arrays of a scene must have.
 
     Attributes
     ----------
     count
-        Number of rows.
-    axis_counts
-        Allowed numbers of columns of the field `inputs` of `InputMarks`. Messages name the
-        first of them.
+        Number of rows: of samples, or of values of an axis.
+    input_column_counts
+        Allowed numbers of columns of the arrays of inputs that marks have (field `inputs`
+        of `InputMarks`). Messages name the first of them.
     words
-        Words for the rows in messages.
+        What the rows are, in words for messages, such as "the 361 samples of the block".
     """
 
     count: int
-    axis_counts: tuple[int, ...]
+    input_column_counts: tuple[int, ...]
     words: str
 
 
@@ -279,10 +279,10 @@ def _check_primitive(where: str, primitive: Any, rows: _SceneRows) -> Primitive:
             changes["marks"].append(replace(mark, **mark_changes))
     if isinstance(primitive, InputMarks):
         column_count = changes["inputs"].shape[1]
-        if column_count not in rows.axis_counts:
+        if column_count not in rows.input_column_counts:
             raise PluginError(
                 f"{where}: inputs has {column_count} columns, it needs one for each axis: "
-                f"{rows.axis_counts[0]}"
+                f"{rows.input_column_counts[0]}"
             )
     if isinstance(primitive, SphereMap | Surface):
         _check_triangles(where, changes["triangles"], len(changes["vertices"]))
@@ -304,13 +304,16 @@ def _check_fields(where: str, item: Any, sizes: dict[str, _SharedSize]) -> Facts
     item
         The primitive, or a mark or curve of one.
     sizes
-        Known lengths, by their letters in `ARRAY_SHAPES`. The length of another letter is
-        added by the first array that has it.
+        Known lengths by letter. `ARRAY_SHAPES` gives the shape of each array field, as
+        numbers and letters: ("n", 3) has the length that the letter "n" stands for, and 3.
+        The length of a letter that is not known yet is added by the first array that has
+        it.
 
     Returns
     -------
     The array fields as NumPy arrays, by name.
     """
+    # The array fields by name.
     arrays: Facts = {}
     field_names = {field.name for field in fields(item)}
     for name in TEXT_FIELDS:
@@ -324,9 +327,11 @@ def _check_fields(where: str, item: Any, sizes: dict[str, _SharedSize]) -> Facts
         array = _check_numbers(f"{where}: {name}", value, shape, sizes)
         # A range stays a pair of floats, which can be compared as such.
         arrays[name] = tuple(map(float, array)) if name in RANGE_FIELDS else array
+    # Sequences such as lists of names have the length of an array, which has been checked
+    # above, or a fixed length.
     for name, size in SEQUENCE_LENGTHS.get(type(item), {}).items():
         length = len(_check_sequence(where, name, getattr(item, name)))
-        needed = _SharedSize(size, "") if isinstance(size, int) else sizes[size]
+        needed = sizes[size] if isinstance(size, str) else _SharedSize(size, words="")
         if length != needed.length:
             reason = f", as many as {needed.words}" if needed.words else ""
             raise PluginError(

@@ -68,14 +68,16 @@ class Aspects:
         (aspects,) numbers of configurations.
     sign_two, sign_one
         (aspects,) sign of the determinant that vanishes at type II, and of that of type I.
-        0 if there is no sign: because the closure Jacobian does not determine the sense of
-        the motions, or because the output has more degrees of freedom than there are
-        inputs. Also 0 if an aspect has both signs of type I, which is possible if only type
-        II divides aspects.
+        A sign is 0 if it has no meaning. The determinants are of motions in a basis of all
+        possible ones. If the loop equations are redundant, the basis has no fixed sense
+        from configuration to configuration. If the output has more degrees of freedom than
+        there are inputs, there is no square matrix. `sign_one` is also 0 if an aspect has
+        both signs, which is possible if only type II divides aspects.
     modes
-        (aspects,) largest number of configurations at one sample. If it exceeds one, the
-        mechanism can change its assembly mode (the way in which it is assembled at the same
-        inputs) within the aspect, without a singularity.
+        (aspects,) largest number of configurations of the aspect at one sample. These are
+        different assembly modes (ways to assemble the mechanism at the same inputs). If it
+        exceeds one, the mechanism can change its assembly mode within the aspect, without a
+        singularity.
     free_of
         The types of singularity that divide aspects.
     singular
@@ -152,13 +154,13 @@ def aspects(
         if kind not in ("I", "II"):
             raise AnalysisError(f'aspects are free of "I" and "II", not of "{kind}"')
     divides_by_type_one = "I" in free_of
-    stationary_output = None
+    output_condition = None
     if mechanism.outputs or divides_by_type_one:
-        stationary_output = output_of(mechanism, output, pointing)
+        output_condition = output_of(mechanism, output, pointing)
     solver = solver_of(mechanism)
     input_count = len(solver.driven)
-    if stationary_output is not None and divides_by_type_one:
-        output_freedoms = stationary_output.equation_count
+    if output_condition is not None and divides_by_type_one:
+        output_freedoms = output_condition.equation_count
         if input_count > output_freedoms:
             raise AnalysisError(
                 f"{mechanism.name}: the output has {output_freedoms} freedoms: "
@@ -172,7 +174,7 @@ def aspects(
     input_grid = grids.make_grid(mechanism.inputs, sample_counts)
     time_limit = budget or TimeLimit()
     graph = _AspectGraph(
-        solver, input_grid, stationary_output, divides_by_type_one, time_limit
+        solver, input_grid, output_condition, divides_by_type_one, time_limit
     )
     if time_limit.goes_on("modes at samples of the input grid"):
         graph.add_configurations(*_start_configurations(solver, input_grid))
@@ -224,10 +226,13 @@ class _AspectNodes(ArrayRows):
     is_regular
         (n,) whether the configuration has no singularity of a type that divides aspects.
     determinant_two, determinant_one
-        (n,) determinants that vanish at types II and I. The first one is 0 if its sign has
-        no meaning, the second one if there is no output.
+        (n,) determinants that vanish at types II and I. The first one is 0 if the sense of
+        the motions is not fixed, so that its sign has no meaning. The second one is 0 if
+        the mechanism has no output.
     slope_one
-        (n, g) derivatives of `determinant_one` by the inputs, 0 if type I does not divide.
+        (n, g) derivatives of `determinant_one` by the g inputs. They show whether it
+        vanishes between two nodes. They are 0 if the caller lets only type II divide
+        aspects. Type II needs no derivatives, because no verified step passes it.
     """
 
     values: Floats
@@ -285,7 +290,22 @@ class _AspectGraph:
         divides_by_type_one: bool,
         time_limit: TimeLimit,
     ) -> None:
-        """Make a graph without configurations; the class explains the parameters."""
+        """Make a graph without configurations.
+
+        Parameters
+        ----------
+        solver
+            Position solver of the mechanism.
+        input_grid
+            The samples of the inputs.
+        output
+            The condition that the output rests, for singularities of type I (inputs can
+            move while the output rests). None if the mechanism has no output.
+        divides_by_type_one
+            Whether singularities of type I divide aspects. Those of type II always do.
+        time_limit
+            Time after which no more configurations are connected.
+        """
         self.time_limit = time_limit
         self.solver = solver
         self.input_grid = input_grid
@@ -294,10 +314,12 @@ class _AspectGraph:
         self.periods = variable_periods(solver.closure)
         self.output = output
         self.divides_by_type_one = divides_by_type_one
+        # Whether the determinant of type I changes its sign there; `_make_nodes` sets it.
         self.has_sign_of_type_one = False
         self.nodes = self._make_nodes(
             np.zeros((0, len(self.periods))), np.zeros(0, dtype=np.intp)
         )
+        # One row for each sample. More columns are added for more configurations.
         self.numbers_at_sample = np.full((len(input_grid), 1), NO_CONFIGURATION)
         self.is_path_known = np.zeros((0, len(self.neighbours)), dtype=bool)
         self.connections = [np.zeros((0, 2), dtype=np.intp)]
@@ -307,8 +329,10 @@ class _AspectGraph:
 
         A determinant vanishes at singularities of its type, and generally changes its sign
         there: for type II (two) the output can move while the inputs rest, for type I (one)
-        inputs can move while the output rests. A node is regular if no singular value of
-        the closure equations or of these conditions is small.
+        inputs can move while the output rests. Type II always divides aspects, and type I
+        if the caller asks for it. A node is regular if no singular value of the closure
+        equations, or of the conditions that divide aspects, is small. Regular nodes can
+        therefore be singular of type I if this type does not divide.
 
         Parameters
         ----------
@@ -326,6 +350,8 @@ class _AspectGraph:
         smallest_value = np.minimum(
             space.reciprocal_condition, measure_two.smallest_singular_value
         )
+        # A determinant does not change its sign if the sense of the basis of motions is not
+        # fixed, or if there are more conditions than motions. Its sign has no meaning then.
         determinant_two = np.zeros(len(values))
         if measure_two.changes_sign:
             determinant_two = measure_two.value
@@ -340,9 +366,10 @@ class _AspectGraph:
                 smallest_value = np.minimum(
                     smallest_value, measure_one.smallest_singular_value
                 )
-                # The derivatives are given along the basis of the tangent space. With the
-                # rates of the inputs along this basis they become derivatives by the
-                # inputs.
+                # `gradient` has derivatives along the basis of the tangent space (all
+                # rates that close the loops). The inverse of the inputs' rates along this
+                # basis converts them to derivatives by the inputs. It exists at regular
+                # nodes.
                 is_regular = smallest_value > SINGULAR_NODE_VALUE
                 inverse = nans((*slope_one.shape, input_count))
                 inverse[is_regular] = np.linalg.inv(space.basis[is_regular][:, self.driven])
@@ -415,30 +442,35 @@ class _AspectGraph:
         """Follow the paths from all configurations to neighbouring samples.
 
         Configurations that are met for the first time are added and continued in turn,
-        until none is new, or until the limit of time or of their number is reached. All
-        results are stored in the graph.
+        until none is new, or until the limit of time or of their number is reached. No
+        paths start at singular configurations, which belong to no aspect. All results are
+        stored in the graph.
         """
         processed = 0
         while processed < len(self.nodes) < MAX_ASPECT_CONFIGURATIONS:
             next_step = f"configuration {processed + 1} of aspects"
             if not self.time_limit.goes_on(next_step):
                 return
+            # Numbers of the regular configurations that were added last.
             new = processed + np.flatnonzero(self.nodes.is_regular[processed:])
             processed = len(self.nodes)
-            # Paths forwards along all inputs (even directions), then backwards (odd ones)
-            # unless the same path was followed forwards from its other end.
-            for sense in (0, 1):
-                needs_path = ~self.is_path_known[new, sense::2]
+            # Direction 2 k of the grid leads upwards along input k, and 2 k + 1 downwards.
+            # Paths upwards along all inputs come first, then those downwards, unless the
+            # same path was followed upwards from its other end.
+            for is_downwards in (0, 1):
+                needs_path = ~self.is_path_known[new, is_downwards::2]
                 start, input_number = np.nonzero(needs_path)
-                self._follow_paths(new[start], 2 * input_number + sense)
+                self._follow_paths(new[start], 2 * input_number + is_downwards)
 
     def _follow_paths(self, starts: Indices, directions: Indices) -> None:
         """Follow straight paths of the inputs, and connect configurations at their ends.
 
-        A path is followed by verified steps, which do not pass a singularity of type II. If
-        the configuration at its end is new, it is added to the graph. Both ends are
-        connected if they are regular and, if type I divides aspects, the determinant of
-        type I keeps its sign on the path.
+        A path is followed by verified steps, whose tests reject a step that passes a
+        singularity of type II (the output can move while the inputs rest). If the
+        configuration at its end is new, it is added to the graph. Both ends are connected
+        if they are regular. The caller can let type I (inputs can move while the output
+        rests) divide aspects, too. Then the determinant of type I must also keep its sign
+        on the path.
 
         Parameters
         ----------
@@ -455,18 +487,20 @@ class _AspectGraph:
         goal_samples = goal_samples[has_goal]
         values = self.nodes.values[starts]
         goals = self.input_grid.q[goal_samples]
-        # The goals are shifted to the revolutions on which the variables are.
+        # The inputs of a configuration can be whole revolutions away from the sample. The
+        # goals are shifted by as many revolutions, so that the paths are short.
         goals += TURN * np.round((values[:, self.driven] - goals) / TURN)
         followed = follow_inputs(self.solver.closure, self.driven, values, goals)
         end_nodes = followed.nodes
         arrived = followed.status == Status.OK
         ends = self.add_configurations(end_nodes.values[arrived], goal_samples[arrived])
-        # The path back need not be followed. Exclusive or with 1 gives the opposite
-        # direction: 2 k + 1 for 2 k, and 2 k for 2 k + 1.
+        # The path back, from the end to the start, need not be followed. Exclusive or with
+        # 1 gives the opposite direction: 2 k + 1 for 2 k, and 2 k for 2 k + 1.
         self.is_path_known[ends, directions[arrived] ^ 1] = True
         pairs = np.stack([starts[arrived], ends], axis=1)
         is_connected = np.all(self.nodes.is_regular[pairs], axis=1)
         if self.divides_by_type_one:
+            # Derivatives by the inputs times these changes are slopes along the path.
             input_changes = (end_nodes.values - values)[arrived][:, self.driven]
             is_connected &= self._keeps_sign_of_type_one(pairs, input_changes)
         self.connections.append(pairs[is_connected])
@@ -506,18 +540,23 @@ class _AspectGraph:
         edges = np.searchsorted(regular_numbers, np.concatenate(self.connections))
         label = label_components(len(regular_numbers), edges)
 
-        # Aspects are numbered anew by their size, the largest one first.
+        # Aspects are numbered anew by their size, the largest one first. `order` has the
+        # old number of each new one, and its inverse permutation the new number of each old
+        # one.
         sizes = np.bincount(label)
         order = np.argsort(-sizes, kind="stable")
-        label = np.argsort(order)[label]
+        new_numbers = np.argsort(order)
+        label = new_numbers[label]
         sizes = sizes[order]
-        # The greatest number of configurations of an aspect at the same sample.
+        # The greatest number of configurations of an aspect at the same sample, which are
+        # different assembly modes.
         modes = np.zeros(len(sizes), dtype=np.int64)
         (aspect_numbers, _), counts = np.unique(
             np.stack([label, nodes.sample]), axis=1, return_counts=True
         )
         np.maximum.at(modes, aspect_numbers, counts)
-        # Without a meaningful sign of type I its determinant counts as zero.
+        # If the determinant of type I does not change its sign at singularities, its sign
+        # has no meaning, and it counts as zero.
         determinant_one = nodes.determinant_one * self.has_sign_of_type_one
         return Aspects(
             input_grid=self.input_grid,

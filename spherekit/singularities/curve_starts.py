@@ -105,33 +105,51 @@ class LocusPointSearch:
     ) -> None:
         """Check the request, and follow slices if they are needed.
 
-        The search yields singular configurations of one type (`kind`) of an output. The
-        output is the orientation of a link, or one direction fixed in it (`pointing`).
-        Points are searched on slices, which are curves of configurations with all inputs
-        but one locked. `section` has slices that were followed before. Without it, slices
-        are followed here, with each input locked at `slices_of_each` values. With 0 values,
-        points are searched from random starts. The class explains the other parameters.
+        The search yields singular configurations of one type. Points are searched on
+        slices, which are curves of configurations with all inputs but one locked.
+
+        Parameters
+        ----------
+        mechanism
+            The mechanism.
+        input_count
+            Number of inputs that it must have.
+        kind
+            Type of singularity: "I" if inputs can move while the output rests, "II" if the
+            output can move while the inputs rest, or another `LocusName`.
+        output, pointing
+            The output: the orientation of a link, or one direction fixed in it.
+        section
+            Slices that were followed before, or None.
+        slices_of_each
+            Number of values at which each input is locked, if there are no slices yet. With
+            0, points are searched from random starts.
+        time_limit
+            Processor time to spend; None for unlimited.
         """
-        stationary_output = output_of(mechanism, output, pointing)
+        # The linear equations that the rates satisfy if the output rests.
+        output_condition = output_of(mechanism, output, pointing)
         solver = solver_of(mechanism)
         if len(solver.driven) != input_count:
             raise AnalysisError(
                 f"{mechanism.name} has {len(solver.driven)} inputs; curves of singular "
                 "configurations are those of a mechanism with two, surfaces those of three"
             )
-        # A direction can move in two ways only. With three inputs, some motion of them
-        # leaves it at rest in every configuration, so that all are singular of type I.
-        if kind == "I" and stationary_output.equation_count < input_count:
+        # If the output rests, the rates of the inputs satisfy `equation_count` equations: 3
+        # for an orientation, 2 for a direction. With more inputs than equations, inputs can
+        # move while the output rests in every configuration, so all are of type I.
+        if kind == "I" and output_condition.equation_count < input_count:
             raise AnalysisError(
                 f"{mechanism.name}: three inputs move a direction in more ways than it "
                 "has; ask for type I of the link's orientation, without `pointing`"
             )
-        self.report = SingularityReport.for_output(solver, stationary_output, kind)
+        self.report = SingularityReport.for_output(solver, output_condition, kind)
         self.time_limit = time_limit or TimeLimit()
         self.section = section
         self.is_everywhere = is_singular_everywhere(self.report)
         # No points are yielded if every configuration is singular, so no slices are needed.
         if section is None and slices_of_each and not self.is_everywhere:
+            # The rest of the time is for following curves or surfaces from the points.
             slice_limit = self.time_limit.part(TIME_SHARE_OF_SLICES)
             self.section = cut(solver, ranges_of(mechanism), slices_of_each, slice_limit)
         # The course of the search, from which it is decided when it ends, and which
@@ -186,8 +204,12 @@ class LocusPointSearch:
     def completeness(self, item: str) -> Completeness:
         """Return what is known of curves or surfaces that the search may have missed.
 
-        If all slices were searched, a missed curve or surface is within a box between
-        neighbouring slices. Otherwise the search is a sample without such a bound.
+        The points of the search are singular configurations of one type. They were searched
+        on slices (curves of configurations with all inputs but one locked), or from random
+        starts. If all slices were searched, a missed curve or surface is within a box
+        between neighbouring slices. Otherwise the search is a sample without such a bound.
+        If every configuration of the mechanism is singular (`is_everywhere`), there are no
+        curves or surfaces.
 
         Parameters
         ----------
@@ -230,8 +252,9 @@ def closed_configurations(
     """Return closed configurations that Newton's method reaches from random starts.
 
     Inputs are distributed uniformly over their ranges and are not changed by Newton's
-    method. If the phases of all gears are known (which teeth are in mesh at the start),
-    rotations of wheels follow from the inputs and are not changed either.
+    method. A variable of a rolling contact is the length along which the wheels have
+    rolled. If all these lengths follow from the inputs by gear ratios, they are not changed
+    either. Otherwise Newton's method would put the wheels together in another way.
 
     Parameters
     ----------
@@ -253,10 +276,11 @@ def closed_configurations(
     start[:, fixed_variables] = random.uniform(
         range_starts, range_stops, (count, len(fixed_variables))
     )
-    meshes = solver.gear_phases
-    if meshes is not None and meshes.all_known:
-        start[:, list(meshes.variables)] = meshes.rolled_lengths(start[:, fixed_variables])
-        fixed_variables += meshes.variables
+    gear_phases = solver.gear_phases
+    if gear_phases is not None and gear_phases.all_known:
+        rolled_lengths = gear_phases.rolled_lengths(start[:, fixed_variables])
+        start[:, list(gear_phases.variables)] = rolled_lengths
+        fixed_variables += gear_phases.variables
     solution = solver.closure.solve(start, fixed_variables, max_steps=CLOSING_NEWTON_STEPS)
     return solution.values[solution.closure_residual < CLOSURE_TOLERANCE]
 
@@ -279,8 +303,9 @@ def points_from(
     """Return the singular configurations that Newton's method reaches from given ones.
 
     In most rows all inputs but one keep their values, so that they stay in their ranges.
-    The rows take turns in which input is free. In some rows no input keeps its value:
-    Newton's shortest steps also reach configurations at which curves or surfaces cross.
+    The rows take turns in which input is free. In some rows no input keeps its value, and
+    Newton's method takes the shortest steps to a singular configuration. These also reach
+    configurations at which curves or surfaces cross.
 
     Parameters
     ----------
@@ -295,12 +320,14 @@ def points_from(
     -------
     At most n points.
     """
-    # Linear equations that keep all inputs but one, for each free input. The last choice
-    # keeps none: equations 0 = 0.
+    # Linear equations (borders of the matrix of Newton's method) that keep all inputs but
+    # one, for each free input. The last choice keeps none: equations 0 = 0.
     input_rows = np.eye(values.shape[1])[list(driven)]
     choices = [np.delete(input_rows, free, 0) for free in range(len(input_rows))]
     choices.append(0.0 * input_rows[1:])
     borders = np.array(choices)[np.arange(len(values)) % len(choices)]
+    # The motion at each configuration that comes nearest to a singular one, as the start of
+    # Newton's method.
     motions = locus.measure(locus.tangent_space(values)).motion
     targets = np.matvec(borders, values)
     points = locus.correct(

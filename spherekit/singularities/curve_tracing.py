@@ -153,7 +153,9 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
     def end_finished_curves(self, rows: Indices) -> None:
         """End curves that are complete, and all curves when the time limit is reached.
 
-        A curve that closed in the first direction is complete, so its second direction ends
+        Each curve is followed in both directions from its start: the first half of all rows
+        are the curves in one direction, the second half the same curves in the other one. A
+        curve that closed in the first direction is complete, so its second direction ends
         with status OK. At the time limit, curves end with status MODE_LOST.
 
         Parameters
@@ -165,9 +167,10 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
         second_half = rows[rows >= half]
         is_closed = self.is_closed[second_half - half]
         self.end_status[second_half[is_closed]] = Status.OK
-        going = rows[self.end_status[rows] == UNFINISHED]
-        if len(going) and not self.time_limit.goes_on("the rest of a singular curve"):
-            self.end_status[going] = Status.MODE_LOST
+        unfinished = rows[self.end_status[rows] == UNFINISHED]
+        # The text names the step that is left out when there is no more time.
+        if len(unfinished) and not self.time_limit.goes_on("the rest of a singular curve"):
+            self.end_status[unfinished] = Status.MODE_LOST
 
     def try_steps(
         self, rows: Indices, nodes: _LocusNodes, distances: Floats
@@ -253,12 +256,14 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
     def start_after_periods(
         self, starts: _LocusNodes, nodes: _LocusNodes, values: Floats
     ) -> _LocusNodes:
-        """Return the starts of curves, moved by whole periods, to test whether laps close.
+        """Return the starts of curves, moved by whole periods, to test whether they close.
 
-        A lap only closes at its start if the singular motion is the same too. The sign of a
-        singular motion is arbitrary, so the motion at the start gets the sign of the motion
-        at the last node. If the two motions differ, the start is set to NaN, and the lap
-        does not close.
+        A curve of singular configurations closes if it returns to its start, where angles
+        may have grown by whole periods. Each point also has a singular motion: rates that
+        close the loops while the inputs, or the output, rest. A curve only closes if this
+        motion is the same, too. Its sign is arbitrary, so the motion at the start gets the
+        sign of the motion at the last node. If the two motions differ, the start is set to
+        NaN, and the curve does not close.
 
         Parameters
         ----------
@@ -267,12 +272,13 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
         values
             (k, V) variables of the starts, moved by whole periods (rad).
         """
+        # Unit vectors are the same motion, up to the sign, if their cosine is near 1 or -1.
+        # `sense` is the sign, or NaN for another motion.
         cosine = np.vecdot(starts.points.motions, nodes.points.motions)[:, None]
         sense = np.where(np.abs(cosine) < SAME_LAP_COSINE, np.nan, np.sign(cosine))
-        # sense^2 is 1, or NaN for another motion.
         points = replace(
             starts.points,
-            values=sense**2 * values,
+            values=np.where(np.isnan(sense), np.nan, values),
             motions=sense * starts.points.motions,
             motion_derivatives=sense[:, None] * starts.points.motion_derivatives,
         )
@@ -285,12 +291,19 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
 
         Parameters
         ----------
-        rows, steps, new_nodes, is_verified
-            (k,) rows of the curves, lengths of the steps (not used), new nodes, and whether
-            each step passed all tests.
+        rows
+            (k,) numbers of the curves.
+        steps
+            (k,) lengths of the steps. They are not used here; the method of the base class
+            has this parameter.
+        new_nodes
+            The k nodes at which the steps end.
+        is_verified
+            (k,) whether each step passed all tests.
         """
         is_taken = is_verified.copy()
-        # Contacts of profiles exist only as long as both points are on their profiles.
+        # Contacts of profiles exist only as long as both points are on their profiles. The
+        # linearised loops have the states of all contacts.
         states = self.locus.closure.linearise(new_nodes.values[is_verified]).states
         is_taken[is_verified] = np.all(states.inside, axis=1)
         self.end_status[rows[is_verified & ~is_taken]] = Status.OFF_PROFILE
@@ -316,11 +329,13 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
         for row in (ahead, behind):
             if self.is_closed[row]:
                 points = self.collect_nodes(row).points
+                # A closed curve has no ends; OK stands for both.
                 ends = (Status.OK, Status.OK)
                 return SingularCurve(
                     self.locus, points, self.periods, closed=True, ends=ends
                 )
-        # The nodes behind, in reversed order, without the start.
+        # The nodes behind, in reversed order, without the start. Their tangents point away
+        # from the start, and are reversed, so that all point along the joined curve.
         nodes_behind = self.collect_nodes(behind).points.rows(slice(None, 0, -1))
         points = LocusPoints.concatenate(
             [orient_tangents(nodes_behind, -1.0), self.collect_nodes(ahead).points]

@@ -47,9 +47,10 @@ ZERO_ROUNDING_FACTOR = 16.0
 class PoleAxes:
     """Axes of poles at n configurations.
 
-    The axis of a pole is the axis about which two links rotate relative to each other. It
-    is unknown if the links do not move relative to each other and no plan of poles gives
-    it. Its vector is then NaN and its error 1.
+    The axis of a pole is the axis about which two links rotate relative to each other. If
+    the links do not move relative to each other, it can still follow from a plan: a
+    construction of poles as intersections of great circles. Otherwise it is unknown. Its
+    vector is then NaN, and its error is 1 rad, the largest one, which stands for any error.
 
     Attributes
     ----------
@@ -100,7 +101,14 @@ class LinkMotion:
     ) -> None:
         """Compute the angular velocities of all links.
 
-        The class explains the parameters.
+        Parameters
+        ----------
+        position_analysis
+            The mechanism, with one degree of freedom.
+        values, tangents, bends
+            (n, variables) pair variables (rad) and their first and second derivatives by
+            the parameter of the motion, for example the arc length of a curve. NaN second
+            derivatives denote that the motion is given exactly.
         """
         self.values = values
         self.motion = make_motion(position_analysis.solver, values)
@@ -117,8 +125,13 @@ class LinkMotion:
         reciprocal_condition = np.maximum(
             bordered_reciprocal_condition(equations, left_inverse(equations)), EPS
         )
+        # Motions that are given exactly, and not as a point of a curve, have no second
+        # derivatives. Their errors are not amplified.
         is_given_exactly = np.isnan(bends[:, 0])
         reciprocal_condition[is_given_exactly] = 1.0
+        # With the reciprocal condition number k, the configuration has an error of about
+        # EPS / k, and quantities that follow from it EPS / k^2. Larger factors give wider
+        # bounds of the rounding errors.
         largest_w = np.linalg.norm(self.w, axis=2).max(axis=1, initial=1.0)
         amplification = 8.0 / reciprocal_condition + 0.25 / reciprocal_condition**2
         self.rounding = EPS * largest_w * amplification
@@ -183,12 +196,14 @@ class LinkMotion:
         |w| (1 + |u'|) / |w'|.
         """
         _, dw = self.relative(*pole)
+        # `speed` is |w|, and `growth` is |w'|.
         speed, growth = self.speeds(pole)
         axis, axis_error = self._axis_by_velocity(pole)
         # u' is the part of w' at right angles to u, relative to the size of w.
         axis_derivative = (dw - axis * np.vecdot(axis, dw)[:, None]) / speed[:, None]
         axis_rate = np.linalg.norm(axis_derivative, axis=1)
-        # Near the zero of w its direction is only rounding, so the rate is limited.
+        # Near the zero of w its direction is only rounding, and so is this rate. With an
+        # error e of the direction, a computed rate is limited to 1 / e.
         axis_rate = np.minimum(axis_rate, 1.0 / np.clip(axis_error, EPS, 1.0))
         deviation = speed * (1.0 + np.nan_to_num(axis_rate))
         return dw / growth[:, None], (self.rounding + deviation) / growth
@@ -277,13 +292,18 @@ class CurveMotion:
         poles
             The poles.
         """
+        # The first row is the start of the curve.
         start_and_s = np.append(self.curve.s[0], s)
+        # Accurate axes of arbitrary sense. `_continuous_direction` is less accurate near
+        # points at which the links rest, and only gives the sense.
         directions = self.pole_axes(start_and_s, poles).directions
         for pole, direction in directions.items():
             continuous = self._continuous_direction(start_and_s, pole)
-            # The first row is the start of the curve, whose sense all rows get.
+            # The axis at the start keeps its sense. If it is opposite to the continuous
+            # direction, all other axes must be opposite to it, too.
             is_opposite = np.vecdot(direction, continuous) < 0.0
-            signs = np.where(is_opposite != is_opposite[0], -1.0, 1.0)
+            is_reversed = is_opposite != is_opposite[0]
+            signs = np.where(is_reversed, -1.0, 1.0)
             directions[pole] = signs[1:, None] * direction[1:]
         return directions
 
@@ -316,13 +336,17 @@ class CurveMotion:
         if rest_points is None:
             return np.zeros((len(s), 3))
         w, dw = links.relative(*pole)
+        # `speed` is |w|, and `growth` is |dw|. Near a simple zero of w, the distance from
+        # it is about speed / growth.
         speed, growth = links.speeds(pole)
         is_near_rest = speed <= NEAR_REST_RAD * growth
+        # At a double zero w touches zero and does not reverse.
         sign_changes = rest_points.s[~rest_points.is_double]
         # On a closed curve s may be in the next lap.
         sign_changes = np.append(sign_changes, sign_changes + self.curve.length)
-        # At a zero the derivative has the sense of w after the zero. So points near a zero
-        # count as if they were behind it.
+        # At a zero the derivative has the sense of w after the zero. Points near a zero,
+        # nearer than `NEAR_REST_RAD`, get the direction of the derivative, and so have to
+        # count as if they were behind the zero. Twice this distance is surely behind it.
         compared_s = s + 2.0 * NEAR_REST_RAD * is_near_rest
         passed_zeros = np.searchsorted(sign_changes, compared_s, side="right")
         sense = np.where(passed_zeros % 2 == 1, -1.0, 1.0)
@@ -334,7 +358,8 @@ class CurveMotion:
     def _find_rest_points(self, pole: Pole) -> RestPoints | None:
         """Return all points at which the two links of a pole rest relative to each other.
 
-        First the zeros of one component of the relative angular velocity are located. The
+        First the zeros of one component of the relative angular velocity are located: that
+        along `PROJECTION`, a direction at right angles to no axis, except by chance. The
         result has those zeros at which the whole vector vanishes within its rounding error.
         It is None if the links rest on the whole curve.
         """
@@ -354,15 +379,19 @@ class CurveMotion:
             # A zero at the start of a closed curve is one at its end, too.
             zeros = zeros.merge_seam(curve.length)
         is_double = zeros.double
+        # Rounding moves the zeros of one component. The minimum of the whole vector nearby
+        # is more accurate.
         s = self._refine_zeros(zeros.places, is_double, pole)
         # Bounds of the errors of the arc lengths.
         links = self.links_at(s)
         speed, slope = links.speeds(pole)
         rounding_of_s = ZERO_ROUNDING_FACTOR * EPS * curve.length
-        # A simple zero moves by the error of the rate over its slope.
+        # A simple zero moves by the error of the rate over its slope. `EPS` prevents a
+        # division by zero.
         errors = links.rounding / np.maximum(slope, EPS) + rounding_of_s
         # Near a double zero the rate is a parabola. Its second derivative is estimated from
-        # the slope a little aside, towards the middle of the curve.
+        # the slope a little aside (a thousandth of the length), towards the middle of the
+        # curve.
         step = 1e-3 * curve.length
         double_s = s[is_double]
         aside = np.where(double_s > 0.5 * curve.length, -step, step)
@@ -374,7 +403,9 @@ class CurveMotion:
         distances_to_ends = (s, curve.length - s)
         for end_status, distance in zip(curve.ends, distances_to_ends, strict=True):
             if end_status == Status.AT_SINGULARITY:
-                # The rate vanishes at the crossing itself, where every rate may vanish.
+                # At a crossing with other curves, where this curve ends, every rate may
+                # vanish. A zero that cannot be distinguished from this end, by a few times
+                # its error, is left out.
                 is_rest &= distance > 4.0 * errors
         return RestPoints(s[is_rest], is_double[is_rest], errors[is_rest])
 
@@ -383,13 +414,13 @@ class CurveMotion:
 
         The given zeros are those of one component of the relative angular velocity w.
         Gauss-Newton steps lead to the minimum of the length of w: each changes the arc
-        length by -(w . w') / (w' . w').
+        length by -(w . w') / (w' . w'), with the derivative w' by the arc length.
 
         Parameters
         ----------
         s, is_double
             (k,) arc lengths of the zeros (rad), and whether they are double. Double zeros
-            are not changed.
+            are not changed: w' vanishes there as well, so the steps are not determined.
         pole
             The two links.
         """
@@ -399,4 +430,5 @@ class CurveMotion:
             # A longer step shows that only the component vanishes, and not the vector.
             is_unchanged = is_double | (np.abs(step) > NEAR_REST_RAD)
             s = np.where(is_unchanged, s, s - step)
+        # A step may leave the curve at its start, s = 0.
         return np.maximum(s, 0.0)
