@@ -73,21 +73,26 @@ class NearMiss:
 def near_misses(sampled: SampledSingularities, near: float) -> list[NearMiss]:
     """Return the points at which outputs come near singularities of types I and II.
 
-    At type I the output rests, and the distance is measured by the velocity coefficient. At
-    type II the input rests, and the distance is measured by the transmission measure.
-    Configurations that are singular themselves are not included. The velocity coefficient
-    is compared with the largest one on the curve if that is less than 1, because the output
-    of a reducer is slow throughout. The transmission measure is compared with the largest
-    sine of an arc, because it is small for all mechanisms with small arcs. If dyads (two
-    links in series) place the output, one of them must also be within `near` of being
-    stretched or folded.
+    The distance from a type is an angle. At type I the output rests while the input moves.
+    The tangent of the angle is the velocity coefficient, the rate of the output over that
+    of the input. At type II the output can move although the input is locked. The sine of
+    the angle is the transmission measure, which states from 0 to 1 how firmly the locked
+    input holds the output. Configurations that are singular themselves are not included.
+
+    Both limits are relative in mechanisms in which all values are small:
+
+    - If the velocity coefficient is below 1 on a whole curve, as in a gear reducer, it is
+      compared with its largest value on the curve.
+    - The transmission measure is small if all arcs between the axes of links are small. It
+      is compared with the largest sine of such an arc. If dyads (two links in series) place
+      the output, one of them must also be within `near` of being stretched or folded.
 
     Parameters
     ----------
     sampled
         The singularities on all curves, and the range.
     near
-        Largest angle (rad).
+        Largest angle (rad) of a near miss.
     """
     misses: list[NearMiss] = []
     for kind in (Type.I, Type.II):
@@ -119,7 +124,8 @@ def _near_misses_on_curve(
     curve = sampled.curves[number]
     # Type I: relative to the greatest velocity coefficient on the curve if it is below 1,
     # because the output of a reducer is slow throughout. Type II: relative to the largest
-    # sine of an arc, because the transmission measure is small if all arcs are small.
+    # sine of an arc between two axes of a link, because the transmission measure is small
+    # if all these arcs are small.
     limit = np.sin(near)
     scale = 1.0
     if kind is Type.I:
@@ -131,7 +137,11 @@ def _near_misses_on_curve(
     misses: list[NearMiss] = []
     # Smaller sines are singularities, not near misses.
     for s in positions[sines > SINGULAR_TRANSMISSION * scale]:
+        # The configuration, with one row.
         values = curve.at(s).values
+        # The transmission measure may be small because arcs are short, the angle of a dyad
+        # is not. If dyads place the output and none is near its dead centre, the point is
+        # no near miss.
         if kind is Type.II and sampled.least_dyad_angle(values, output)[0] > near:
             continue
         (distance,) = sampled.angle(kind, number, s[None], output)
@@ -162,7 +172,8 @@ def least_transmission(
     angle between the planes of the arcs of both links. It is 0 where the dyad is stretched
     or folded. This is a singularity of type II: the output can move although the inputs are
     locked. The smallest angle in the range of the input is found among the local minima
-    along all configuration curves, also between samples, and the crossings of curves.
+    along all configuration curves, also between samples, the ends of the range, and the
+    crossings of curves.
 
     Parameters
     ----------
@@ -173,8 +184,9 @@ def least_transmission(
 
     Returns
     -------
-    The angle (rad), the input (rad) at which it occurs, and the assembly modes in which it
-    occurs at any input. None if no dyad places the output.
+    The angle (rad), an input (rad) at which it occurs, and the numbers of all assembly
+    modes in which the same angle occurs, perhaps at another input. None if no dyad places
+    the output.
     """
     # Angle, input and assembly modes of each local minimum and each crossing.
     candidates: list[tuple[float, float, tuple[int, ...]]] = []
@@ -202,6 +214,7 @@ def least_transmission(
     first_angle, _, _ = candidates[0]
     if not np.isfinite(first_angle):
         return None
+    # `distance_from_type_two` knows which value of the angle belongs to type II.
     nearest_angle, q, _ = min(
         candidates, key=lambda candidate: distance_from_type_two(candidate[0])
     )
@@ -232,6 +245,8 @@ def _inputs_and_modes(
     -------
     Each input (rad), with the numbers of the assembly modes.
     """
+    # If the range consists of whole periods, both of its ends are the same configuration.
+    # An input within the margin of the upper end is moved to the lower end.
     occurrences = sampled.met([(curve, s)], values, margin=EQUAL_EXTREMUM_INPUT_RAD)
     return [(q, tuple(modes)) for q, modes, is_inside in occurrences if modes and is_inside]
 
@@ -244,9 +259,9 @@ def local_minima(
 ) -> tuple[Floats, Floats]:
     """Return the local minima of the sine of an angle along a configuration curve.
 
-    An end of the range of the input is included if the angle increases inwards from the
-    end. The same applies to an end of the curve, unless other curves cross the curve at one
-    of its ends.
+    An end of the range of the input is included if the sine increases inwards from the end.
+    The same applies to an end of an open curve. A curve with a crossing at one of its ends
+    is an exception: it ends a little before the crossing, beyond which others continue it.
 
     Parameters
     ----------
@@ -267,7 +282,9 @@ def local_minima(
     curve = sampled.curves[number]
     grid = curve.s
     if curve.closed:
-        # Two cells of the next lap, so that a minimum at the start is an inner one.
+        # A minimum at the start of a closed curve must have a cell of the grid on both
+        # sides to be found. Two cells of the next lap are added, and minima are taken from
+        # the lap that begins one cell later.
         grid = np.append(grid, grid[1:3] + curve.length)
 
     def squared_sine(s: Floats) -> Floats:
@@ -276,7 +293,7 @@ def local_minima(
 
     positions, squares = find_local_minima(squared_sine, grid, limit**2)
     if curve.closed:
-        # One lap that does not begin at the start, where the grid has its ends.
+        # Positions beyond the first lap are reduced to it.
         is_in_one_lap = (positions >= grid[1]) & (positions < grid[1] + curve.length)
         positions = np.mod(positions[is_in_one_lap], curve.length)
         squares = squares[is_in_one_lap]
@@ -293,9 +310,10 @@ def _ends_in_range(sampled: SampledSingularities, number: int) -> tuple[Floats, 
     """Return the ends of the range and of the curve, and points a little inward.
 
     The curve consists of pieces, each of which is one assembly mode. An end of a piece is
-    an end of the range if its input is the lowest or the highest, unless the range consists
-    of whole periods. Ends of an open curve are included unless other curves cross it at one
-    of its ends.
+    an end of the range if its input is the lowest or the highest. A range of whole periods
+    has no ends, because configurations repeat. Ends of an open curve are included unless
+    other curves cross it at one of its ends: then its `ends` have the status
+    AT_SINGULARITY, and the curve ends a little before the crossing.
 
     Parameters
     ----------
@@ -307,7 +325,8 @@ def _ends_in_range(sampled: SampledSingularities, number: int) -> tuple[Floats, 
     Returns
     -------
     ends, inward
-        (k,) arc lengths (rad) of the ends, and of a point a little inward from each.
+        (k,) arc lengths (rad) of the ends, and of a point a little inward from each, by the
+        part `INWARD_PART` of the piece. A measure is compared between both.
     """
     curve = sampled.curves[number]
     pieces = sampled.configurations.curves[number].pieces
@@ -325,5 +344,6 @@ def _ends_in_range(sampled: SampledSingularities, number: int) -> tuple[Floats, 
     if Status.AT_SINGULARITY not in curve.ends and not curve.closed:
         distance_to_curve_end = np.minimum(ends, curve.length - ends)
         is_end |= distance_to_curve_end < RANGE_END_TOLERANCE_RAD
+    # Forwards from the start of each piece, backwards from its stop.
     inward = ends + INWARD_PART * np.diff(ends) * [1.0, -1.0]
     return ends[is_end], inward[is_end]

@@ -35,8 +35,10 @@ the part."""
 class PlacingPart:
     """The part of a mechanism that determines the positions of some links.
 
-    It is the whole mechanism if nothing can be left out. An assembly mode is one of the
-    ways to assemble the links at the same input.
+    Other links follow this part without an effect on the links of interest. It is the whole
+    mechanism if nothing can be left out. An assembly mode is one of the ways to assemble
+    the links at the same input. In each mode of the whole mechanism, the part is in one of
+    its own modes.
 
     Attributes
     ----------
@@ -45,8 +47,8 @@ class PlacingPart:
     variables
         Number in the whole mechanism of each variable of the part.
     whole_modes
-        For the number of each assembly mode of the part, the numbers of the modes of the
-        whole mechanism in which the part has this mode.
+        Numbers of modes of the whole mechanism, by the number of the mode in which the part
+        is then. For example (0, 2) for mode 0 of the part, and (1, 3) for mode 1.
     """
 
     position_analysis: PositionAnalysis
@@ -57,9 +59,13 @@ class PlacingPart:
 def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingPart:
     """Return the part of a mechanism that places links relative to the input.
 
-    Links that only follow are left out. The part is used only if each assembly mode of the
-    whole belongs to a mode of the part, and if both have the same dead centres. Otherwise
-    the result is the whole mechanism.
+    Links that only follow are left out. The part is used only if two conditions hold:
+
+    - In each assembly mode of the whole, the part is in one of its own modes.
+    - Whole and part have the same dead centres, at which the input turns back. Otherwise
+      links that are left out would stop the input where the part alone moves on.
+
+    If not, the result is the whole mechanism.
 
     Parameters
     ----------
@@ -69,8 +75,9 @@ def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingP
         Numbers of the links.
     """
     mechanism = whole.mechanism
-    # Degrees of freedom that are determined by rank are those of the whole mechanism, and
-    # phases of wheels in mesh depend on all wheels. No part is used in these cases.
+    # No part is used in two cases. If counting on the graph of links gives a wrong mobility
+    # (`by_rank`), the rank of the velocity equations is known for the whole mechanism only.
+    # Phases of wheels in mesh depend on all wheels.
     if not whole.by_rank:
         part_mechanism = part_for(mechanism, links)
         if part_mechanism is not mechanism and whole.solver.gear_phases is None:
@@ -93,11 +100,13 @@ def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingP
 def _have_same_turning_points(whole: PositionAnalysis, part: PositionAnalysis) -> bool:
     """Return whether assembly modes of the whole and of the part meet at the same inputs.
 
-    Assembly modes meet at dead centres, where the input turns back. All inputs of one
-    revolution are compared, because the links that are left out may have a dead centre
-    outside the range. The result is False if some dead centres of the whole are doubtful.
+    The part determines the positions of the links of interest. Assembly modes meet at dead
+    centres, where the input turns back. All inputs of one revolution are compared, because
+    the links that are left out may have a dead centre outside the range. The result is
+    False if some dead centres of the whole are doubtful.
     """
-    # The search takes a limited time: see the two constants.
+    # Dead centres are doubtful if one value of the searched functions takes longer than
+    # `RUN_COST_S`, or where the search has not ended after `RUN_TIME_S`.
     whole_points, part_points = (
         find_input_turning_points(analysis.solver, -np.pi, np.pi, RUN_COST_S, RUN_TIME_S)
         for analysis in (whole, part)

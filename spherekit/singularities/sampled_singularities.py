@@ -87,21 +87,24 @@ class SampledSingularities:
 
     def __init__(
         self,
-        tracer: PositionAnalysis,
+        position_analysis: PositionAnalysis,
         outputs: Sequence[tuple[int, int]],
         values: Floats,
         assembly_mode: Integers,
         passed: Floats | None = None,
     ) -> None:
-        """Follow the curves of the part that places the outputs, and locate all rows.
+        """Follow all configuration curves, and locate all rows on them.
 
-        The class explains the parameters.
+        Links that have no influence on the outputs are left out before. The class explains
+        the parameters.
         """
-        names = tracer.mechanism.links
-        self.whole = tracer
+        names = position_analysis.mechanism.links
+        self.whole = position_analysis
         self._values = values
+        # An output is a pair of links (o, s): link o relative to link s.
         output_links = [link for output in outputs for link in output]
-        part = find_placing_part(tracer, output_links)
+        # The part of the mechanism that determines the positions of these links.
+        part = find_placing_part(position_analysis, output_links)
         self.position_analysis = part.position_analysis
         # For each assembly mode of the part, those of the whole mechanism that contain it.
         self._whole_modes = part.whole_modes
@@ -113,7 +116,8 @@ class SampledSingularities:
             self.position_analysis, self.curves, named_outputs
         )
         self._locate_rows(values[:, part.variables], assembly_mode)
-        self.range: tuple[float, float] = tracer.range
+        self.range: tuple[float, float] = position_analysis.range
+        # The inputs `passed` are those of a simulation, which passes a part of each curve.
         self._passed_ranges: dict[int, tuple[float, float]] | None = None
         if passed is not None:
             self.range = float(np.min(passed)), float(np.max(passed))
@@ -122,7 +126,10 @@ class SampledSingularities:
     def _locate_rows(self, values: Floats, assembly_mode: Integers) -> None:
         """Locate each row on the configuration curves.
 
-        `curve`, `s`, `status` and `crossed` are set, see the class.
+        The attributes `curve` and `s` get the number of the curve of each row and its arc
+        length there. `crossed` states whether the row is at a crossing of curves. `status`
+        is OK on a curve. Curves end a little before a crossing. A row on no curve is
+        AT_SINGULARITY near a crossing, and MODE_LOST elsewhere.
 
         Parameters
         ----------
@@ -148,6 +155,9 @@ class SampledSingularities:
                 s[rows[is_on_curve]] = positions[is_on_curve]
         has_no_curve = curve_numbers < 0
         status = np.where(has_no_curve, Status.MODE_LOST, Status.OK)
+        # A row on no curve that is within `NEAR_CROSSING_RAD` of a crossing is in the gap
+        # before it. Within the much smaller `AT_CROSSING_RAD` it is the crossing itself, if
+        # its position is known (`crossing.crossing`).
         is_crossing = np.zeros(len(values), dtype=bool)
         for crossing in self.report.crossings:
             difference = self.curves[crossing.curve].wrapped(values - crossing.values)
@@ -179,15 +189,18 @@ class SampledSingularities:
         """Yield the inputs in the range at which a configuration occurs.
 
         After a period of the input the mechanism is in the same configuration again. So a
-        configuration occurs at several inputs if the range has several periods. If it does
-        not occur in the range, the input nearest to the range is yielded once. One input is
-        also yielded for a configuration on a curve that a simulation does not pass.
+        configuration occurs at several inputs if the range has several periods. At least
+        one input is always yielded, with a statement whether it is inside. If the
+        configuration does not occur in the range, it is the input nearest to the range. If
+        a simulation does not pass the curve of the configuration, one input is enough.
+
+        A piece is a part of a curve that is one assembly mode.
 
         Parameters
         ----------
         places
             The configuration as numbers of curves with arc lengths (rad). There are several
-            if curves cross.
+            if curves cross. The period is that of the first one.
         values
             (variables,) its variables (rad).
         margin
@@ -238,10 +251,11 @@ class SampledSingularities:
             The input (rad).
         """
         arc_curve = self.curves[curve]
-        # If the range consists of k whole periods, inputs that differ by a multiple of k
-        # periods count as the same. If it is no whole number of periods, only q itself
-        # counts, so k is infinite: n % inf is 0 only for n = 0. A simulation has no range,
-        # so any number of periods is allowed (k = 1).
+        # If the range consists of k whole periods, its two ends are the same configuration.
+        # Inputs that differ by a multiple of k periods then count as the same. If it is no
+        # whole number of periods (`whole_range` is 0), only q itself counts. So k is
+        # infinite: n % inf is 0 only for n = 0. A simulation has no range, so any number of
+        # periods is allowed (k = 1).
         periods_of_range: float = 1
         if not self.is_simulation:
             periods_of_range = self.whole_range(curve) or np.inf
@@ -250,9 +264,10 @@ class SampledSingularities:
         laps = (0, 1, -1) if arc_curve.closed else (0,)
         for lap in laps:
             for piece in self.configurations.curves[curve].pieces:
-                # The difference between the input of the piece at s and q is a whole number
-                # of periods. The input grows by `rise` in each lap of the curve, and the
-                # input on the piece is that on the curve plus `shift`.
+                # The input of the piece at s in this lap is the sum of three terms: the
+                # input on the curve at s, its growth `rise` in each lap, and the whole
+                # periods `shift` by which the piece differs from the curve. It differs from
+                # q by a whole number of periods.
                 rise = lap * arc_curve.rise[self._driven]
                 difference = input_offset + rise + piece.shift
                 periods = round(difference / self._period(curve))
@@ -306,10 +321,12 @@ class SampledSingularities:
             curve = self.curves[number]
             s = self.s[rows]
             if curve.closed:
-                # Arc lengths of the rows are within one lap. The number of laps between
-                # successive rows follows from the growth of the input, which is `rise` in
-                # each lap. If the input does not grow, the number is unknown and counts as
-                # 0.
+                # Arc lengths of the rows are within one lap. The change of the input
+                # between successive rows over its change in a lap, `rise`, is the distance
+                # of the rows in laps. Less the difference of both arc lengths, it is the
+                # whole number of laps between them. If the input only swings on the curve,
+                # `rise` is 0. Then nothing is known of the number, and successive rows are
+                # taken to be at most half a lap apart.
                 rise = curve.rise[self._driven] or np.inf
                 laps = np.diff(q[rows]) / rise - np.diff(s) / curve.length
                 s = s + curve.length * np.append(0.0, np.cumsum(np.round(laps)))
@@ -339,7 +356,8 @@ class SampledSingularities:
         absolute value of the velocity coefficient y'/q', the rate of the output divided by
         that of the input. Primes are derivatives by the arc length of the curve. At type II
         the input rests while the output moves. The sine of the angle is the transmission
-        measure. The angles vanish at these singularities and nowhere else.
+        measure, which states from 0 to 1 how firmly the locked input holds the output. The
+        angles vanish at these singularities and nowhere else.
 
         Parameters
         ----------
@@ -358,11 +376,14 @@ class SampledSingularities:
         output_links = self.report.outputs[output]
         link_motion = curve_motion.links_at(s)
         if kind is Type.I:
-            # Absolute rates by the arc length. Their derivatives are not needed.
+            # `speeds` returns the absolute rate of two links by the arc length, and that of
+            # its derivative, which is not needed. `report.input` are the links of the
+            # input.
             output_speed, _ = link_motion.speeds(output_links)
             input_speed, _ = link_motion.speeds(self.report.input)
             is_moving = np.hypot(output_speed, input_speed) > MIN_OUTPUT_MOTION
             return np.where(is_moving, np.arctan2(output_speed, input_speed), np.nan)
+        # `_driven` is the number of the variable of the input, which is locked.
         tree = curve_motion.curve.closure.tree
         transmission = Transmission(tree, (self._driven,), *output_links)
         # `vectors` has the angular velocity per unit rate of each variable.
@@ -371,8 +392,10 @@ class SampledSingularities:
     def measures(self) -> dict[tuple[int, Form], dict[str, Floats]]:
         """Return how near the rows are to singularities, for each output.
 
-        The relation c y' = d q' connects the rates of output and input. It has up to two
-        forms.
+        The relation c y' = d q' connects the rates y' of the output and q' of the input. c
+        is 0 at type II (the input rests), d is 0 at type I (the output rests). There are up
+        to two forms: in form i the output link moves relative to its own reference link, in
+        form ii relative to the reference link of the input.
 
         Returns
         -------
@@ -381,8 +404,9 @@ class SampledSingularities:
 
         - ``c`` and ``d``: the coefficients,
         - ``output_rate`` and ``input_rate``: rates by the arc length of all variables,
-        - ``distance_I`` and ``distance_II`` (rad): see `angle`,
-        - ``transmission`` (rad): see `transmission_angles`,
+        - ``distance_I`` and ``distance_II`` (rad): angles that vanish at the type, see
+          `angle`,
+        - ``transmission`` (rad): the transmission angle of the dyad that places the output,
         - ``input_margin_I`` and ``input_margin_II`` (rad): change of the input along the
           curve to the nearest singularity of the type.
         """
@@ -418,7 +442,9 @@ class SampledSingularities:
         """Return the transmission angle of each output at configurations.
 
         It is the transmission angle of the dyad (two links in series) that places the
-        output, see `spherekit.velocities.transmission_angle`.
+        output: the acute angle between the planes of the arcs of both links. A mechanism is
+        placed group by group. A group is a set of bodies that become one rigid body when
+        its pairs are closed, and a body is a set of links that earlier groups have joined.
 
         Parameters
         ----------
@@ -427,13 +453,13 @@ class SampledSingularities:
 
         Returns
         -------
-        (n,) angles (rad) for each output, NaN if another group places it.
+        (n,) angles (rad) for each output, NaN if a group other than a dyad places it.
         """
         axes = self.position_analysis.solver.closure.linearise(values).axes
         angles = []
         for output in self.report.outputs:
-            # The links of the output are joined by the first group that has them in two
-            # different bodies.
+            # The group that places the output joins its two links: it is the first one in
+            # which they belong to different bodies.
             joining_group = None
             for group in self.position_analysis.solver.assembly.groups:
                 bodies_of_output = sum(
@@ -448,6 +474,7 @@ class SampledSingularities:
                     axes[:, joining_group.pairs[position]]
                     for position in joining_group.dyad_positions
                 ]
+                # The formula exists for arrays and for symbolic expressions.
                 angle = transmission_angle(ARRAYS, *dyad_axes)
             angles.append(angle)
         return angles
@@ -455,9 +482,11 @@ class SampledSingularities:
     def least_dyad_angle(self, values: Floats, output: int) -> Floats:
         """Return the least distance from type II of the dyads that place an output.
 
-        The distance is that of the transmission angle. It vanishes at singularities of type
-        II only. Unlike the transmission measure, it does not become small if all arcs are
-        small.
+        A dyad is two links in series. The distance follows from its transmission angle, the
+        acute angle between the planes of the arcs of both links, and vanishes at
+        singularities of type II only. The transmission measure exists for other groups of
+        links, too. It also becomes small if all arcs of the links are short, while this
+        angle does not.
 
         Parameters
         ----------
@@ -473,6 +502,8 @@ class SampledSingularities:
         solver = self.position_analysis.solver
         links = frozenset(self.report.outputs[output])
         groups = placing_groups(solver.mechanism, solver.assembly, links)
+        # The minimum begins with the largest possible distance. Without groups, two links
+        # are joined by the input, and there is no distance.
         least = np.full(len(values), MAX_TYPE_II_DISTANCE_RAD if groups else np.nan)
         axes = solver.closure.linearise(values).axes
         for group in groups:
@@ -481,6 +512,7 @@ class SampledSingularities:
             dyad_axes = [
                 axes[:, group.pairs[position]] for position in group.dyad_positions
             ]
+            # The formula exists for arrays and for symbolic expressions.
             angle = transmission_angle(ARRAYS, *dyad_axes)
             least = np.minimum(least, distance_from_type_two(angle))
         return least
@@ -588,8 +620,10 @@ class SampledSingularities:
         (n,) sizes of the changes (rad), NaN if the curve has no such singularity.
         """
         curve = self.curves[number]
+        # Singular points state their output by the numbers of its two links.
         links = self.report.outputs[output]
-        # Arc length and configuration of each singularity.
+        # Arc length and configuration (variables,) of each singularity: points of this type
+        # on the curve, and crossings with other curves, at which the curve ends.
         singularities = [
             (point.s, point.values)
             for point in self.report.points
@@ -597,7 +631,8 @@ class SampledSingularities:
         ]
         singularities += self.crossing_ends(number)
         # Columns: arc length and input of each singularity, in order of arc length. For a
-        # closed curve those of the laps before and after are added.
+        # closed curve those of the laps before and after are added. In a lap the arc length
+        # grows by the length of the curve, the input by `rise`.
         positions = np.reshape(
             [(arc_length, values[self._driven]) for arc_length, values in singularities],
             (-1, 2),
