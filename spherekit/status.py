@@ -4,21 +4,25 @@ from enum import IntEnum
 
 
 class Status(IntEnum):
-    """The outcome of one sample. Every sample without a result has the reason."""
+    """The outcome of one sample, or of one number of it.
+
+    OK means that there is a result. All other values are reasons why there is none.
+    `STATUS_MEANING` has the texts for users, which also say what to do.
+    """
 
     OK = 0
-    OUT_OF_REACH = 1
-    AT_SINGULARITY = 2
-    MODE_LOST = 3
-    NOT_CONVERGED = 4
-    NOT_CLOSED = 5
-    NO_POLE = 6
-    ILL_CONDITIONED = 7
-    OFF_PROFILE = 8
-    CURVATURE = 9
-    OVERFLOW = 10
-    LIFT_OFF = 11
-    BOUND_EXCEEDED = 12
+    OUT_OF_REACH = 1  # the links cannot be assembled at this input or pose
+    AT_SINGULARITY = 2  # the inputs do not determine the motion
+    MODE_LOST = 3  # a solution in another assembly mode than the requested one
+    NOT_CONVERGED = 4  # the iteration ended without a solution
+    NOT_CLOSED = 5  # the loops are open by more than the tolerance
+    NO_POLE = 6  # two links without relative motion, which have no pole axis
+    ILL_CONDITIONED = 7  # too few digits of a pole axis, an inertia or a torque
+    OFF_PROFILE = 8  # a contact is beyond the end of an open profile
+    CURVATURE = 9  # profiles with equal curvature, or that enter each other
+    OVERFLOW = 10  # a number too large for float64
+    LIFT_OFF = 11  # a contact that would have to pull
+    BOUND_EXCEEDED = 12  # a proof contradicts the error bound of the sample
 
 
 STATUS_MEANING = {

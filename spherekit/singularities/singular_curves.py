@@ -39,16 +39,19 @@ followed twice; smaller: slower."""
 
 @dataclass(frozen=True)
 class CurveSeen:
-    """A curve of singular configurations of one type.
+    """A curve of singular configurations of one type, as it is reported and drawn.
+
+    At a singularity of type I the output rests while an input moves. At type II the output
+    can move while the inputs rest.
 
     Attributes
     ----------
     points
         n points of the curve. The last point of a closed curve is its first.
     both
-        The points at which the other one of types I and II occurs too.
+        The points at which both types I and II occur.
     s
-        (n,) arc lengths of the points (rad).
+        (n,) arc lengths (rad) of the points, in the space of the pair variables.
     closed
         Whether the curve is closed.
     why
@@ -57,9 +60,9 @@ class CurveSeen:
     modes
         For a mid-plane symmetric architecture, numbers of the assembly modes of the curve.
     traced
-        For a curve that was followed numerically: the type of singularity, which describes
-        points, and the part of the followed curve that is of the type. None for a curve in
-        closed form.
+        For a curve that was followed numerically, two objects: the report of the type of
+        singularity, which computes inputs and poses of points, and the part of the followed
+        curve that is of this type. None for a curve in closed form.
     """
 
     points: SingularPoints
@@ -268,7 +271,9 @@ def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[
     """Yield the parts of a followed curve whose nodes are of the reported type.
 
     Nodes of another type can occur, such as self-motions on a curve of type II. On each
-    part, the points are located at which the other one of types I and II occurs too.
+    part, the points are located at which the other one of types I and II occurs too. A part
+    of a closed curve that contains the node at which the list of nodes begins is yielded as
+    two parts.
 
     Parameters
     ----------
@@ -280,8 +285,13 @@ def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[
     other_locus = report.locus_of_other_type
 
     def measure_other_type(points: LocusPoints) -> Floats:
-        """Return a function (n,) that vanishes at singularities of the other type."""
-        return other_locus.measure(other_locus.tangent_space(points.values)).value
+        """Return a function (n,) that vanishes at singularities of the other type.
+
+        Its size is the smallest singular value of the equations that the inputs, or the
+        output, rest, for unit rates that close the loops.
+        """
+        space = other_locus.tangent_space(points.values)
+        return other_locus.measure(space).value
 
     # First nodes of runs of nodes of the type, and the nodes after their last ones.
     is_of_type = report.has_type(report.types(curve.nodes.values))
@@ -297,6 +307,7 @@ def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[
         yield CurveSeen(
             points=report.points(nodes),
             both=report.points(part.zeros(measure_other_type)),
+            # Arc lengths are counted from the start of the part.
             s=part.s,
             closed=is_closed,
             traced=(report, part),

@@ -137,8 +137,8 @@ class SingularSurface:
         edges, _ = list_edges(self.triangles)
         middles = self._interpolate(edges, part=0.5)
         # A middle moves at right angles to the tangent plane at the first end of its edge.
-        tangent_borders = np.swapaxes(self.nodes.tangents[edges[:, 0]], 1, 2)
-        new_points = self._correct(middles, tangent_borders)
+        tangent_rows = np.swapaxes(self.nodes.tangents[edges[:, 0]], 1, 2)
+        new_points = self._correct(middles, tangent_rows)
         all_vertices = np.ones(len(self.nodes), dtype=bool)
         mesh = self._subdivide(np.arange(len(edges)), new_points, all_vertices)
         return replace(mesh, side=0.5 * self.side)
@@ -161,8 +161,9 @@ class SingularSurface:
     def _clip(self, input_position: int, limit: float, side: float) -> Self:
         """Return the part of the mesh in which an input is on one side of a limit.
 
-        Edges across the limit are cut at a singular configuration with the input at the
-        limit.
+        The vertices of the mesh are singular configurations. Edges across the limit are cut
+        at a singular configuration with the input at the limit. The edges and triangles
+        beyond it are removed.
 
         Parameters
         ----------
@@ -173,6 +174,7 @@ class SingularSurface:
         side
             1.0 if values above the limit remain, -1.0 if values below it remain.
         """
+        # Inputs of the vertices, moved by whole periods into their ranges.
         inputs = self.view.inputs_in_range(self.nodes.values)
         margin = side * (inputs[:, input_position] - limit)
         is_inside = in_range(margin, 0.0, np.inf)
@@ -184,8 +186,10 @@ class SingularSurface:
         part = first_distance / (first_distance + second_distance)
         guess = self._interpolate(ends, part[:, None])
 
-        # Two equations select the point of the locus: the input has its limit, and the
-        # point does not move along the direction in which the input is constant.
+        # A point on the surface has two coordinates, so two linear equations in the
+        # variables select one: row . variables = row . variables of the guess. The first
+        # says that the input is at its limit. The second says that the point does not move
+        # along the tangent direction in which this input is constant.
         driven = self.view.solver.driven
         variable = driven[input_position]
         unit_vectors = np.eye(guess.values.shape[1])
@@ -194,19 +198,23 @@ class SingularSurface:
         # direction in the tangent plane along which the input is constant.
         input_gradient = tangents[:, variable]
         level_coordinates = input_gradient[:, ::-1] * [-1.0, 1.0]
-        second_borders = np.vecmat(level_coordinates, np.swapaxes(tangents, 1, 2))
-        # An edge along an end of the range of another input must stay on this end.
+        second_rows = np.vecmat(level_coordinates, np.swapaxes(tangents, 1, 2))
+        # If another input is constant along an edge, the edge is at an end of its range,
+        # where the mesh was cut before, and the new point must stay there. The limited
+        # input itself is not constant along these edges, because they cross its limit.
         for other_variable in driven:
             edge_change = np.abs(guess.edge_vectors[:, other_variable])
-            is_level = edge_change < EQUAL_INPUT_TOLERANCE_RAD
-            second_borders[is_level] = unit_vectors[other_variable]
-        first_borders = np.broadcast_to(unit_vectors[variable], guess.values.shape)
-        borders = np.stack([first_borders, second_borders], axis=1)
+            is_constant = edge_change < EQUAL_INPUT_TOLERANCE_RAD
+            second_rows[is_constant] = unit_vectors[other_variable]
+        first_rows = np.broadcast_to(unit_vectors[variable], guess.values.shape)
+        equation_rows = np.stack([first_rows, second_rows], axis=1)
         # The guess is moved (in place) to the limit, without a jump by whole revolutions.
         guess.values[:, variable] += less_periods(
             limit - guess.values[:, variable], self.periods[variable]
         )
-        return self._subdivide(crossing_edges, self._correct(guess, borders), is_inside)
+        # Cut these edges at the new points, and remove the vertices outside.
+        new_points = self._correct(guess, equation_rows)
+        return self._subdivide(crossing_edges, new_points, is_inside)
 
     @property
     def periods(self) -> Floats:
@@ -233,22 +241,28 @@ class SingularSurface:
         motions = first_motion + part * (second_motion - first_motion)
         return _EdgePoints(values, motions, edge_vectors)
 
-    def _correct(self, guess: _EdgePoints, borders: Floats) -> LocusPoints:
+    def _correct(self, guess: _EdgePoints, equation_rows: Floats) -> LocusPoints:
         """Return the singular configurations (points of the locus) near points on edges.
 
-        A point that is farther from its guess than half the edge belongs to another part of
-        the locus. Its residual is set to NaN, so that it counts as failed.
+        A guess is a point on a straight edge of the mesh, with an interpolated singular
+        motion: the unit rates with which the inputs or the output rest. Newton's method
+        moves both onto the surface. A point that is farther from its guess than half the
+        edge belongs to another part of the locus. Its residual is set to NaN, so that it
+        counts as failed.
 
         Parameters
         ----------
         guess
             Points on k edges.
-        borders
-            (k, 2, V) rows of two linear equations in the variables, whose right-hand sides
-            are their values at the guesses. They select a point of the surface.
+        equation_rows
+            (k, 2, V) rows of two linear equations in the V variables. The products of the
+            rows with the variables keep their values at the guess. This selects one point
+            of the surface, which has two dimensions.
         """
-        targets = np.matvec(borders, guess.values)
-        points = self.view.locus.correct(guess.values, guess.motions, borders, targets)
+        targets = np.matvec(equation_rows, guess.values)
+        points = self.view.locus.correct(
+            guess.values, guess.motions, equation_rows, targets
+        )
         distance = np.linalg.norm(points.values - guess.values, axis=1)
         edge_length = np.linalg.norm(guess.edge_vectors, axis=1)
         points.residual[~(distance < 0.5 * edge_length)] = np.nan

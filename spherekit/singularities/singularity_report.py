@@ -36,7 +36,8 @@ class SingularPoints(ArrayRows):
     """n singular configurations of a mechanism with g inputs and V variables.
 
     In a singular configuration a motion exists in which inputs or output rest, the singular
-    motion.
+    motion. It is a vector x of rates of the V variables that closes the loops, with
+    E x = 0. E x are the rates of the inputs (type II) or those of the output (type I).
 
     Attributes
     ----------
@@ -48,8 +49,8 @@ class SingularPoints(ArrayRows):
     values
         (n, V) variables (rad).
     motion
-        (n, V) unit rates of the singular motion, in which only the pairs that move the
-        output take part.
+        (n, V) unit rates x of the singular motion. The rates of pairs that do not move the
+        output are zero: a motion of these pairs alone is no singularity of the output.
     inputs
         (n, g) values of the inputs (rad). They differ from the variables by whole
         revolutions, so that they are in their declared ranges or as near to these as
@@ -59,7 +60,8 @@ class SingularPoints(ArrayRows):
     orientation
         (n, 3, 3) rotations from the output link's to its reference link's axes.
     pointing
-        (n, 3) output direction in the reference link's axes, or None.
+        (n, 3) output direction in the reference link's axes. None if the output is the
+        orientation of its link.
     input_rate, output_rate
         (n,) norms of the rates of the inputs and of the output in the singular motion.
     residual
@@ -106,8 +108,10 @@ class SingularityReport:
     ) -> "SingularityReport":
         """Return one type of singularity of an output.
 
-        A singularity in which only pairs move that do not move the output is not counted.
-        Self-motions are those of the whole mechanism.
+        A mechanism can have pairs whose motion does not move the output. For types I and
+        II only the part of the mechanism that moves the output is examined, so that
+        singularities of other parts are not counted. Self-motions, in which inputs and
+        output rest, are those of the whole mechanism.
 
         Parameters
         ----------
@@ -123,6 +127,9 @@ class SingularityReport:
             part = find_output_part(
                 solver.mechanism, solver.assembly, output.link, output.relative_to
             )
+        # The angular velocity of the output is the sum of those of the pairs on a path of
+        # links from the reference link to the output link. The path has to be in the part.
+        # Senses say in which direction it passes each pair.
         if part is not None:
             output = replace(output, variable_senses=part.variable_senses)
         return SingularityReport(solver, output, kind, part)
@@ -196,7 +203,9 @@ class SingularityReport:
         pointing = None
         if self.output.pointing is not None:
             pointing = orientation @ np.array(self.output.pointing)
-        # The output rests if these products are zero, so they are the rates of the output.
+        # The rows of `equations` are the angular velocity of the output per unit rate of
+        # each variable, in the components that matter. Their products with the rates of the
+        # motion are the rates of the output.
         output_rates = np.matvec(self.output.equations(linearisation), motions)
         return SingularPoints(
             kind=self.kind,

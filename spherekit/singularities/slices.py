@@ -153,17 +153,19 @@ def _follow_slices(
 class LockedInputSection:
     """Curves of configurations on which all inputs but one are locked.
 
-    The configurations with all inputs but one locked at given values are a slice, which
-    consists of curves.
+    The configurations with all inputs but one locked at given values are called a slice of
+    the set of all configurations. It consists of curves. Each input is free in turn, and
+    the others are locked at the values of a regular grid.
 
     Attributes
     ----------
     slices
         The curves of all slices, in the order in which they were followed.
     gaps
-        For each input the distance (rad) between the values at which it is locked.
+        For each input the distance (rad) between successive values at which it is locked.
     note
-        The part that was left out because the time limit was reached; empty if nothing was.
+        A text for users that says which slices were left out because the time limit was
+        reached. It is empty if none was.
     """
 
     slices: tuple[ArcCurve, ...]
@@ -199,6 +201,7 @@ def cut(
     The curves of all slices, and what was left out because the time was spent.
     """
     time_limit = budget or TimeLimit()
+    # In closed form the curves of several slices are followed together, which saves time.
     slices_at_once = SLICES_AT_ONCE if solver.assembly.has_closed_form else 1
     # The middles of equal parts of the range of each input.
     numbers = np.arange(values_of_each) + 0.5
@@ -215,7 +218,9 @@ def cut(
         digits = f"0{(len(grid) - 1).bit_length()}b"
         order = sorted(range(len(grid)), key=lambda k: format(k, digits)[::-1])
         input_values = grid[order]
-        share = time_limit.part(1.0 / (len(ranges) - free_input))
+        # The remaining time is divided equally among the inputs that have not been free.
+        remaining_inputs = len(ranges) - free_input
+        share = time_limit.part(1.0 / remaining_inputs)
         for first in range(0, len(input_values), slices_at_once):
             if not share.goes_on(f"slice {first + 1} of {len(input_values)}"):
                 break
@@ -228,20 +233,26 @@ def cut(
 
 
 def singular_points_on_slice(curve: ArcCurve, locus: SingularityLocus) -> LocusPoints:
-    """Return the singular configurations of one type on a curve of a slice.
+    """Return the singular configurations of one type on a curve of configurations.
+
+    The locus has a measure, a function of the configuration that is zero at its
+    singular configurations. The zeros along the curve are located, and
+    the configurations are then corrected by Newton's method for the singularity itself,
+    which also gives the singular motion.
 
     Parameters
     ----------
     curve
         Configurations in which all inputs but one have fixed values.
     locus
-        The singular configurations of the type.
+        The locus: all singular configurations of the type.
     """
 
     def measure_along_curve(points: CurvePoints) -> tuple[Floats, Floats]:
         """Return the measure (n,) of the locus and its derivative by the arc length."""
         space = locus.tangent_space(points.values)
         measure = locus.measure(space)
+        # The gradient is in coordinates of the tangent space, as is the tangent here.
         tangent_coordinates = np.vecmat(points.tangents, space.basis)
         return measure.value, np.vecdot(measure.gradient, tangent_coordinates)
 

@@ -46,7 +46,12 @@ class InputsLocked:
         return np.tile(input_rows, (len(linearisation), 1, 1))
 
     def equation_derivatives(self, space: TangentSpace) -> Floats:
-        """Return the derivatives (n, g + 1, m, V) of E along `space.directions`: zero."""
+        """Return the derivatives (n, g + 1, m, V) of E along `space.directions`: zero.
+
+        E (m, V) is constant. The g + 1 directions are changes of the configuration: a basis
+        of those that keep the loops of g degrees of freedom closed, and the step that
+        closes loops which are slightly open.
+        """
         n, variables, directions = space.directions.shape
         return np.zeros((n, directions, self.equation_count, variables))
 
@@ -151,19 +156,22 @@ class OutputStationary:
         return np.swapaxes(placed[:, self.relative_to], 1, 2) @ placed[:, self.link]
 
     def angular_velocity(self, space: TangentSpace, rates: Floats) -> Floats:
-        """Return the output's relative angular velocity for k sets of rates.
+        """Return the angular velocity of the output link for k sets of rates.
+
+        It is relative to the link from which the output is seen.
 
         Parameters
         ----------
         space
-            The configurations.
+            The n configurations.
         rates
-            (n, V, k) rates of the variables.
+            (n, V, k) rates of the V variables.
 
         Returns
         -------
-        (n, k, 3) in the axes of body 0.
+        (n, k, 3) components along the axes of the ground (body 0 of the loops).
         """
+        # (n, V, 3) angular velocity of the output link per unit rate of each variable.
         angular_velocities = self._angular_velocities(space.linearisation)
         return np.einsum("nvk,nvd->nkd", rates, angular_velocities)
 
@@ -177,7 +185,9 @@ def output_of(
     output: str | None = None,
     pointing: str | Sequence[float] | None = None,
 ) -> OutputStationary:
-    """Return an output of a mechanism, by default its first one, as a condition of rest.
+    """Return the condition that an output of a mechanism rests, by default its first one.
+
+    At a singularity of type I the output rests while an input moves.
 
     Parameters
     ----------
@@ -187,9 +197,9 @@ def output_of(
         Name of an output.
     pointing
         The direction that must rest: the name of an R pair on the output's link, for the
-        axis of this pair, or a vector (3,) in the link's axes. By default it is the
-        direction that the output declares, if there are two inputs. Otherwise the
-        orientation of the link must rest.
+        axis of this pair, or a vector (3,) in the link's axes. By default a mechanism with
+        two inputs moves the direction that the output declares, since a direction has two
+        degrees of freedom. Otherwise the orientation of the link must rest.
 
     Raises
     ------
@@ -198,6 +208,8 @@ def output_of(
     AnalysisError
         If there is no such direction.
     """
+    # `chosen_output` raises an error if there are several outputs and no name. Here the
+    # first one is the default.
     if output is None and len(mechanism.outputs) > 1:
         declared = mechanism.outputs[0]
     else:

@@ -125,7 +125,9 @@ class SurfaceFront:
         """Mesh the surfaces through all singular configurations that the search yields.
 
         Configurations with an input outside its range are left out. The mesh is stored as
-        `vertices` and `triangles`. It is not complete if the time limit is reached.
+        `vertices` and `triangles`. It is not complete if the time limit is reached. Where
+        surfaces cross, the equations of a singular configuration are singular themselves,
+        and their reciprocal condition is nearly zero.
 
         Returns
         -------
@@ -138,9 +140,13 @@ class SurfaceFront:
             is_crossing = points.reciprocal_condition < SURFACE_CROSSING_CONDITION
             crossings += int(np.sum(is_inside & is_crossing))
             for row in np.flatnonzero(is_inside):
-                # A slice, because a point is a record of one row.
-                if self.mesh_surface(points.rows(slice(row, row + 1))):
+                # A slice, because a point is a record of one row. The result is False if
+                # the mesh has this surface already, if surfaces cross at the point, or if
+                # the limits of vertices or time are reached.
+                is_new_surface = self.mesh_surface(points.rows(slice(row, row + 1)))
+                if is_new_surface:
                     self.search.record_new_result()
+            # The note is set as soon as the time limit ends a search.
             if self.search.time_limit.note:
                 break
         return crossings
@@ -229,6 +235,10 @@ class SurfaceFront:
     ) -> list[LocusPoints | None]:
         """Return the points of the surface above positions in tangent planes.
 
+        A point of the surface is a singular configuration: values of the pair variables
+        with which a singular motion exists, unit rates that leave inputs or output at rest.
+        Newton's method solves for the variables and the motion together.
+
         Parameters
         ----------
         bases
@@ -256,7 +266,11 @@ class SurfaceFront:
         # angles between the tangent planes. The last one is the smallest.
         overlap = np.where(is_regular[:, None, None], borders @ points.tangents, 0.0)
         plane_cosine = np.linalg.svd(overlap, compute_uv=False)[:, -1]
+        # Sheets that pass each other have different singular motions, whose signs are
+        # arbitrary.
         motion_cosine = np.abs(np.vecdot(points.motions, starts.motions))
+        # A point that is farther than half an edge from the tangent plane belongs to
+        # another part of the surface.
         distance = np.linalg.norm(points.values - guess, axis=1)
         is_accepted = (
             is_regular
@@ -290,9 +304,10 @@ class SurfaceFront:
     def _new_vertex(self, edge: Edge) -> LocusPoints | None:
         """Return the new vertex that completes an equilateral triangle on an open edge.
 
-        An open edge has a triangle on one side only. The new vertex is the singular
-        configuration that Newton's method reaches from the ideal apex on the other side;
-        None if it reaches none. To save time, the vertices for the next waiting edges are
+        An open edge has a triangle on one side only. The ideal apex of a second triangle is
+        a position in the tangent plane of the surface. The new vertex is the singular
+        configuration that Newton's method reaches from it. It is None if the method reaches
+        none. To save time, the vertices for the next edges that wait for a triangle are
         computed at once and stored in `computed_vertices`. They only depend on their edges
         and on the triangles at these edges, which do not change.
         """
@@ -314,18 +329,25 @@ class SurfaceFront:
     def _attach_triangle(self, edge: Edge) -> None:
         """Put a triangle on the open side of an edge, if there is room for one.
 
-        The ideal apex makes the triangle equilateral. Candidates for the apex are, in this
-        order: vertices of open edges very near to the ideal apex, a new vertex, and
-        vertices of open edges at a greater distance. The first candidate whose triangle has
-        a good shape and overlaps no other is taken.
+        An open edge has a triangle on one side only. The ideal apex makes the triangle
+        equilateral. Candidates for the apex are, in this order: vertices of open edges very
+        near to the ideal apex, a new vertex, and vertices of open edges at a greater
+        distance. The first candidate whose triangle has a good shape and overlaps no other
+        is taken. If there is none, the edge stays open.
         """
         a, b = edge
+        # A position in the tangent plane at a, as a complex number: the coordinates (rad)
+        # along the two tangents.
         ideal = self._ideal_apex(edge)
         ideal_offset = self.vertices.tangents[a] @ [ideal.real, ideal.imag]
+        # Only vertices in this neighbourhood are candidates, and only open edges between
+        # them are tested for crossings. Vertices of another sheet of the surface, which
+        # passes nearby, are left out: their singular motion (unit rates with inputs or
+        # output at rest) differs.
         neighbours = self.find_vertices_near(
             self.vertices.values[a] + ideal_offset,
             self.vertices.motions[a],
-            2.5 * self.edge_length,
+            radius=2.5 * self.edge_length,
         )
         # Positions of vertices in the tangent plane at a, as complex numbers.
         positions = dict(

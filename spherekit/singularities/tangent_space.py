@@ -29,20 +29,24 @@ SMALLEST_NORMAL = float(np.finfo(float).tiny)
 class OutputPart:
     """The pairs of a mechanism that take part in the motion of one output.
 
-    A motion in which only other pairs move is no singularity of this output.
+    A motion in which only other pairs move is no singularity of this output. The output is
+    the motion of its link relative to another link, the reference link.
 
     Attributes
     ----------
     tree
-        The loops that these pairs close, rooted in the link from which the output is seen.
+        The loops that these pairs close, as a tree of links with the reference link as
+        root.
     variables
         Variables of these pairs, numbered as in the whole mechanism.
     driven
         The variables among them that are inputs.
     variable_senses
-        (V,) for each variable of the whole mechanism: +1 or -1 if its pair is on the tree
-        path from the reference link to the output link, in the sense in which the path
-        passes the pair; otherwise 0.
+        (V,) one number for each variable of the whole mechanism. The path in the tree from
+        the reference link to the output link passes some pairs. The number is +1 if it goes
+        from the first to the second link of the pair, -1 if it goes the other way, and 0
+        for pairs that are not on the path. These are the factors with which the angular
+        velocities of the pairs add up to that of the output.
     """
 
     tree: LoopTree
@@ -65,7 +69,8 @@ def find_output_part(
 
     Returns
     -------
-    The part, or None if all pairs take part.
+    The part. It is None if all pairs take part; the caller then uses the loops of the whole
+    mechanism, which are known already.
     """
     pairs = moving_pairs(mechanism, assembly, (link, relative_to))
     if len(pairs) == len(mechanism.pairs):
@@ -86,9 +91,12 @@ def find_output_part(
         tuple((bodies.index(first), bodies.index(second)) for first, second in pair_links),
         tuple(pairs.index(owners[variable]) for variable in variables),
     )
-    # The path to body 1, the output link.
+    # `tree.paths[1]` belongs to the path from the root to body 1, the output link. For each
+    # variable it is 1 if the path passes its pair from the first to the second link, -1 if
+    # it passes it the other way, and 0 if the pair is not on the path.
     variable_senses = np.zeros(len(owners))
     variable_senses[list(variables)] = tree.paths[1]
+    # An input is an R pair, which has only one variable.
     input_variables = [mechanism.variables_of(pair)[0] for pair in assembly.inputs]
     driven = tuple(variable for variable in input_variables if variable in variables)
     return OutputPart(tree, variables, driven, tuple(variable_senses.tolist()))
@@ -169,12 +177,18 @@ class TangentSpace:
     def rate_corrections(self) -> Floats:
         """(n, g + 1, V, V) the changes of rates that keep J x = 0 as configurations change.
 
-        J is the Jacobian of the loop closure, J' its derivative along direction j of
-        `directions`, J^+ its pseudo-inverse. If the configuration changes along direction
-        j, the smallest change of rates x that keeps J x = 0 is -J^+ J' x, to first order.
-        The array consists of the matrices -J^+ J'.
+        The mechanism has V variables and g degrees of freedom. The g + 1 `directions` of
+        change are the basis of the rates that close the loops of the whole mechanism, and
+        the step that closes loops which are slightly open. This tangent space may be that
+        of the part of the mechanism that moves an output. J is the Jacobian of the loop
+        closure, J' its derivative along direction j of `directions`, J^+ its
+        pseudo-inverse. If the configuration changes along direction j, the smallest change
+        of rates x that keeps J x = 0 is -J^+ J' x, to first order. The array consists of
+        the matrices -J^+ J'.
         """
+        # Configurations change along the directions of the whole mechanism.
         mechanism_space = self.mechanism_space or self
+        # (n, directions, V, 3) derivatives of the velocity vectors of all variables.
         derivatives = mechanism_space.vector_derivatives
         n, directions, variables, _ = derivatives.shape
         part_derivatives = derivatives[:, :, self.variables]

@@ -127,6 +127,8 @@ def _check_replaceable(target: Path) -> None:
 def check_made_by_spherekit(path: Path, mark: bytes) -> None:
     """Check that writing a file will not replace a file that spherekit has not made.
 
+    Whether spherekit has made a file can only be seen from its content (the mark).
+
     Parameters
     ----------
     path

@@ -34,9 +34,11 @@ def differentiate(
     """
     # If the derivative of the node -1 * x is given, that of x is its negative. It is added
     # because expressions may contain x alone: minus signs are moved outwards.
-    known_rates: dict[Any, Expr] = {
-        negated_operand(node): -1.0 * rate for node, rate in rates.items()
-    }
+    known_rates: dict[Any, Expr] = {}
+    for node, rate in rates.items():
+        negated_node = negated_operand(node)  # None if the node is not -1 * x
+        if negated_node is not None:
+            known_rates[negated_node] = -1.0 * rate
     known_rates |= rates
 
     def differentiate_node(node: ExpressionNode, argument_rates: list[Expr]) -> Expr:

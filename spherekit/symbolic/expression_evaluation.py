@@ -223,10 +223,15 @@ def _write_program(outputs: Sequence[Expr], inputs: Sequence[ExpressionNode]) ->
         The variables in them.
     """
     nodes = [node for node in iterate_nodes(outputs) if node.operation != "variable"]
-    # The last step that reads each value. Later steps overwrite earlier entries.
-    last_step_reading = {x: k for k, node in enumerate(nodes) for x in node.arguments}
+    # The last step that reads each value: later steps replace the entries of earlier ones.
+    # There is one step for each node.
+    last_step_reading: dict[Any, int] = {}
+    for step_number, node in enumerate(nodes):
+        for argument in node.arguments:
+            last_step_reading[argument] = step_number
 
-    # Names of numbers, inputs and outputs.
+    # Names of numbers (c0, c1, ...), inputs (x0, ...) and outputs (y0, ...). An output that
+    # is a number, an input or an earlier output has a name already and keeps it.
     values = [*(x for node in nodes for x in node.arguments), *outputs]
     numbers = dict.fromkeys(float(x) for x in values if not isinstance(x, ExpressionNode))
     name_of: dict[Any, str] = {number: f"c{k}" for k, number in enumerate(numbers)}
@@ -237,7 +242,8 @@ def _write_program(outputs: Sequence[Expr], inputs: Sequence[ExpressionNode]) ->
     for output, output_name in zip(outputs, output_names, strict=True):
         name_of.setdefault(output, output_name)
 
-    # One step per node. Names of intermediate values that are no longer needed are free.
+    # One step per node. Intermediate values have names z0, z1, ... Those of values that are
+    # no longer needed are free.
     steps = list[_ProgramStep]()
     free_names = list[str]()
     # A dictionary, because it keeps the order and finds a name quickly: long chains have
@@ -250,11 +256,14 @@ def _write_program(outputs: Sequence[Expr], inputs: Sequence[ExpressionNode]) ->
             name_of[x] for x in node.arguments if last_step_reading[x] == k
         )
         free_names += [name for name in names_read_last if name in work_names]
+        # An output has its name already. Other results take a free name or a new one.
         if node not in name_of:
-            if not free_names:
-                free_names.append(f"z{len(work_names)}")
-                work_names[free_names[0]] = None
-            name_of[node] = free_names.pop()
+            if free_names:
+                name_of[node] = free_names.pop()
+            else:
+                new_name = f"z{len(work_names)}"
+                work_names[new_name] = None
+                name_of[node] = new_name
         steps.append(_ProgramStep(node.operation, arguments, name_of[node]))
     # Numbers, inputs and repeated outputs have another name and are copied.
     for output, output_name in zip(outputs, output_names, strict=True):
