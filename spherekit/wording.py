@@ -32,6 +32,9 @@ def nearest(word: str, allowed: Iterable[str]) -> str:
 def choices(word: object, allowed: Collection[str], what: str, most: int = 12) -> str:
     """Return the end of a message about an unknown word: a suggestion and the choices.
 
+    With a suggestion it reads ``; did you mean "12"? Pairs: 12, 23, 34``, otherwise
+    ``; Pairs: 12, 23, 34``.
+
     Parameters
     ----------
     word
@@ -43,8 +46,10 @@ def choices(word: object, allowed: Collection[str], what: str, most: int = 12) -
     most
         Number of allowed words that are listed.
     """
-    hint = nearest(str(word), allowed) or ";"
-    return f"{hint} {what}: {listing(allowed, most) or 'none'}"
+    # The suggestion is empty if no allowed word is similar.
+    suggestion = nearest(str(word), allowed)
+    beginning = suggestion or ";"
+    return f"{beginning} {what}: {listing(allowed, most) or 'none'}"
 
 
 def counted(number: object, noun: str) -> str:

@@ -130,18 +130,25 @@ class Transmission:
         """Return the transmission (n,), from 0 at a singularity of type II to 1.
 
         At a singularity of type II the output can move although the inputs are locked. The
-        transmission is 1 / sqrt(1 + |A J^+|^2 / rho). If the passive pairs move at the
-        rates x, the loops have the misfits J x (relative velocities that pairs do not
-        allow), and the output moves by A x. rho is the sum of the squares of the
-        `_path_currents`. The transmission is NaN in rows in which an argument is not
-        finite.
+        measure assumes that pairs have play. With locked inputs, the passive pairs can then
+        move at any rates x. They open the loops: their relative velocities do not add up
+        to 0 by the misfits J x, which the play has to take up. The output moves by A x. A
+        transmission is good if small misfits move the output little:
+
+            transmission = 1 / sqrt(1 + |A J^+|^2 / rho).
+
+        The misfits that go around no loop move the output, too. They are counted by rho, as
+        if all pairs were locked: the resistance between the output link and its reference
+        link if all pairs were electric resistances 1. It is the sum of the squares of the
+        currents in the pairs (`_path_currents`). The transmission is NaN in rows in which
+        an argument is not finite.
 
         Parameters
         ----------
         vectors
             (n, variables, 3) vectors of the variables in a common frame: the angular
             velocity of the second link of a pair relative to the first, per unit rate of
-            the variable. Their lengths do not matter.
+            the variable. Their lengths do not matter, because they are scaled to 1.
         directions
             (n, 3) unit vectors of an output that points, in the same frame.
         """
@@ -167,8 +174,9 @@ class Transmission:
             if directions is not None:
                 axes = directions[rows][:, :, None]
                 output_motion -= axes * np.sum(axes * output_motion, axis=1, keepdims=True)
-            # A J^+. If J is nearly singular, rounding errors would count as equations, so
-            # these rows are computed by singular values.
+            # A J^+. If J is nearly singular, a motion of the passive pairs opens the loops
+            # by rounding errors only. Its inverse would be computed from these errors, so
+            # such rows are computed by singular values.
             inverse = left_inverse(loops)
             motion_per_misfit = output_motion @ inverse
             # Negated, so that NaN counts as too large.
@@ -205,12 +213,18 @@ def passive_equations(
     Passive variables are those that no input locks. A vector of a variable is the relative
     angular velocity of the links of its pair per unit rate of the variable.
 
-    The singular values of the equations are sines of angles between two spaces of relative
-    velocities of all pairs: those that the passive pairs allow, and those that bodies can
-    have. The reason is that both factors of the equations are orthonormal bases. The
-    vectors are a basis of the first space. The cycles of the graph of links and pairs are a
-    basis of all relative velocities at right angles to the second space. The singular
-    values are the cosines of the angles between these two bases.
+    The equations are a product of two orthonormal bases, so that their singular values have
+    a meaning:
+
+    - The vectors are a basis of the space P of relative velocities that the passive pairs
+      allow.
+    - Let B be the space of relative velocities that moving bodies can have: they add up to
+      0 around each loop. The cycles of the graph of links and pairs are a basis of all
+      relative velocities perpendicular to B.
+
+    The singular values are the cosines of the angles between P and the perpendicular space
+    of B. So they are the sines of the angles between P and B. A value of 0 means that the
+    passive pairs allow a motion of the bodies.
 
     Parameters
     ----------
@@ -241,14 +255,15 @@ def input_authority(tree: LoopTree, driven: Sequence[int], vectors: Floats) -> F
 
     The measures are singular values of the loop equations of the passive variables, those
     that no input locks. A singular value of 0 means that these variables can move although
-    the inputs are locked.
+    the inputs are locked: the inputs have no authority over them.
 
     Parameters
     ----------
     tree, driven
         The loops, and the variables that inputs lock.
     vectors
-        (n, variables, 3) vectors of the variables.
+        (n, variables, 3) vectors of the variables: the relative angular velocity of the
+        links of a pair per unit rate of the variable.
 
     Returns
     -------
@@ -274,7 +289,13 @@ def input_authority(tree: LoopTree, driven: Sequence[int], vectors: Floats) -> F
 def _orthonormal_vectors(tree: LoopTree, vectors: Floats) -> Floats:
     """Return orthonormal vectors (n, variables, 3) for the variables of each pair.
 
-    Zero vectors stay zero. A pair has at most two variables.
+    `vectors` (n, variables, 3) are the relative angular velocities of the links of a pair
+    per unit rate of each of its variables. An R pair has one variable, a contact one or
+    two. The results span the same relative velocities, and do not depend on the units of
+    the variables. Zero vectors stay zero.
+
+    The two vectors of a contact are parallel only if the curvatures of both profiles are
+    equal. Such configurations do not determine the motion, and have no result anyway.
     """
     lengths = np.linalg.norm(vectors, axis=2, keepdims=True)
     units = vectors / np.where(lengths > 0.0, lengths, 1.0)
@@ -293,9 +314,10 @@ def _orthonormal_vectors(tree: LoopTree, vectors: Floats) -> Floats:
 def _motion_by_singular_values(output_motion: Floats, loops: Floats) -> Floats:
     """Return the motion of the output per unit misfit if equations are nearly singular.
 
-    A misfit is the part of a relative angular velocity that pairs do not allow. A motion of
-    the passive pairs whose misfits are only rounding errors makes the result practically
-    infinite if it moves the output. If it does not move the output, it has no effect.
+    If the passive pairs move at any rates, the loops do not close: their relative angular
+    velocities do not add up to 0. What is missing are the misfits. A motion of the passive
+    pairs whose misfits are only rounding errors makes the result practically infinite if it
+    moves the output. If it moves other links only, it has no effect.
 
     Parameters
     ----------
@@ -312,6 +334,8 @@ def _motion_by_singular_values(output_motion: Floats, loops: Floats) -> Floats:
     left, sizes, right = np.linalg.svd(loops, full_matrices=False)
     moved = output_motion @ np.swapaxes(right, 1, 2)
     is_resting = np.linalg.norm(moved, axis=1) < MIN_OUTPUT_MOTION
+    # A singular value this small is caused by rounding: the inverse of the equations would
+    # have entries that are not trusted.
     is_self_motion = (sizes < 1.0 / MAX_INVERSE_ENTRY) & is_resting
     # The smallest divisor prevents a division by zero.
     inverse_sizes = np.where(is_self_motion, 0.0, 1.0 / np.maximum(sizes, 1e-300))

@@ -93,14 +93,29 @@ class VelocityEquations(ABC):
     ) -> None:
         """Write the vectors of all variables as expressions in ground axes.
 
-        `about_centres` says how the vector of two rolling circles is written; see
-        `carried_vectors`. The other parameters are explained in the class.
+        The vector of a variable is the angular velocity of the second link of its pair
+        relative to the first, per unit rate of the variable.
+
+        Parameters
+        ----------
+        mechanism, pairs
+            The mechanism, and the rotations of its pairs as expressions.
+        placed
+            Orientations of all links as expressions.
+        variables
+            Expressions (rad) of all pair variables. Contacts need them.
+        about_centres
+            Whether the vector of two circles that roll on each other is the sum of two
+            vectors about their centres. It takes fewer expressions than the other form, but
+            loses digits if the circles are small.
         """
         self.mechanism = mechanism
         self.pairs = pairs
         self.placed = placed
         self.variables = variables
         self.tree = LoopTree.of_mechanism(mechanism)
+        # A vector turns with a link that carries it, and slides on it if the pair is a
+        # contact. Contact lines are the vectors of some rolling contacts.
         self.carried, self.contact_lines = carried_vectors(
             mechanism, pairs, placed, variables, about_centres
         )
@@ -173,8 +188,9 @@ class VelocityEquations(ABC):
         """Return the accelerations while no input accelerates.
 
         The relative angular velocity of a pair is the sum of a_v x_v over its variables v,
-        with their vectors a_v and rates x_v. Its derivative is the sum of a_v dx_v (solved
-        from the loops) and da_v x_v (the bias, which follows from velocities alone).
+        with their vectors a_v and rates x_v. Its derivative by time is the sum of a_v dx_v,
+        with the unknown accelerations dx_v, and of da_v x_v. The second part is called the
+        bias here. It follows from velocities alone.
 
         Parameters
         ----------
@@ -190,6 +206,8 @@ class VelocityEquations(ABC):
         pair_accelerations
             (3,) derivative of the relative angular velocity of each pair.
         """
+        # da_v x_v of each variable: the derivative of its vector by time, times its rate.
+        # The vector turns with a link, and on a contact also slides with the rate.
         vector_derivatives = [
             carried.derivative(w[carried.link], rate) * rate
             for carried, rate in zip(self.carried, rates, strict=True)
@@ -199,8 +217,9 @@ class VelocityEquations(ABC):
             vector_sum(vector_derivatives[v] for v in variables)
             for variables in self.pair_variables
         ]
-        # The bias is added to relative accelerations, but offsets are subtracted from them,
-        # hence the sign.
+        # The relative accelerations of the pairs, sum of a_v dx_v + bias, have to add up to
+        # 0 around each loop. `solve_loops` solves this for sum of a_v x_v - e with given
+        # offsets e. So the offset of a pair is its bias with the opposite sign.
         variable_accelerations = self.solve_loops(
             {pair: part * -1.0 for pair, part in enumerate(bias)}
         )
