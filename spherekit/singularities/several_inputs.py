@@ -45,9 +45,12 @@ class RowType(IntEnum):
 
     At type I inputs can move while the output rests. At type II the output can move while
     the inputs rest. Type III is both at once. At a SELF_MOTION other links can move while
-    inputs and output rest, and the configuration is of no other type. If the loops lose
-    rank, because surfaces of configurations cross, the row is of type II or a self-motion:
-    type I is not determined then. UNKNOWN means that the row has no configuration.
+    inputs and output rest, and the configuration is of no other type. UNKNOWN means that
+    the row has no configuration.
+
+    Where surfaces of configurations cross, the closure equations lose rank. Their solutions
+    then include rates that lead nowhere, so it is not decided whether the row is of type I.
+    It is of type II if the output can move while the inputs rest, otherwise a SELF_MOTION.
     """
 
     REGULAR = 0
@@ -77,7 +80,8 @@ class RowClassification:
 
     At type I inputs can move while the output rests, at type II the output can move while
     the inputs rest. The types follow from the rates that close the loops. Input i "moves
-    alone" in the motion in which all other inputs are locked.
+    alone" in the motion in which all other inputs are locked. If there is only one such
+    motion, it is scaled to unit length and called the unit motion.
 
     Attributes
     ----------
@@ -86,19 +90,22 @@ class RowClassification:
         motion in which input i moves alone; NaN if that motion is not unique.
     alone
         (n, g, 3) unit vectors along the output's angular velocity in that motion.
-    type_two, type_one
-        (n,) measures that vanish at types II and I.
+    type_two
+        (n,) transmission measure from 0 to 1, which vanishes at type II.
+    type_one
+        (n,) sine of the angle between all possible motions, as rates of inputs and output,
+        and those with the output at rest. It vanishes at type I.
     hold
         (n,) smallest singular value of the closure equations with locked inputs. It is zero
         if the locked inputs do not hold all links.
     reciprocal_condition
         (n,) smallest singular value of the closure Jacobian divided by the largest one.
     type
-        (n,) `RowType` of each row.
+        (n,) `RowType` of each row: type I, II or III, regular, self-motion or unknown.
     group
-        (n,) 0 for rows that are not of types I, II or III. For others 1 if, for at least
-        one input, the mechanism in which only this input moves is singular too, and 2 if it
-        is regular for all inputs.
+        (n,) 0 for rows that are not of types I, II or III. The other rows are in group 1 or
+        2. If all inputs but one are locked, a mechanism with one degree of freedom remains.
+        In group 1 such a mechanism is singular for at least one input, in group 2 for none.
     """
 
     input_rate: Floats
@@ -188,12 +195,14 @@ class _InputCoefficients:
 
     Attributes
     ----------
-    w, u
-        (n, 3) angular velocity of the output per unit rate of the input, and unit vector
-        along the pole axis about which the output turns.
+    w
+        (n, 3) angular velocity vector of the output per unit rate of the input.
     c, d
-        (n,) coefficients of the relation c w = d q' between the rate w of the output and
-        the rate q' of the input.
+        (n,) coefficients of the relation c y' = d q'. Here y' is the rate at which the
+        output turns about its pole axis, and q' the rate of the input. They are triple
+        products of pole axes, see `input_output_relation`.
+    u
+        (n, 3) unit vector along the pole axis about which the output turns.
     """
 
     w: Floats
@@ -467,7 +476,11 @@ def _measure_type_one(input_rates: Floats, output_rates: Floats) -> tuple[Floats
 
     The rates of inputs and output that can occur together are a linear space. Type I means
     that it contains rates with the output at rest and inputs that move. The measure is the
-    sine of the angle between the space and the rates with the output at rest.
+    sine of the smallest principal angle between this space and the space of all rates with
+    the output at rest.
+
+    If there are more motions than rates of the output (m), some motions always have the
+    output at rest. These are not counted.
 
     Parameters
     ----------
@@ -490,13 +503,18 @@ def _measure_type_one(input_rates: Floats, output_rates: Floats) -> tuple[Floats
     # Left singular vectors are an orthonormal basis of the rates of inputs and output that
     # occur together. Directions that move neither are set to zero.
     output_part = svd.left[:, input_count:, :motion_count] * is_moving[:, None]
-    # Singular values are the sines of the principal angles to the motions in which the
-    # output rests. The first column, 1, is the value if nothing moves.
+    # Singular values, which fall, are the sines of the principal angles to the rates with
+    # the output at rest.
     sines = np.linalg.svd(output_part, compute_uv=False)
+    # With a first column of 1, index k is the smallest sine of a space of k dimensions. For
+    # k = 0 nothing moves.
     sines = np.pad(sines, ((0, 0), (1, 0)), constant_values=1.0)
+    # Number of independent rates of inputs and output that occur together.
     rank = np.sum(is_moving, axis=1)
-    smallest = np.minimum(rank, output_count)
-    return sines[np.arange(len(sines)), smallest], rank < motion_count
+    counted_dimensions = np.minimum(rank, output_count)
+    type_one = sines[np.arange(len(sines)), counted_dimensions]
+    has_self_motion = rank < motion_count
+    return type_one, has_self_motion
 
 
 @dataclass(frozen=True)
@@ -594,20 +612,24 @@ def _vanishing_candidates(
 ) -> list[_VanishingCandidates]:
     """Return the quantities that may vanish, in the order in which they are reported.
 
+    If input i moves with the rate q_i' while the others are locked, the output turns about
+    the pole axis u_i with the angular velocity w_i, and c_i w_i = d_i q_i'.
+
     Parameters
     ----------
     inputs
         Names of the g inputs.
     c, d
-        (n, g) coefficients of c_i w_i = d_i q_i', if input i moves alone.
+        (n, g) the coefficients of each input.
     result
-        Only its pole axes u (n, g, 3) are used: the axes about which the output turns if
-        input i moves alone.
+        Only its pole axes u (n, g, 3), and their triple products, are used.
 
     Returns
     -------
     Two sets of quantities. The second set is reported only in rows in which no quantity of
-    the first one vanishes.
+    the first one vanishes. The first set has the coefficients, the largest sine between two
+    axes (0 if all coincide) and the triple products (0 if three axes are coplanar). The
+    second set has the sines between any two axes.
     """
     pairs_of_inputs = list(combinations(inputs, 2))
     threes_of_inputs = list(combinations(inputs, 3))
@@ -616,7 +638,7 @@ def _vanishing_candidates(
     largest_sine = np.max(sines, axis=1, keepdims=True)
     # If all axes coincide, it is not reported in addition that they are coplanar.
     volumes = np.where(largest_sine < VANISHING_SIZE, np.nan, result.triples)
-    coefficients_vanish = _VanishingCandidates(
+    reported_first = _VanishingCandidates(
         [
             *[f"c_{name}=0" for name in inputs],
             *[f"d_{name}=0" for name in inputs],
@@ -625,10 +647,10 @@ def _vanishing_candidates(
         ],
         np.hstack([c, d, largest_sine, volumes]),
     )
-    axes_coincide = _VanishingCandidates(
+    reported_second = _VanishingCandidates(
         [f"u_{a} and u_{b} along one line" for a, b in pairs_of_inputs], sines
     )
-    return [coefficients_vanish, axes_coincide]
+    return [reported_first, reported_second]
 
 
 def _insert_direction(
@@ -639,19 +661,31 @@ def _insert_direction(
 ) -> list[_VanishingCandidates]:
     """Return the quantities that may vanish, with those that concern a pointing direction.
 
+    The output is a direction. It rests if the output link turns about it. This happens to a
+    motion of one input whose pole axis is along the direction. If two pole axes are
+    coplanar with the direction, a combined motion of both inputs turns the link about it.
+
     Parameters
     ----------
     tiers
-        The result of `_vanishing_candidates`.
+        Two sets of quantities, as `_vanishing_candidates` returns them. Each set is
+        reported only in rows in which no quantity of an earlier set vanishes.
     inputs
         Names of the g inputs.
     u
-        (n, g, 3) pole axes.
+        (n, g, 3) pole axes, about which the output turns if one input moves alone.
     direction
         (n, 3) the pointing direction in ground axes.
+
+    Returns
+    -------
+    Three sets of quantities. The first one has the sines between each pole axis and the
+    direction in addition. The third one has the triple products of two pole axes and the
+    direction.
     """
     first, second = tiers
-    # The first columns of the first set are the g coefficients c and the g coefficients d.
+    # The first set begins with the coefficients c and d of g inputs, in 2 g columns. The
+    # sines follow after these, so that they are reported before other conditions on axes.
     after_coefficients = 2 * len(inputs)
     sines = np.linalg.norm(cross(u, direction[:, None]), axis=2)
     along_direction = [f"u_{name} along the direction" for name in inputs]

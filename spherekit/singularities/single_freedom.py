@@ -76,13 +76,18 @@ NO_ZERO = np.array([[np.nan], [np.nan], [np.inf]])
 class CurveRelations:
     """Rates and input-output relations at n points of a configuration curve.
 
+    The input is the rotation of a link i relative to r, and the output that of a link o
+    relative to s. c y' = d q' is a relation between the rate q' of the input and a rate y'.
+    c and d are triple products of the pole axes of these four links.
+
     Attributes
     ----------
     input_rate, output_rate
         (n,) rates of the input and of the output by the arc length of the curve.
     relations
-        The relation c y' = d q' between these two rates, in form i and, if it exists, in
-        form ii. c and d are NaN at points at which a pole axis is unknown.
+        The relation in form i, in which y' is the rate of the output. If it exists, the
+        relation in form ii follows, in which y' is the rate of o relative to r. c and d are
+        NaN at points at which one of the pole axes is unknown.
     """
 
     input_rate: Floats
@@ -130,7 +135,10 @@ class SingleFreedomSingularities:
     ) -> None:
         """Prepare velocities along the curves, and choose the links of all relations.
 
-        The class explains the parameters.
+        The rate q' of the input, that of a link i relative to r, and a rate y' satisfy a
+        relation c y' = d q'. An output is the rotation of a link o relative to s. In form i
+        of the relation, y' is the rate of the output. In form ii it is the rate of o
+        relative to r, and s may be another link. The class explains the parameters.
         """
         mechanism = position_analysis.mechanism
         if len(position_analysis.inputs) != 1:
@@ -143,7 +151,11 @@ class SingleFreedomSingularities:
 
         @cache
         def plan_poles(poles: tuple[Pole, ...]) -> Plan | None:
-            """Return the plan of some poles; None if counting freedoms gives none."""
+            """Return the order in which some poles are constructed from each other.
+
+            It is None if there is no such order, for example because counting links and
+            pairs does not give one degree of freedom.
+            """
             try:
                 return plan(mechanism, poles, None, position_analysis.by_rank)
             except PlanError:
@@ -153,13 +165,14 @@ class SingleFreedomSingularities:
             CurveMotion(position_analysis, curve, plan_poles) for curve in curves
         ]
         if input is None:
+            # A pair's variable is the angle of its second link relative to its first one.
+            # The pole (i, r) of the input begins with the link that turns.
             first, second = mechanism.ends[position_analysis.assembly.input]
             self.input = (second, first)
         else:
             self.input = ordered_pole(mechanism, input)
         self.outputs = tuple(ordered_pole(mechanism, output) for output in outputs)
-        # For each output the links of its relations: input link, reference, output link,
-        # reference.
+        # For each output the links i, r, o, s of its relation in each form.
         self.links: list[dict[Form, FourLinks]] = []
         for output in self.outputs:
             links_by_form: dict[Form, FourLinks] = {"i": FourLinks(*self.input, *output)}
@@ -172,10 +185,14 @@ class SingleFreedomSingularities:
         """Return the links of form ii of the relation, None if this form does not exist.
 
         The relation is c y' = d q'. q' is the rate of link i relative to r (the input). y'
-        is the rate of link o relative to s in form i, and relative to r in form ii. If s is
-        r, form ii needs another link for s. The pole axes (axes of relative rotation) of
-        this link with i and o should span a well determined plane. The link with the
-        largest sum of the sines between the two axes, over all curves, is taken.
+        is the rate of link o relative to s in form i, and relative to r in form ii. It
+        follows from pole axes, the axes of relative rotation of two links. In form ii, s is
+        an auxiliary link: the axes that it has with i and with o are used. There is no form
+        ii if o is r, which does not move relative to itself, or i, whose rate is q' itself.
+
+        If s is r, form ii needs another link for s. Its two axes should span a well
+        determined plane. Of all other links, the one with the largest sum of the sines
+        between its two axes, over the nodes of all configuration curves, is taken.
 
         Parameters
         ----------
@@ -187,6 +204,7 @@ class SingleFreedomSingularities:
         if links.s != links.r:
             return links
         link_count = len(self.position_analysis.mechanism.links)
+        # `different` are the numbers of i, r, o and s, each once.
         candidates = [k for k in range(link_count) if k not in links.different]
         if not candidates:
             return None
@@ -220,6 +238,9 @@ class SingleFreedomSingularities:
     def evaluate_relations(self, curve: int, s: Floats, output: int) -> CurveRelations:
         """Return the rates of input and output and their relations at points of a curve.
 
+        A relation is an equation c y' = d q' between the rates of output and input. c and d
+        follow from pole axes, the axes about which links turn relative to each other.
+
         Parameters
         ----------
         curve
@@ -240,7 +261,10 @@ class SingleFreedomSingularities:
         )
 
     def _relations(self, output: int, axes: dict[Pole, Floats]) -> list[Relation]:
-        """Return the relations of form i and, if it exists, of form ii.
+        """Return the relations c y' = d q' of an output in form i and, if it exists, ii.
+
+        q' is the rate of the input, of link i relative to r. In form i, y' is the rate of
+        the output, of link o relative to s. In form ii it is the rate of o relative to r.
 
         Parameters
         ----------
@@ -325,7 +349,7 @@ class SingleFreedomSingularities:
             )
             return [whole_curve]
 
-        rests = find_common_rests(curve_motion, input_pole, output_pole)
+        rests = find_input_output_rests(curve_motion, input_pole, output_pole)
         types = [
             TYPE_OF_REST[input_is_resting, output_is_resting]
             for input_is_resting, output_is_resting in zip(
@@ -365,9 +389,11 @@ class SingleFreedomSingularities:
     ) -> list[tuple[RelationAt, ...]]:
         """Return the relations of an output at singularities, compared with the rates.
 
-        A relation c y' = d q' between the rates of output and input follows from pole axes,
-        the axes about which links turn relative to each other. The type according to
-        vanishing c and d should be that according to vanishing rates.
+        A relation c y' = d q' between the rate q' of the input and a rate y' follows from
+        pole axes, the axes about which links turn relative to each other. y' is the rate of
+        the output, of link o relative to s, in form i. In form ii it is the rate of o
+        relative to the reference link r of the input. The type according to vanishing c and
+        d should be that according to vanishing rates.
 
         Parameters
         ----------
@@ -383,18 +409,21 @@ class SingleFreedomSingularities:
         For each singularity the relation of form i and, if it exists, of form ii.
         """
         # For each form a list with one item per singularity.
-        relations_by_form = []
+        relations_by_form: list[list[RelationAt]] = []
         names = self.position_analysis.mechanism.links
         poles = tuple(self.poles(output))
-        # The plan of poles is the same for all curves.
+        # The order in which poles are constructed from each other depends on the mechanism
+        # only, so that of the first curve applies to all curves.
         pole_plan = self.curve_motions[0].plan_poles(poles)
         axes = links.pole_axes(poles, pole_plan)
-        # Whether the two links of a pole rest relative to each other, up to rounding.
+        # Whether the two links of a pole rest relative to each other: their relative speed
+        # is then at most a multiple of its rounding error.
         is_resting: dict[Pole, Bools] = {}
         for pole in poles:
             speed, _ = links.speeds(pole)
             is_resting[pole] = speed <= REST_ROUNDING_FACTOR * links.rounding
         for relation in self._relations(output, axes.directions):
+            # Error bounds (rad) of all pole axes from which c and d are computed.
             errors = [axes.errors[pole] for pole in relation.links.poles]
             relations_by_form.append(
                 compare_with_rates(
@@ -413,8 +442,10 @@ class SingleFreedomSingularities:
     def notes(self) -> list[str]:
         """Texts about relations c y' = d q' whose c and d vanish on a whole curve.
 
-        The pole axes of the links of such a relation are in one plane, or on one line,
-        everywhere on the curve. Curves on which the input or the output rests are left out.
+        q' is the rate of the input and y' that of the output. A relation with c = d = 0
+        says nothing about them. The pole axes of its links are then in one plane, or on one
+        line, everywhere on the curve. Curves on which the input or the output rests are
+        left out.
         """
         names = self.position_analysis.mechanism.links
         notes: list[str] = []
@@ -425,6 +456,9 @@ class SingleFreedomSingularities:
                     continue
                 axes = curve_motion.pole_axes(curve_motion.curve.s, self.poles(output))
                 for relation in self._relations(output, axes.directions):
+                    # c and d can be far from zero at single nodes where a pole axis is not
+                    # accurate, and zero at single nodes of other relations. The median
+                    # tells what applies to most nodes.
                     sizes = np.nan_to_num(np.hypot(relation.c, relation.d))
                     if np.median(sizes) >= VANISHING_RELATION:
                         continue
@@ -440,7 +474,13 @@ class SingleFreedomSingularities:
 
     @cached_property
     def crossings(self) -> list[SingularPoint]:
-        """The configurations at which curves end by a loss of rank, for each output."""
+        """The configurations at which the closure equations lose rank, for each output.
+
+        Curves of configurations end there, because generally several curves cross. The
+        velocity equations then have at least two independent solutions. In one combination
+        of them the input rests, and in another one the output rests. So the configuration
+        is of type III.
+        """
         points: list[SingularPoint] = []
         for curve_end in self._singular_curve_ends():
             # None if the crossing was not located.
@@ -492,7 +532,14 @@ class SingleFreedomSingularities:
     ) -> tuple[RelationAt, ...]:
         """Return the relations c y' = d q' on each curve through a crossing of curves.
 
-        Each curve has its own motion at the crossing, and so its own pole axes.
+        At a crossing, several curves of configurations meet. Each curve has its own motion
+        there, and so its own pole axes. The relation between the rate q' of the input and a
+        rate y' follows from these. In form i, y' is the rate of the output. In form ii it
+        is that of the output link relative to the reference link of the input.
+
+        A crossing is of type III, so c and d should both vanish. If they do not, the motion
+        along the curve determines a pole axis that the configuration alone leaves open. A
+        note then says so.
 
         Parameters
         ----------
@@ -513,14 +560,17 @@ class SingleFreedomSingularities:
             self.position_analysis,
             values=np.tile(crossing.values, (curve_count, 1)),
             tangents=crossing.tangents,
-            # NaN denotes that the motions are given exactly.
+            # Second derivatives along the curves. NaN denotes that they are not known, and
+            # not needed, because the motions are given exactly.
             bends=np.full_like(crossing.tangents, np.nan),
         )
+        # If the output is the input itself, c and d never vanish, and no note is needed.
         is_input = {*self.outputs[output]} == {*self.input}
         relations: list[RelationAt] = []
         types = [Type.III] * curve_count
         for relations_of_curve in self._compare_relations(output, links, types):
             for relation in relations_of_curve:
+                # The type is None if neither c nor d vanishes.
                 if relation.type is None and not is_input:
                     relation = replace(relation, note=ONE_CURVE_NOTE)
                 relations.append(relation)
@@ -528,16 +578,17 @@ class SingleFreedomSingularities:
 
     @cached_property
     def everywhere(self) -> int | None:
-        """The degrees of freedom of a mechanism that has more than one everywhere.
+        """Number of degrees of freedom, if the mechanism has more than one everywhere.
 
-        None for other mechanisms, and if there are configuration curves. The number follows
-        from the rank of the closure equations. It is computed at some configurations of all
-        assembly modes, and in the reference pose (all variables zero) if the loops close in
-        it. The smallest number counts.
+        A mechanism that has one in general has configuration curves. So the number is None
+        if there are curves, or if it is 1 or 0 in some configuration. It follows from the
+        rank of the closure equations, and is the smallest one at a few samples of all
+        assembly modes, and at all variables zero if the loops close there.
         """
         if self.curve_motions:
             return None
         solver = self.position_analysis.solver
+        # The configurations of all assembly modes at a few samples of the input.
         motion = self.position_analysis.sparse(SAMPLES_OF_FREEDOMS)
         reference = np.zeros((1, motion.values.shape[1]))
         closed_values = motion.values[~motion.failed]
@@ -578,16 +629,19 @@ class _SingularCurveEnd:
 
 
 @dataclass(frozen=True)
-class CommonRests:
+class InputOutputRests:
     """The n points of a configuration curve at which the input, the output, or both rest.
+
+    The zeros of both rates are computed independently. A zero of the input's rate and one
+    of the output's rate count as one point, at which both rest, if they agree within their
+    error bounds.
 
     Attributes
     ----------
     s, errors
         (n,) arc lengths of the points, and bounds of their errors (rad).
     distances
-        (n,) distance (rad) between the zero of the input's rate and that of the output's
-        rate if both rest, otherwise 0.
+        (n,) where both rest, distance (rad) between the two computed zeros, otherwise 0.
     input_rests, output_rests
         (n,) whether the input rests, and whether the output rests.
     input_is_double, output_is_double
@@ -603,9 +657,9 @@ class CommonRests:
     output_is_double: Bools
 
 
-def find_common_rests(
+def find_input_output_rests(
     curve_motion: CurveMotion, input_pole: Pole, output_pole: Pole
-) -> CommonRests:
+) -> InputOutputRests:
     """Return the points at which an input or an output rests, in order of arc length.
 
     They are zeros of the rates of input and output along the curve. If a zero of the input
@@ -621,7 +675,7 @@ def find_common_rests(
     """
     curve = curve_motion.curve
     # Each column is a zero. The rows are arc length, whether the zero is double, and error
-    # bound. The last column represents a missing zero.
+    # bound. The last column represents a missing zero: its arc length is NaN.
     input_zeros = np.hstack([_stack_rest_points(curve_motion, input_pole), NO_ZERO])
     output_zeros = np.hstack([_stack_rest_points(curve_motion, output_pole), NO_ZERO])
     input_s, _, input_errors = input_zeros
@@ -630,10 +684,11 @@ def find_common_rests(
     distances = np.abs(input_s[:, None] - output_s)
     if curve.closed:
         distances = np.minimum(distances, curve.length - distances)
-    # agrees[j, k]: zero j of the input and zero k of the output are the same point.
+    # agrees[j, k]: zero j of the input and zero k of the output are the same point. The
+    # comparison is false in the last row and column, where distances are NaN.
     agrees = distances <= input_errors[:, None] + output_errors
     # A zero of one rate that agrees with no zero of the other rate is paired with the
-    # missing zero.
+    # missing zero of the other rate, which is its last one (index -1).
     input_alone = ~agrees[:-1].any(axis=1)
     output_alone = ~agrees[:, :-1].any(axis=0)
     agrees[:-1, -1] = input_alone
@@ -648,12 +703,14 @@ def find_common_rests(
     _, output_double, output_errors = output_zeros
     is_input_better = input_errors <= output_errors
     s, _, errors = np.where(is_input_better, input_zeros, output_zeros)
+    # If both rest at one point, this point may be either of the two zeros. So its error is
+    # at least their distance.
     errors = np.maximum(errors, distance)
     order = np.argsort(s, kind="stable")
     # 1.0 for a double zero, 0.0 for a simple one, NaN for a missing one.
     input_double = input_double[order]
     output_double = output_double[order]
-    return CommonRests(
+    return InputOutputRests(
         s=s[order],
         errors=errors[order],
         distances=distance[order],
@@ -671,12 +728,18 @@ def _stack_rest_points(curve_motion: CurveMotion, pole: Pole) -> Floats:
     return np.stack([points.s, points.is_double, points.errors])
 
 
-def explain_doubts(rests: CommonRests, types: Sequence[Type], is_input: bool) -> list[str]:
+def explain_doubts(
+    rests: InputOutputRests, types: Sequence[Type], is_input: bool
+) -> list[str]:
     """Return for each singularity why its type is not certain, or an empty text.
 
-    Two questions may be open: whether input and output really rest at the same point, if
-    the point is not known accurately enough; and whether they really rest at different
-    points, if two points are hardly farther apart than their errors.
+    Two questions may be open:
+
+    - A self-motion is a point at which input and output both rest. If it is not known
+      accurately enough, they may rest at two points near each other instead.
+    - Two points of different types, at which only one of them rests, may be one point at
+      which both rest. This is open if they are not much farther apart than their errors:
+      less than `UNDECIDED_GAP_FACTOR` times the sum of both.
 
     Parameters
     ----------
@@ -696,7 +759,7 @@ def explain_doubts(rests: CommonRests, types: Sequence[Type], is_input: bool) ->
         is_uncertain = errors[k] > MAX_SHARED_ERROR_RAD
         if not is_input and kind == Type.SELF_MOTION and is_uncertain:
             notes[k] = _format_undecided(distances[k], errors[k])
-    # Successive points of different types.
+    # Successive points of different types, in order of arc length.
     for k, (kind, next_kind) in enumerate(pairwise(types)):
         gap = s[k + 1] - s[k]
         sum_of_errors = errors[k] + errors[k + 1]

@@ -68,25 +68,34 @@ class SingularCurve:
         """(n,) arc lengths (rad) of the nodes, in the space of the variables.
 
         They are the lengths of the cubic polynomials between successive nodes that have the
-        tangents of the curve at both ends (Hermite), by numerical integration.
+        tangents of the curve at both ends (Hermite), by Gauss integration. With the unit
+        vector e of a chord of length L and the unit tangents t0 and t1 at its ends, the
+        derivative of the cubic by x, which goes from 0 to 1, is
+
+            L (t0 + 2 x (e - t0 - a) + 3 x^2 a),   a = t0 + t1 - 2 e.
         """
+        # Axes of the arrays: chord, Gauss point, variable. A curve has one tangent, with
+        # the index 0.
         tangents = self.nodes.tangents[:, None, :, 0]
         start_tangents = tangents[:-1]
         directions = self.chords.directions[:, None]
-        # The derivative of the cubic by x, from 0 to 1, divided by the length of the chord.
-        # The axes are: chord, Gauss point, variable.
+        chord_lengths = self.chords.chords
+        # The Gauss points are in (-1, 1), and x in (0, 1).
         x = 0.5 * (GAUSS_POINTS[:, None] + 1.0)
-        curvature = start_tangents + tangents[1:] - 2.0 * directions
-        linear = 2.0 * (directions - start_tangents - curvature)
-        derivative = start_tangents + x * (linear + 3.0 * x * curvature)
+        cubic_term = start_tangents + tangents[1:] - 2.0 * directions
+        quadratic_term = 2.0 * (directions - start_tangents - cubic_term)
+        # The derivative over the length of the chord.
+        derivative = start_tangents + x * (quadratic_term + 3.0 * x * cubic_term)
         relative_lengths = np.linalg.norm(derivative, axis=2) @ (0.5 * GAUSS_WEIGHTS)
-        return np.append(0.0, np.cumsum(relative_lengths * self.chords.chords))
+        return np.append(0.0, np.cumsum(relative_lengths * chord_lengths))
 
     def points_on_chords(self, chord_numbers: Indices, parts: Floats) -> LocusPoints:
         """Return points of the curve between its nodes.
 
         Each point is selected by its projection onto the chord from one node to the next.
-        Newton's method brings it onto the curve.
+        Newton's method brings it onto the curve: it solves for the configuration and its
+        singular motion (unit rates in which the inputs or the output rest) together. It
+        starts from values between those of the two nodes.
 
         Parameters
         ----------
@@ -99,24 +108,32 @@ class SingularCurve:
         # Unit vectors (n, V) along the chords, and their lengths (n,).
         directions = self.chords.directions[chord_numbers]
         lengths = self.chords.chords[chord_numbers]
+        # Singular motions (n, V) for the start, interpolated between the nodes.
         start_motions = nodes.motions[chord_numbers]
         motion_changes = nodes.motions[chord_numbers + 1] - start_motions
+        # The projection of the result onto each chord is given by one linear equation in
+        # the variables: the component along the chord has a given value.
         projections = np.vecdot(directions, nodes.values[chord_numbers])
         points = self.locus.correct(
             values=self.chords.predict(chord_numbers, parts),
             motions=start_motions + parts[:, None] * motion_changes,
             borders=directions[:, None],
             targets=(projections + parts * lengths)[:, None],
+            # Bases of possible rates at the results are aligned with those at the nodes, so
+            # that they change continuously.
             reference_basis=nodes.basis[chord_numbers],
         )
-        # Tangents have an arbitrary sign; they get the direction of the curve.
+        # A curve has one tangent (index 0). Its sign is arbitrary in the result, and is
+        # changed to the direction of the curve.
         along_chord = np.vecdot(points.tangents[:, :, 0], directions)
         return orient_tangents(points, np.where(along_chord < 0.0, -1.0, 1.0))
 
     def find(self, values: Floats, motions: Floats) -> Bools:
         """Return which configurations are on the curve.
 
-        Whole periods of the variables and signs of the motions do not matter.
+        Each configuration is compared with the points of the curve that have the same
+        projection onto a chord beside it. Whole periods of the variables and signs of the
+        motions do not matter.
 
         Parameters
         ----------
@@ -127,13 +144,17 @@ class SingularCurve:
         -------
         (n,) whether the configuration and its singular motion are on the curve.
         """
-        # The items of `projections` are pairs of a configuration and a chord beside it,
-        # with the position relative to the start of the chord. A configuration may be
-        # beside several chords.
+        # The items of `projections` are pairs of a configuration and a chord beside it. A
+        # configuration may be beside several chords. `distances` are the lengths (rad) from
+        # the start of the chord to the projection. `differences` (m, V) are those of the
+        # configuration from the start of the chord, less whole periods.
         projections = self.chords.project(values, self.periods)
         chord_numbers = projections.chords
-        parts = projections.distances / self.chords.chords[chord_numbers]
+        chord_lengths = self.chords.chords[chord_numbers]
+        # Projections as parts of the chords, from 0 to 1.
+        parts = projections.distances / chord_lengths
         points = self.points_on_chords(chord_numbers, parts)
+        # The configurations, moved by whole periods to the chords.
         shifted_values = self.nodes.values[chord_numbers] + projections.differences
         distance = max_abs(shifted_values - points.values, axis=1)
         configurations = projections.configurations
@@ -147,17 +168,22 @@ class SingularCurve:
         """Return the points at which a function changes its sign along the curve.
 
         The signs at successive nodes are compared. Each change is then located between the
-        two nodes, to 1e-14 of their distance. Two zeros between the same nodes are missed.
-        A function that is zero up to rounding has no zeros.
+        two nodes, to 1e-14 of their distance. Two zeros between the same nodes are not
+        noticed, because the signs at both nodes are equal. A function that is smaller than
+        `VANISHING_FUNCTION` counts as zero up to rounding, and has no zeros.
 
         Parameters
         ----------
         function
-            Returns one value (n,) for each of n points of the curve.
+            Returns one value (n,) for each of n points of the curve. Its values have sizes
+            near 1, such as determinants of unit vectors.
         """
         node_values = function(self.nodes)
-        # The sign of the function may depend on the basis, which is continued from node to
-        # node. The last node of a closed curve has the basis of the first one.
+        # Each point has a basis of the possible rates (`LocusPoints.basis`), on which the
+        # sign of the function may depend. Bases are aligned from node to node. But the last
+        # node of a closed curve is the first one, and has the basis of the first one. So
+        # the last value is computed at the end of the last chord instead, where the basis
+        # is aligned with that of the last node but one.
         last_chord = np.array([len(node_values) - 2])
         node_values[-1] = function(self.points_on_chords(last_chord, np.ones(1)))[0]
         starts = node_values[:-1]
@@ -181,14 +207,21 @@ class SingularCurve:
         At a cusp the tangent of the curve is the singular motion, in which the inputs (type
         II) or the output (type I) rest. The image of the curve in the plane of the inputs,
         or of the output, therefore turns back.
+
+        If only a part of the mechanism moves in singular motions, these may form a space of
+        fewer dimensions than the mechanism has degrees of freedom (two). No cusps are
+        searched then.
         """
         if self.locus.motion_dimension < self.locus.degrees_of_freedom:
-            # A part has fewer motions than dimensions: there is no determinant.
-            return self.nodes.rows(slice(0))
+            no_points = self.nodes.rows(slice(0))
+            return no_points
 
         def side_of_motion(points: LocusPoints) -> Floats:
             """Return the determinant (n,) of singular motion and tangent, 0 at a cusp."""
+            # (n, V, 2) both as rates of all variables.
             rates = np.stack([points.motions, points.tangents[:, :, 0]], axis=2)
+            # (n, V, 2) basis of the motions; the columns before it are a basis
+            # of the tangent space. It turns the rates into two coordinates each.
             motion_basis = points.basis[:, :, self.locus.degrees_of_freedom :]
             return np.linalg.det(np.swapaxes(motion_basis, 1, 2) @ rates)
 
