@@ -479,7 +479,7 @@ class DesignExpressions:
         The moment of the inertia forces is B ddq + (dB/dq) dq^2 / 2. At the rate dq = 1 and
         without acceleration it is half of dB/dq, so the result is twice this moment.
         """
-        return 2.0 * self._moments.resistance(0, [1.0], [0.0])
+        return 2.0 * self._moments.inertia_torque(0, [1.0], [0.0])
 
     def relative_loop_residual(self) -> Expr:
         """Return the residual of the loop equations at the computed rates.
@@ -642,7 +642,7 @@ class DesignExpressions:
 
     def _needed_torque(self, index: int, accelerations: Sequence[Expr]) -> Expr:
         """Return the torque (N m) of an input at given accelerations of all inputs."""
-        resistance = self._moments.resistance(index, self._speeds, accelerations)
+        resistance = self._moments.inertia_torque(index, self._speeds, accelerations)
         return resistance - self.generalized_force(index)
 
     def free_acceleration(self, index: int) -> Expr:

@@ -238,9 +238,11 @@ def _axis_frame(a: Exprs, b: Exprs) -> Exprs:
 def _inverse_axis_frame(a: Exprs, b: Exprs) -> Exprs:
     """Return the inverse (3, 3) of the matrix with the columns a + b, a - b and a x b.
 
-    a and b are unit vectors (3,), so that a + b and a - b are perpendicular except for
-    rounding of the lengths. If one of the two is short, this rounding matters. Their scalar
-    product is therefore taken into account (`tilt`), to first order.
+    The columns take the place of the axes a, b and a x b of a body, because they keep their
+    digits if a and b nearly coincide or are nearly opposite. a and b are unit vectors (3,),
+    so that a + b and a - b are perpendicular: their scalar product is |a|^2 - |b|^2, which
+    is only a rounding error. If a - b is short, this error is not small compared with
+    |a - b|^2. The scalar product is therefore taken into account (`tilt`), to first order.
     """
     axis_sum = a + b
     axis_difference = a - b
@@ -261,11 +263,13 @@ def _inverse_axis_frame(a: Exprs, b: Exprs) -> Exprs:
 def _arc_between(first: BodyAxis, second: BodyAxis) -> HalfAngle:
     """Return the arc between two axes of one body, as sine and cosine of half the arc.
 
-    For unit vectors a and b, sine and cosine are |a - b| / 2 and |a + b| / 2. These
-    formulas keep all digits for small arcs.
+    A body is a set of links that do not move relative to each other. Both axes may be in
+    the same link, or in two links of the body. For unit vectors a and b, sine and cosine
+    are |a - b| / 2 and |a + b| / 2. These formulas keep all digits for small arcs.
     """
     if first.orientation is second.orientation:
-        # Within one link the arc is a number.
+        # Within one link the components in link axes are numbers, and so is the arc.
+        # Otherwise the axes are expressions in the axes in which links are placed.
         a = constants(first.axis)
         b = constants(second.axis)
     else:
@@ -301,7 +305,10 @@ class ClosedForm:
 
 
 def make_closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | None:
-    """Return the closed form of all variables, or None if a group is not a dyad.
+    """Return the closed form of all variables as functions of inputs and signs.
+
+    A dyad is two links in series between two other links. It can be closed in two ways,
+    between which its sign chooses.
 
     Parameters
     ----------
@@ -310,6 +317,11 @@ def make_closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | N
     assembly
         Its driven pairs, and its groups: sets of links that are closed together, one group
         after another.
+
+    Returns
+    -------
+    The variables as expressions, with the squares of triple products by which dyads are
+    found that do not close. None if a group is not a dyad, or if there are no groups.
     """
     if not assembly.has_closed_form or not assembly.groups:
         return None

@@ -230,10 +230,10 @@ def _choose_pivot(
 ) -> Pivot | None:
     """Choose the next pivot of an elimination: a loop and the variables that it gives.
 
-    A pivot is the more independent, the farther the axes of its variables are from being
-    linearly dependent. Its cost estimates the number of products of the step. Among the
-    pivots that are at least `MIN_INDEPENDENCE_RATIO` times as independent as the best one,
-    the pivot with the lowest cost is chosen.
+    The independence of a pivot is 1 if the axes of its variables are at right angles, and 0
+    if they are linearly dependent. Its cost estimates the number of products of the step.
+    Among the pivots that are at least `MIN_INDEPENDENCE_RATIO` times as independent as the
+    best one, the pivot with the lowest cost is chosen.
 
     Parameters
     ----------
@@ -244,7 +244,8 @@ def _choose_pivot(
     columns
         Numbers of the variables that are not eliminated yet.
     contains_variable
-        (loops, variables) whether the equations of a loop contain a variable.
+        (loops, variables) whether the equations of a loop contain a variable. Row k belongs
+        to the loop with the number `loops[k]`.
 
     Returns
     -------
@@ -265,7 +266,9 @@ def _choose_pivot(
             # The variables of the pivot are expressed by the other variables of the loop
             # and inserted into the other loops that contain a variable of the pivot. Each
             # of these loops needs one product per other variable and one more for the right
-            # side. Entries that are zero so far are filled.
+            # side. Entries that are zero so far are filled, which costs products in later
+            # steps (`FILL_COST`). The loop of the pivot contains all other variables, so it
+            # adds nothing to `filled`.
             other_variables = [c for c in loop_variables if c not in chosen]
             loops_with_pivot = contains_variable[
                 np.any(contains_variable[:, chosen], axis=1)

@@ -117,13 +117,19 @@ class EquivalentLinkage:
     def pairs(self, symbol_by_index: Mapping[int, Expr]) -> PairRotations:
         """Return the rotations of the pairs of the linkage, with symbols for some numbers.
 
+        A linkage of R pairs replaces a mechanism with contacts of circles. In place of a
+        sliding contact it has a link between the centres of the circles, with an R pair at
+        each centre. `numbers` are the Euler angles of all constant rotations, from link
+        axes to the frames of pairs. Some of them may be symbols, of which results are then
+        functions.
+
         Parameters
         ----------
         symbol_by_index
             Symbols that replace some of the `numbers`, by their index there.
         """
-        # All numbers in order, with their symbols. Each rotation takes its three Euler
-        # angles from it.
+        # All numbers in order, some of them as symbols. Each rotation takes the next three
+        # of them.
         numbers = iter(symbol_by_index.get(k, x) for k, x in enumerate(self.numbers))
         chains: list[JointTransform] = []
         for index, constant_rotations in enumerate(self.constant_rotations):
@@ -135,12 +141,17 @@ class EquivalentLinkage:
                 rotations.append(
                     about_z(first_angle) @ _about_y(second_angle) @ about_z(third_angle)
                 )
+            # For each R pair its constant rotations in the first and in the second link.
             ends: list[tuple[Entries, Entries]] = [(rotations[0], rotations[-1])]
             if index in self.sliding:
-                # The link between the centres has two R pairs. Its axes are those of the
-                # second constant rotation.
+                # A sliding contact is replaced by two R pairs. Its three rotations are
+                # those of the first link, of the link between the centres, and of the
+                # second link. The axes of the link between the centres are the frame of its
+                # first pair, so the rotation is the identity there.
                 ends = [(rotations[0], np.eye(3)), (rotations[1], rotations[2])]
             for first, second in ends:
+                # Each pair has one variable, so the number of a pair is that of its
+                # variable. Both follow on from the pairs before.
                 variable = len(chains)
                 chains.append(JointTransform((first, second), (AxisRotation(variable),)))
         followers: dict[int, list[Expr]] = {}

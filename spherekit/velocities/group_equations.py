@@ -57,17 +57,19 @@ dependent are refused. Smaller: equations that repeat each other can be chosen t
 class LoopEquation:
     """One scalar velocity equation of a loop: direction . (sum of a_v x_v + c) = 0.
 
-    x_v are the unknown rates of the variables v.
+    The angular velocities of the pairs of a loop add up to zero. x_v are the unknown rates
+    of the variables v.
 
     Attributes
     ----------
     direction
-        (3,) direction of the component of the vector equation.
+        (3,) direction along which the component of the vector equation is taken.
     vectors
-        (3,) by unknown variable v, the vector a_v times the sense in which the loop passes
-        its pair.
+        (3,) by unknown variable v, the vector a_v: the relative angular velocity of the
+        links of its pair at unit rate, with the sign +1 or -1 if the loop passes the pair
+        from its first link to its second, or the other way round.
     known_part
-        (3,) the vector c.
+        (3,) the vector c, the sum over all pairs with known rates.
     """
 
     direction: Exprs
@@ -314,9 +316,11 @@ class GroupEquations:
         Parameters
         ----------
         vectors
-            (3,) vectors of all variables of the mechanism.
+            (3,) vectors of all variables of the mechanism: the relative angular velocity of
+            the links of a pair at unit rate.
         loop_vectors
-            For each loop the vectors (3,) of its unknown variables, times the senses.
+            For each loop the vectors (3,) of its unknown variables, times +1 or -1, the
+            sense in which the loop passes the pair.
         known_parts
             For each loop the known vector c (3,).
         """
@@ -333,6 +337,8 @@ class GroupEquations:
                     for direction in directions
                 ]
             return equations
+        # `key` is the number of a variable of the loop, along whose vector the equation is
+        # taken, or `WITHOUT_PRIVATE`.
         for loop_index, key in self.chosen_equations:
             by_variable = loop_vectors[loop_index]
             if key == WITHOUT_PRIVATE:
@@ -353,17 +359,18 @@ def _solve_private_rates(
 ) -> tuple[Expr, Expr]:
     """Return the rates x and y, times D, of the private variables of a loop.
 
-    Private variables occur in no other loop. Their rates follow from the others, which are
-    solved already and are multiplied by the determinant D. They satisfy x a + y b + s = 0
-    with the vectors a and b of the private variables. s is the sum of all other terms of
-    the loop.
+    Private variables occur in no other loop. The rates of the other variables of the group
+    are solved already, times the determinant D of its equations. The private rates satisfy
+    x a + y b + s = 0 with the vectors a and b of the private variables. s is D times the
+    known vector c, plus the sum of vector times rate of all other unknown variables.
 
     Parameters
     ----------
     private
         Numbers of the two private variables.
     vectors
-        (3,) vectors of the unknown variables of the loop, times the senses.
+        (3,) vectors of the unknown variables of the loop, times +1 or -1, the sense in
+        which the loop passes the pair.
     known_part
         (3,) the known vector c of the loop.
     scale
@@ -374,8 +381,10 @@ def _solve_private_rates(
     a, b = (vectors[v] for v in private)
     other_variables = [v for v in vectors if v not in private]
     if len(rates) == 1 and len(other_variables) == 1:
-        # With D = (a x b) . d and the third vector d, the identity of double vector
-        # products gives the rates without a division, and without the cancellation in s.
+        # A dyad: the group has one loop of three unknown variables, with the vectors a, b
+        # and d. The component along a x b has given the rate of the third variable, so D
+        # is (a x b) . d. Cramer's rule for x a + y b + z d + c = 0 gives D x = b . (c x d)
+        # and D y = -a . (c x d). It needs no division, and no digits cancel as in s.
         normal = cross(known_part, vectors[other_variables[0]])
         return dot(b, normal), -1.0 * dot(a, normal)
     other_terms = known_part * scale
@@ -383,8 +392,9 @@ def _solve_private_rates(
         other_terms = other_terms + vectors[variable] * rates[variable]
     normal = cross(a, b)
     inverse_square = 1.0 / dot(normal, normal)
-    # The vectors that multiply s depend on a and b alone, so the expressions are shared
-    # between all right-hand sides.
+    # The vectors that multiply s depend on a and b alone. This function is called for each
+    # input and for accelerations, with other s. All of these calls share the expressions of
+    # the vectors.
     return (
         dot(cross(normal, b) * inverse_square, other_terms),
         dot(cross(a, normal) * inverse_square, other_terms),

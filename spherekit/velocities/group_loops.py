@@ -30,10 +30,11 @@ def find_group_loops(
     Parameters
     ----------
     mechanism, group
-        The mechanism, and the group whose bodies and pairs are positions in the group.
+        The mechanism, and the group. Numbers of pairs and links are those of the mechanism.
+        `group.ends` counts bodies and pairs by their position in the group.
     closed_pairs
-        Numbers of the driven pairs and of the pairs of earlier groups. They join the links
-        of one body, so loops can lead through them.
+        Numbers of the driven pairs and of the pairs of earlier groups. A body of the group
+        consists of links that these pairs join, so loops can lead through them.
 
     Returns
     -------
@@ -56,6 +57,7 @@ def find_group_loops(
     # which it passes the closing pair.
     closings: list[tuple[int, list[int], int]] = []
     for body, (first_pair, second_pair) in leaves.items():
+        # The loop arrives at the leaf by its first pair and leaves it by its second one.
         sense = 1 if ends[second_pair][0] == body else -1
         closings.append((second_pair, [first_pair], sense))
     closings += [(k, [], 1) for k in inner_pairs if k not in tree]
@@ -65,7 +67,9 @@ def find_group_loops(
         pair = group.pairs[closing_pair]
         loop_pairs = [group.pairs[k] for k in (*tree, *further_pairs)]
         # The closing pair leads from `start` to `end`, the path back to `start`.
-        start, end = mechanism.ends[pair][::sense]
+        start, end = mechanism.ends[pair]
+        if sense == -1:
+            start, end = end, start
         path = _find_path(mechanism.ends, [*closed_pairs, *loop_pairs], end, start)
         loops.append((*path, (pair, sense)))
     return loops
@@ -74,9 +78,11 @@ def find_group_loops(
 def _find_leaves(group: Group) -> dict[int, list[int]]:
     """Return the leaves of a group, each with its two pairs.
 
-    A leaf is a body that two pairs join to two different other bodies. Leaves are chosen
-    such that no two of them are neighbours and the bodies that are no leaves stay
-    connected. Bodies and pairs are given by their indices in the group.
+    A group is a set of bodies whose loops are closed together. A leaf is a body that two
+    pairs join to two different other bodies. A loop through the leaf gives the rates of
+    both pairs, and no other loop passes them. This needs a path through the bodies that are
+    no leaves. Leaves are therefore chosen such that no two of them are neighbours and the
+    other bodies stay connected. Bodies and pairs are given by their indices in the group.
     """
     leaves: dict[int, list[int]] = {}
     body_count = len(group.bodies)
@@ -91,7 +97,8 @@ def _find_leaves(group: Group) -> dict[int, list[int]]:
         left_out = {*leaves, body}
         inner_pairs = [k for k, ends in enumerate(group.ends) if not left_out & set(ends)]
         inner_bodies = [k for k in range(body_count) if k not in left_out]
-        tree = find_spanning_tree(group.ends, inner_bodies[:1], inner_pairs)
+        root = inner_bodies[:1]  # where the tree starts; empty without inner bodies
+        tree = find_spanning_tree(group.ends, root, inner_pairs)
         if len(tree) == len(inner_bodies) - 1:
             leaves[body] = body_pairs
     return leaves

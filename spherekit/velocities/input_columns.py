@@ -49,9 +49,11 @@ FIELD_PARTS = (*(x.name for x in POLE_QUANTITIES), *POLE_ERRORS, "w", "dw")
 
 @dataclass(frozen=True)
 class ColumnList:
-    """Distinct expressions that become the output columns of a kernel.
+    """Expressions that become the output columns of a kernel.
 
-    A kernel is a function that evaluates all columns for many configurations at once.
+    A kernel is a function that evaluates all columns for many configurations at once. Equal
+    expressions share one column. Columns whose values are changed later, such as those that
+    get another sign, are not shared, since a change must not reach other quantities.
 
     Attributes
     ----------
@@ -88,9 +90,10 @@ class RelativeMotion:
     Attributes
     ----------
     v, dv
-        (3,) relative angular velocity per unit rate of the input, and its derivative.
+        (3,) relative angular velocity per unit rate of the input, and its derivative with
+        respect to the input.
     v_error, dv_error
-        Bounds of the errors of the components of v and dv along an axis.
+        Bounds of the errors of the components of v and dv along any axis.
     dv_bound
         Bound of the length of dv.
     """
@@ -144,7 +147,9 @@ class InputColumns:
         self._request = request
         tree = rows.tree
         moving_variable = rows.pair_variables[request.plan.input][0]
-        # The moving input opens the loops at the rate of its own vector.
+        # `solve_loops` takes offsets: the relative angular velocity of the links of a pair
+        # is that of its variables less the offset. While inputs rest in it, the moving
+        # input has its vector (angular velocity at unit rate) as negative offset.
         self._rates = rows.solve_loops(
             {request.plan.input: -1.0 * rows.vectors[moving_variable]}
         )
@@ -273,7 +278,8 @@ class InputColumns:
         A carried vector belongs to a variable. It turns with a link and may slide on it.
         Its derivative is w x a + r s, with the angular velocity w of the link, the vector
         a, its slide s (derivative with respect to the variable, seen from the link) and the
-        rate r of the variable.
+        rate r of the variable. The bound is the sum of each factor times the error of the
+        other one. Products of two errors are neglected.
 
         Parameters
         ----------
@@ -284,7 +290,7 @@ class InputColumns:
         rate_error, axis_error, slide_error
             Bounds of the errors of r, a and s.
         """
-        w_bound = self._w_bounds[carried.link]
+        w_bound = self._w_bounds[carried.link]  # of the length of w
         error = carried.length * self._w_errors[carried.link] + w_bound * axis_error
         return error + carried.slide_length * rate_error + speed * slide_error
 
@@ -294,8 +300,9 @@ class InputColumns:
         """Return error bounds of the solution of the velocity or acceleration equations.
 
         The equation of each loop is a sum of terms, one for each variable: its vector times
-        its rate. The angular velocity of a link is the sum of these terms on the path from
-        the ground to the link. The same applies to the derivatives.
+        its rate. Errors of terms leave an error in the equations, which the solution has to
+        balance. The angular velocity of a link is the sum of the terms on the path from the
+        ground to the link. The same applies to the derivatives.
 
         Parameters
         ----------
@@ -312,8 +319,10 @@ class InputColumns:
             Error bound of the solution for each variable, the rate or its derivative.
         """
         rows = self._rows
-        # A variable contributes to each loop that contains it. By this error of all
-        # equations, links turn by `link_turns` and variables move by `variable_shifts`.
+        # A bound of the error of the equations of all loops. A variable contributes to each
+        # loop that contains it; `loop_counts` has the number of these loops. If the
+        # equations have an error of 1, the solution for a variable has one of at most
+        # `variable_shifts`, and the vector of a link one of at most `link_turns`.
         equation_error = residual + dot(rows.loop_counts, term_errors)
         # The terms on the path to a link have errors themselves.
         link_errors = [
@@ -440,10 +449,14 @@ class InputColumns:
     def signed_quantities(self, columns: Floats) -> dict[str, Floats]:
         """Return views (components, poles, n) of the signed columns by their quantity.
 
+        The two senses of a pole axis are equally right. Signed columns belong to poles
+        whose sense is chosen after the evaluation: they have the direction and all
+        quantities that change their sign with it. Changing a view changes `columns`.
+
         Parameters
         ----------
         columns
-            (columns, n) all columns.
+            (columns, n) all output columns of the kernel, at n configurations.
         """
         part = self.signed_part(columns)
         quantities = {}

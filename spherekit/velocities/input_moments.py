@@ -27,7 +27,9 @@ class MovingLink:
     """Angular velocities and momenta of one link, while each input moves alone.
 
     Vectors have components along the basis of the link (`LinkOrientation`), along which
-    vectors that are fixed in the link are constant.
+    vectors that are fixed in the link are constant. Velocities are multiplied by the
+    determinant D of the velocity equations. They then need no division, and stay finite
+    where D is zero and the inputs do not determine the motion.
 
     Attributes
     ----------
@@ -37,11 +39,11 @@ class MovingLink:
         Orientation of the link.
     velocities
         (3,) for each input i the homogeneous angular velocity y_i = D w_ji: the angular
-        velocity w_ji of the link per unit rate of this input, times the determinant D of
-        the velocity equations.
+        velocity w_ji of the link per unit rate of this input, times D.
     momenta
         (3,) for each input the angular momentum I y_i with the inertia tensor I of the
-        link, divided by the unit of inertia.
+        link, divided by a unit of inertia (`InputMoments.unit`). It is about the size of
+        the tensors, so that numbers in expressions have sizes near one.
     """
 
     link: int
@@ -83,13 +85,15 @@ class InputMoments:
             The unit of inertia, kg m2. With 0 it is the largest number in the tensors.
         """
         self._coordinate_rates = coordinate_rates
-        # Expressions of sizes that are nearly zero become exact zeros, so numbers should
-        # have sizes near one. The unit is 1 if all numbers in the tensors are zero.
+        # Numbers in expressions that are nearly zero are taken for rounding errors and made
+        # exact zeros (`constants`). Tensors are therefore divided by a unit, so that small
+        # masses do not vanish. The unit is 1 if all numbers in the tensors are zero.
         entries = (x for tensor in tensors.values() for x in tensor.flat)
         sizes = (abs(float(x)) for x in entries if not isinstance(x, ExpressionNode))
         largest_size = max(sizes, default=0.0)
         self.unit = unit or largest_size or 1.0
-        # `tau` has the homogeneous rates by each input.
+        # `tau` has for each input the rates of all variables at unit rate of this input,
+        # times the determinant of the velocity equations.
         input_count = len(coordinate_rates.tau)
         self._links: list[MovingLink] = []
         for link, tensor in tensors.items():
@@ -109,7 +113,11 @@ class InputMoments:
     def matrix(self) -> list[list[Expr]]:
         """The homogeneous inertia matrix: sum of y_i . I y_k over all links.
 
-        The inertia matrix is D^-2 times this matrix, in the unit of inertia.
+        I is the inertia tensor of a link, divided by the unit of inertia. The homogeneous
+        velocity y_i = D w_ji is the angular velocity w_ji of link j per unit rate of input
+        i, times the determinant D of the velocity equations. This avoids divisions. The
+        inertia matrix, whose product with the input rates is the momentum at the inputs, is
+        D^-2 times this matrix.
         """
         input_count = len(self._coordinate_rates.tau)
         matrix: list[list[Expr]] = []
@@ -132,10 +140,12 @@ class InputMoments:
         """Return the inertia moments, times D, at inputs that move without accelerating.
 
         D is the determinant of the velocity equations, I the inertia tensor of a link, and
-        w_ji the angular velocity of link j per unit rate of input i. The rates u_i of the
-        inputs are divided by D: s_i = u_i / D, and y_i = D w_ji. A link has the angular
+        w_ji the angular velocity of link j per unit rate of input i. The expressions of
+        y_i = D w_ji contain no division, so moments are written with these. The rates u_i
+        of the inputs are divided by D instead: s_i = u_i / D. A link has the angular
         velocity w = sum of s_k y_k, the angular momentum h = I w and the angular
-        acceleration b. Its contribution to moment i has two parts:
+        acceleration b. All vectors of a link have components along the basis of the link.
+        Its contribution to moment i has two parts:
 
             y_i . I b = I y_i . b,
             y_i . (w x h) = sum over k of s_k h . (y_i x y_k).
@@ -158,6 +168,7 @@ class InputMoments:
         )
         for link in self._links:
             acceleration = link.orientation.components(bias_accelerations[link.link])
+            # `link.momenta` are I y_k, so this is h.
             momentum = dot(link.momenta, scaled_speeds)
             for i in input_indices:
                 moments[i] = moments[i] + dot(link.momenta[i], acceleration)
@@ -169,12 +180,15 @@ class InputMoments:
             moments[k] = moments[k] - scaled_speeds[i] * part
         return moments
 
-    def resistance(
+    def inertia_torque(
         self, input_index: int, speeds: Sequence[Expr], accelerations: Sequence[Expr]
     ) -> Expr:
-        """Return the moment (N m) at an input that the motion of all links requires.
+        """Return the moment (N m) at an input that accelerates the links as given.
 
-        It is the moment of the inertia forces alone. Loads are not counted.
+        Loads are not counted. D is the determinant of the velocity equations. Velocities
+        per unit rate of an input are expressions without a division if they are multiplied
+        by D. `matrix` contains two such velocities in each product, and `velocity_moments`
+        one, so their sum has to be divided by D^2 and by D.
 
         Parameters
         ----------
@@ -192,8 +206,8 @@ class InputMoments:
         velocity_moments = self.velocity_moments(
             bias_accelerations, motion_rates.scaled_speeds
         )
-        # The matrix and the moments are products of homogeneous velocities, which contain
-        # the scale D as a factor. So they are divided by it.
+        # One division by D for the accelerations, and one for the sum. The unit of inertia
+        # (kg m2), by which the tensors were divided, is multiplied again.
         scaled_accelerations = [x * inverse_scale for x in accelerations]
         inertia_moment = dot(self.matrix[input_index], scaled_accelerations)
         total = inertia_moment + velocity_moments[input_index]

@@ -110,7 +110,8 @@ class KinematicStructure:
             Names of the pairs that are inputs.
         pairs
             Rotations of the pairs, by default those of the mechanism. They can contain
-            symbols for sizes, and pairs that follow the inputs.
+            symbols for sizes. They also list the pairs that follow the inputs through
+            wheels (`followers`).
         closed
             (variables,) a closed configuration (rad). If equations repeat each other,
             those that are independent at this configuration are chosen. By default a
@@ -123,8 +124,9 @@ class KinematicStructure:
         Raises
         ------
         EngineError
-            If a profile is not a circle, if a group is too large, or if two axes of a link
-            coincide whose variables are eliminated together.
+            If a profile is not a circle, if a group (set of links that are closed together)
+            has too many equations for expressions, or if two axes of a link coincide whose
+            variables are eliminated together.
         PlanError
             If the mechanism does not have a degree of freedom for each input.
         """
@@ -139,7 +141,11 @@ class KinematicStructure:
             assembly = assembly_by_count_or_rank(driven_mechanism)
 
         def compute_vectors() -> Floats:
-            """Return the vectors (variables, 3) of a closed configuration."""
+            """Return the vectors of all variables at a closed configuration.
+
+            The vector of a variable is the relative angular velocity of the links of its
+            pair per unit rate. (variables, 3) numbers in ground axes.
+            """
             values = closed
             if values is None:
                 values = _find_closed_configuration(mechanism, input_pairs)
@@ -157,9 +163,10 @@ class KinematicStructure:
     def _refuse_coincident_axes(self) -> None:
         """Raise `EngineError` if two private variables of a loop have the same axis.
 
-        Private variables occur in no other loop and are eliminated from its equations
-        together. This is not possible if their axes coincide in a link for all
-        configurations.
+        A loop has two private variables, or none. They occur in no other loop and are
+        eliminated together: the equation of the loop is taken along the normal of both
+        axes. If the axes coincide in a link, at all configurations, there is no normal, and
+        only a sum of both rates follows from the equations.
         """
         for group in self.groups:
             for private_variables in group.private_variables:
@@ -198,16 +205,24 @@ class KinematicStructure:
         """
         pair = self.mechanism.variable_owners[variable]
         ends = self.mechanism.ends[pair]
+        # The two profiles of a contact, None for an R pair.
         sides = self.pairs.sides.get(pair)
         if sides is None:
             return dict(zip(ends, self.pairs.axes(pair), strict=True))
         pair_variables = self.mechanism.variables_of(pair)
         index = pair_variables.index(variable)
+        # The rotation from the link of the profile to the contact: a constant rotation, one
+        # that depends on the variable, and another constant one.
         chain = sides[index].chain
         (rotation,) = chain.rotations
-        if len(pair_variables) == 1 or not isinstance(rotation, AxisRotation):
+        # The vector of a rolling contact, which has one variable, is fixed in no link, nor
+        # is that of a profile other than a circle, which is no rotation about an axis.
+        is_rolling = len(pair_variables) == 1
+        if is_rolling or not isinstance(rotation, AxisRotation):
             return {}
-        # The vector along the second circle has the opposite sign.
+        # The axis is the third column of the first constant rotation. `scale` is the angle
+        # per unit of the variable, an arc length. The vector along the second circle has
+        # the opposite sign.
         sense = (1.0, -1.0)[index]
         return {ends[index]: chain.constants[0][:, 2] * (sense * rotation.scale)}
 
