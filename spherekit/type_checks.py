@@ -58,12 +58,13 @@ def type_fault(name: str, value: Any, annotation: Any) -> str:
     value
         Its value.
     annotation
-        A class or a type of `typing`, resolved: no text.
+        A class or a type of `typing`. An annotation in quotes has to be resolved before.
     """
     if has_type(value, annotation):
         return ""
     allowed_words = _literal_words(annotation)
     if allowed_words and isinstance(value, str):
+        # `nearest` returns '; did you mean "x"?' if an allowed word is similar.
         hint = nearest(value, allowed_words) or ";"
         words = listing(f'"{word}"' for word in allowed_words)
         return f'{name} "{value}" is not known{hint} allowed: {words}'
@@ -93,8 +94,11 @@ def has_type(value: Any, annotation: Any) -> bool:
     """
     if annotation is Any:
         return True
+    # `Array` is an array of any numbers. It may contain Python objects: numbers of another
+    # arithmetic, such as balls (with error bounds) or quad precision.
     if _is_object_array(value) and annotation == Array:
-        return True  # numbers of another arithmetic, such as balls or quad precision
+        return True
+    # Other arrays contain numbers of NumPy, or texts if the annotation names `str`.
     if annotation is ArrayLike or get_origin(annotation) is np.ndarray:
         return _is_array_like(value, is_text_array(annotation))
     if annotation in SIMPLE_TYPES:

@@ -59,7 +59,9 @@ def describe_type(annotation: Any, wording: TypeWording = PYTHON_WORDING) -> str
     annotation
         A class or a type of `typing`.
     wording
-        The words for simple types, and how they are joined.
+        The words for simple types, and functions that join words: `write_choices` for the
+        values of a `Literal`, `write_items` for the items of a tuple. `repeated_item` are
+        words for a sequence of any length.
     """
     if annotation in (Any, object):
         return "anything"
@@ -74,13 +76,16 @@ def describe_type(annotation: Any, wording: TypeWording = PYTHON_WORDING) -> str
     if origin is Callable:
         return "a function"
 
+    # The types of the members of a union or of the items of a container. The three dots of
+    # `tuple[int, ...]` are no type.
     descriptions = [
         describe_type(member, wording)
         for member in union_members(arguments)
         if member is not ...
     ]
     if origin in (Union, UnionType):
-        # In files, None is a missing key and has no words.
+        # Equal words are written once. Empty words are left out: for files, None is a
+        # missing key and has none.
         return " or ".join(dict.fromkeys(filter(None, descriptions)))
     if origin is tuple and arguments[1:] != (...,):
         return wording.write_items(descriptions)

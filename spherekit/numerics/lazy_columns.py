@@ -95,7 +95,7 @@ class Interleaved:
     __array__ = _convert_to_array
 
 
-def once(column: Array | Interleaved) -> tuple[Array, int]:
+def remove_repetitions(column: Array | Interleaved) -> tuple[Array, int]:
     """Return a column without repeated rows, and how often each row is repeated.
 
     Rows are repeated if all subjects of an interleaved column share one array, as the

@@ -325,9 +325,11 @@ def substitute(
             return replacements.get(node, node)
         if node.operation in operators:
             return operators[node.operation](*arguments)
+        # Other operations, such as sines, get a node with the same operation.
         return function(node.operation, *arguments)
 
-    return rewrite(expressions, float, convert_node)
+    # Numbers are not replaced.
+    return rewrite(expressions, convert_number=float, convert_node=convert_node)
 
 
 def separate_constant_parts(
@@ -335,7 +337,9 @@ def separate_constant_parts(
 ) -> tuple[list[Expr], dict[ExpressionNode, ExpressionNode]]:
     """Replace the parts of expressions that do not depend on some nodes by variables.
 
-    The parts can then be evaluated once for many values of the moving nodes.
+    The parts can then be evaluated once for many values of the moving nodes. Parts may be
+    single variables, too. In kernels for many designs they are what depends on the sizes of
+    a design alone, so the new variables are called design_0, design_1, ...
 
     Parameters
     ----------

@@ -45,8 +45,10 @@ def revolute_frames(mechanism: Mechanism, design: DesignGeometry) -> dict[str, F
     """Return the frames of every R pair as expressions, by the name of the pair.
 
     The frames of a pair are rotations from its axes to the axes of its first and of its
-    second link. The axes of links are given in a reference pose or by sizes (arcs and
-    angles).
+    second link. The z axis of a pair is its axis. The x axis of the frame in the first link
+    is the direction from which the variable of the pair counts, to the x axis of the frame
+    in the second link. The axes of links are given in a reference pose or by sizes (arcs
+    and angles).
 
     Parameters
     ----------
@@ -65,6 +67,7 @@ def revolute_frames(mechanism: Mechanism, design: DesignGeometry) -> dict[str, F
     for pair in mechanism.pairs:
         if not pair.kind.has_axis:
             continue
+        # In a reference pose the variables have stated values, so no zero angle is needed.
         if isinstance(geometry, PoseGeometry):
             frames = _frames_from_pose(mechanism, geometry, design, pair)
         else:
@@ -85,16 +88,18 @@ def _frames_from_pose(
     """Return the frames of a pair whose axis is given in the reference pose.
 
     The reference pose is a configuration in which the file gives the axes of all pairs.
-    Link axes and ground axes coincide in it. The zero direction of a pair points east,
-    along the circle of latitude of the axis.
+    Link axes and ground axes coincide in it. The zero direction of a pair in its first link
+    points east, along the circle of latitude of the axis. Any direction would do, since the
+    value of the variable in this pose then gives that in the second link.
 
     Parameters
     ----------
     mechanism, geometry
         The mechanism and its geometry, with axes and values in the reference pose.
     design
-        Numbers or expressions that replace some sizes, by kind and owner; see
-        `DesignGeometry`.
+        Numbers or expressions that replace some sizes. Keys (`DesignGeometry`) are the kind
+        of a size, such as "longitudes", and the pair, or the link and the pair, to which it
+        belongs.
     pair
         An R pair.
 
@@ -108,12 +113,16 @@ def _frames_from_pose(
     axis = direction_from_angles(longitude, latitude)
     east = vector([-1.0 * sine(longitude), cosine(longitude), 0.0])
     frame = np.stack([east, cross(axis, east), axis], axis=1)
-    # The variable of the pair has this value in the reference pose.
-    value = design.get(("values", pair.name), geometry.values.get(pair.name, 0.0))
+    # The design may change arcs and angles between the axes of a link, which moves the axis
+    # of the pair in this link.
     first_frame, second_frame = (
         _rotate_by_size_changes(mechanism, design, link, pair.name, frame)
         for link in pair.links
     )
+    # In general R_second = R_first first_frame Z(v) second_frame^T, with the variable v and
+    # the orientations R of the links. In the reference pose both orientations are the unit
+    # matrix and v has this value, so second_frame = first_frame Z(value).
+    value = design.get(("values", pair.name), geometry.values.get(pair.name, 0.0))
     return first_frame, second_frame @ about_z(value)
 
 
@@ -128,23 +137,26 @@ def _rotate_by_size_changes(
 ) -> Exprs:
     """Return the frame of a pair in a link whose sizes differ from the reference pose.
 
-    Each size (an arc or its angle) that is replaced rotates the frame about an axis by the
-    change of the size.
+    The axis of a pair in a link has two sizes (rad): its arc from the axis of the link's
+    first R pair, and the angle of this arc about that axis. If the arc is changed, the
+    frame rotates about the normal of its plane by the change. If the angle is changed, the
+    frame rotates about the first axis.
 
     Parameters
     ----------
     mechanism
         The mechanism, with its sizes in the reference pose.
     design
-        Numbers or expressions that replace some sizes, by kind and owner; see
-        `DesignGeometry`.
+        Numbers or expressions that replace some sizes. The keys of these are "arcs" or
+        "angles", with the names of the link and of the pair.
     link, pair
         Names of the link and of one of its pairs.
     frame
         (3, 3) frame of the pair in the reference pose.
     """
-    # The arc is changed before its angle, since it grows in the plane that it has in the
-    # reference pose.
+    # The growth axis is the one about which the frame rotates if the size increases. That
+    # of an arc is known in the reference pose only, before the angle has moved the plane of
+    # the arc. `pose_sizes` therefore lists the arc to an axis before its angle.
     for kind, size_pair, value, growth_axis in pose_sizes(mechanism, link):
         size = design.get((kind, (link, pair)))
         if size_pair == pair and size is not None:
@@ -172,8 +184,8 @@ def _frame_from_sizes(
     mechanism, geometry
         The mechanism and its geometry, with the sizes of links.
     design
-        Numbers or expressions that replace some sizes, by kind and owner; see
-        `DesignGeometry`.
+        Numbers or expressions that replace some sizes. The keys of these are "arcs" or
+        "angles", with the names of the link and of the pair.
     link, pair
         Names of the link and of one of its R pairs.
 

@@ -83,7 +83,8 @@ def convert_to_graph(
             Full and reduced value of each operand.
         """
         full_operands, reduced_operands = zip(*operands, strict=True)
-        # A denominator that is zero only at some values of the names is not an error.
+        # A denominator that is the number 0 is an error. One that is zero only at some
+        # values of its variables is not.
         if name == "/" and full_operands[1] == 0.0:
             subject = f'"{expression.text}"' if expression.text else "a load"
             raise EngineError(f"{subject} divides by what is zero everywhere")
@@ -94,9 +95,9 @@ def convert_to_graph(
             full_result = operations[name](*arguments)
         else:
             full_result = function(name, *arguments)
-        # Sums of reduced values differ from the full result by whole revolutions, and so
-        # does the product of an integer and a reduced value. Both values of a number are
-        # the number itself, so the integer factor is the same in both products.
+        # Sums of reduced values differ from the full result by whole revolutions. So does
+        # the product of an integer k and a reduced value: k (x - n turns) is k x, less k n
+        # turns.
         is_integer_multiple = name == "*" and any(
             isinstance(x, float) and x % 1.0 == 0.0 for x in full_operands
         )

@@ -38,8 +38,9 @@ ENDING_EVENTS: tuple[IntegrationEventKind, ...] = (
 class EventFunction:
     """A function of the state whose zeros are events of an integration.
 
-    Events of the `ENDING_EVENTS` end the integration. At a switch it restarts with another
-    parameter. Events of other kinds are only noted.
+    Events of the `ENDING_EVENTS` end the integration. At a switch the equations change
+    abruptly, as dry friction does where the sliding rate changes its sign. The integration
+    then restarts with another parameter. Events of other kinds are only noted.
 
     Attributes
     ----------
@@ -57,8 +58,9 @@ class EventFunction:
         function.
     sticks
         Only for switches: a function of the state, the time (s) and the parameters after
-        the switch. It returns whether the motion would switch back at once. The integration
-        then ends.
+        the switch. It returns whether the motion would switch back at once, as if dry
+        friction holds a body at rest. The equations do not describe such a state, so the
+        integration ends.
     """
 
     expression: Expr
@@ -180,8 +182,9 @@ class Integrator:
         """Return heyoka's callback at a switch, which says whether a run may continue.
 
         A switch is a zero at which the equations change: a parameter takes the new sign of
-        the event function. heyoka calls the callback with the integrator and this sign. The
-        run ends if the motion would switch back at once, or after too many events.
+        the event function. heyoka calls the callback with the integrator and the sign of
+        the function's rate, which is this new sign. The run ends if the motion would switch
+        back at once. It also ends if the run has had too many events of any kind.
 
         Parameters
         ----------
@@ -195,13 +198,15 @@ class Integrator:
             """Note the event, set the parameter, and return whether the run continues."""
             time = float(adaptive.time)
             self.seen_events.append((index, time))
+            # If the rate is zero, the sign is 0 and the parameter stays as it is.
             if sign:
                 adaptive.pars[event.switch] = sign
             # Copies, because both are views of the integrator's own arrays.
-            sticks = event.sticks and event.sticks(
+            would_switch_back = event.sticks and event.sticks(
                 adaptive.state.copy(), time, adaptive.pars.copy()
             )
-            return not sticks and len(self.seen_events) < MAX_EVENTS_BEFORE_SWITCH
+            has_too_many_events = len(self.seen_events) >= MAX_EVENTS_BEFORE_SWITCH
+            return not would_switch_back and not has_too_many_events
 
         return set_sign
 
@@ -215,13 +220,16 @@ class Integrator:
         time
             Initial time, s.
         parameters
-            (parameters,) values of all parameters.
+            (parameters,) values of all parameters. Those after the last one that occurs in
+            an expression are not needed.
         """
         self.state[:] = state
         self._adaptive.time = time
+        # heyoka has no parameters after the last one that occurs in an expression.
         self.parameters[:] = parameters[: len(self.parameters)]
-        # For a short time after an event (its cooldown) heyoka ignores the same event.
-        # Without the reset, this could concern an event at the end of the last run.
+        # For a short time after an event that ends a step (its cooldown) heyoka ignores the
+        # same event. Without the reset, this could concern an event at the end of the last
+        # run. Other events have no cooldown.
         if self._terminal_indices:
             self._adaptive.reset_cooldowns()
         self.seen_events.clear()
@@ -234,13 +242,16 @@ class Integrator:
     def step(self, max_length: float) -> tuple[StepEnd, float]:
         """Take one step, and return why it ended and its length (s).
 
-        If an event ends the integration, it is the last one of `seen_events`.
+        A step also ends at a switch, where the equations change abruptly. A parameter then
+        has another sign, and the integration can continue. If an event ends the
+        integration, it is the last one of `seen_events`.
 
         Parameters
         ----------
         max_length
             Largest length of the step, s.
         """
+        # `write_tc` stores the Taylor coefficients of the step for `coefficients`.
         outcome, length = self._adaptive.step(max_delta_t=max_length, write_tc=True)
         code = int(outcome)
         if code in self._step_end_of_outcome:
@@ -250,7 +261,8 @@ class Integrator:
         if code >= 0:
             return "switch", length
         index = self._terminal_indices[-code - 1]
-        # The callback of a switch has noted it already.
+        # A switch also ends the integration if its callback says so, for example because
+        # the motion would switch back at once. The callback has noted it already.
         if self.events[index].kind != "switch":
             self.seen_events.append((index, self.time))
         return "event", length

@@ -9,7 +9,11 @@ import numpy as np
 from spherekit.arrays import Array, Floats
 from spherekit.errors import AnalysisError
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.numerics.lazy_columns import Interleaved, once, read_columns
+from spherekit.numerics.lazy_columns import (
+    Interleaved,
+    read_columns,
+    remove_repetitions,
+)
 from spherekit.wording import listing
 
 Kind = Literal["number", "integer", "text", "status"]
@@ -183,7 +187,7 @@ class Table:
             The rows, part by part in order. A part has values by name of the column: an
             array (n,), or one value for all rows of the part. A part without an array is
             one row. Columns of numbers and texts can be left out and are then blank (NaN
-            or empty).
+            or empty). Every part has all columns of whole numbers and of statuses.
 
         Returns
         -------
@@ -194,6 +198,7 @@ class Table:
         AnalysisError
             If a part has a column that is not declared.
         """
+        # With several inputs, some declared columns stand for one column per input.
         columns = self.of(mechanism).columns
         blank_by_name: dict[str, Any] = {}
         arrays_by_name: dict[str, list[Array]] = {}
@@ -240,9 +245,10 @@ class Table:
         """
         if MODE_NAME not in self.columns:
             return data
-        # A column can repeat each number for several subjects, such as poles. The texts are
-        # then made once for each number, and repeated in the same way.
-        mode_numbers, repeats = once(data[ASSEMBLY_MODE.name])
+        # A table with several subjects, such as poles, has a row for each subject of each
+        # sample, and the mode number is the same for all of them. The texts are then made
+        # once for each sample. `Interleaved` repeats them for each subject when it is read.
+        mode_numbers, repeats = remove_repetitions(data[ASSEMBLY_MODE.name])
         mode_count = np.max(mode_numbers, initial=-1) + 1
         name_by_mode = np.array([names.get(k, "") for k in range(mode_count)], str)
         texts = name_by_mode[mode_numbers]

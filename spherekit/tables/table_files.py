@@ -79,6 +79,7 @@ def to_frame(table: Table, data: TableArrays, degrees: bool = False) -> "pd.Data
             columns[column.name] = pd.Categorical.from_codes(values, pd.Index(STATUS_NAMES))
         elif column.unit_in(degrees) != column.unit:
             columns[column.name] = np.degrees(values)
+    # A stated unit differs from the unit in that pure numbers have "1".
     units = {column.name: column.stated_unit(degrees) for column in table.columns}
     # `JoinedBlocks` makes new arrays each time, which the frame need not copy.
     return make_frame(columns, {"units": units}, copy=not isinstance(data, JoinedBlocks))
@@ -122,18 +123,21 @@ def _make_categories(texts: Array) -> "pd.Categorical[Any]":
     if texts.dtype.kind == "O":
         return pd.Categorical(texts)
 
-    # Number the distinct texts in the order in which they first occur. Rows get the same
-    # code as long as all letters compared so far are equal. A letter has 4 bytes.
+    # Number the distinct texts. Rows have the same code as long as all letters compared so
+    # far are equal. A letter has 4 bytes. `factorize` numbers distinct values 0, 1, ... in
+    # the order in which they first occur.
     codes = np.zeros(len(texts), dtype=np.int64)
     letters = np.ascontiguousarray(texts).view(np.uint32)
     for letter_column in letters.reshape(len(texts), texts.itemsize // 4).T:
         if np.any(letter_column != letter_column[:1]):
             letter_codes, distinct_letters = pd.factorize(letter_column)
             codes, _ = pd.factorize(codes * len(distinct_letters) + letter_codes)
-    # A code that is larger than all before it is the first row of a distinct text.
-    first_rows = np.flatnonzero(np.diff(np.maximum.accumulate(codes), prepend=-1))
+    # The first row of each distinct text: there the largest code so far increases.
+    largest_so_far = np.maximum.accumulate(codes)
+    first_rows = np.flatnonzero(np.diff(largest_so_far, prepend=-1))
     distinct_texts: list[str] = texts[first_rows].tolist()
-    # The rank of each distinct text in alphabetical order.
+    # The rank of each distinct text in alphabetical order, which is the inverse of the
+    # permutation that sorts the texts.
     alphabetical_index = np.argsort(np.argsort(distinct_texts))
     return pd.Categorical.from_codes(
         alphabetical_index[codes], pd.Index(sorted(distinct_texts), dtype=str)

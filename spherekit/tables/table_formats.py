@@ -27,13 +27,13 @@ class TableFormat:
         Ending of the file names, without the dot. Formats that are written together need
         different endings.
     relative_size
-        Approximate size of the files divided by that of the packed rows, measured on
-        motions and poles.
+        Approximate size of the files divided by that of the same numbers in memory, as
+        measured on tables of motions and poles. It predicts the size of files before a run.
     separator
         Character between the cells of a CSV file; None for Parquet.
     is_default
-        Whether the files are written when the user names no format. CSV files are then
-        written up to `MAX_CSV_BYTES`.
+        Whether the files are written when the user names no format. CSV files are then left
+        out if all of them together would exceed `MAX_CSV_BYTES`.
     """
 
     ending: str

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from spherekit.arrays import Array
-from spherekit.numerics.lazy_columns import Span, copy_columns, once
+from spherekit.numerics.lazy_columns import Span, copy_columns, remove_repetitions
 from spherekit.tables.table import (
     ASSEMBLY_MODE,
     CHUNK_ROWS,
@@ -107,11 +107,13 @@ class JoinedBlocks(Mapping[str, Array]):
         the rows of the next mode. This method sets `_spans`: for each block its slices of
         rows, with the first position of each slice in the joined columns.
         """
-        has_several = len(self._blocks) > 1 and self._table.in_assembly_modes
+        # A single block needs no sorting, and a table without assembly modes has no order
+        # to sort by.
+        needs_sorting = len(self._blocks) > 1 and self._table.in_assembly_modes
         # Number of the mode, number of the block, and the slice of rows in the block.
         mode_spans = []
         for number, block in enumerate(self._blocks):
-            ordered_rows = sort_by_mode(block, has_several)
+            ordered_rows = sort_by_mode(block, by_mode=needs_sorting)
             self._blocks[number] = dict(ordered_rows.columns)
             mode_spans += [(mode, number, rows) for mode, rows in ordered_rows.mode_rows]
         self._spans = [[] for _ in self._blocks]
@@ -175,9 +177,10 @@ def sort_by_mode(block: TableData, by_mode: bool = True) -> ModeRows:
     if not by_mode:
         return ModeRows(block, [(0, slice(0, row_count(block)))])
     # A column may repeat each number for several subjects, such as poles. `modes` and
-    # `samples` have each number once.
-    modes, repeats = once(block[ASSEMBLY_MODE.name])
-    samples, sample_repeats = once(block[SAMPLE.name])
+    # `samples` have each number once. If only one of both columns is stored in this way,
+    # the rows are sorted below, as if they were in any order.
+    modes, repeats = remove_repetitions(block[ASSEMBLY_MODE.name])
+    samples, sample_repeats = remove_repetitions(block[SAMPLE.name])
     if sample_repeats == repeats:
         # Divide the rows where the mode changes.
         mode_steps = np.diff(modes)

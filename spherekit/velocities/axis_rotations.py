@@ -90,7 +90,11 @@ class JointTransform:
 class ProfileSide:
     """One of the two profiles of a contact, as expressions.
 
-    A profile is the curve along which the contact point moves on one link.
+    A profile is the curve along which the contact point moves on one link. A circle is
+    written as a rotation about its centre. For other curves the numbers at the contact
+    point are symbols, whose values are computed from a series and passed to kernels. In
+    the order of `PROFILE_COLUMNS` they are the tangent t (3 components), the point p (3),
+    the curvature k, and dk/ds with the arc length s.
 
     Attributes
     ----------
@@ -101,8 +105,8 @@ class ProfileSide:
     curvature, slope
         Curvature k and its derivative dk/ds: numbers of circles, symbols otherwise.
     column_symbols
-        Symbols of the `PROFILE_COLUMNS`, `curvature` and `slope` among them. Empty for
-        circles that are written as rotations.
+        These symbols, `curvature` and `slope` among them. Empty for circles that are
+        written as rotations.
     last_derivative
         Symbol of d2k/ds2, the derivative of the last of the `column_symbols`.
     """
@@ -121,7 +125,10 @@ class ProfileSide:
 
     @property
     def column_derivatives(self) -> list[Expr]:
-        """The derivatives of the columns with respect to the arc length."""
+        """The derivatives of the columns with respect to the arc length, in their order.
+
+        The profile must have columns.
+        """
         tangent, normal, point = _moving_frame(self.column_symbols).T
         # dt/ds = k n - p and dp/ds = t on the unit sphere.
         tangent_derivative = normal * self.curvature - point
@@ -137,11 +144,12 @@ class PairRotations:
     chains
         For each pair the rotation from its first link to its second.
     sides
-        By the number of each contact, its two profiles.
+        By the number of each contact, the profiles of its first and second link.
     followers
         R pairs whose angle follows from the inputs through wheels, by the number of the
-        pair. The angle is the sum of a factor times each input angle, and of a constant. A
-        sequence has the factors in the order of the inputs, then the constant (rad).
+        pair. The angle is the sum of a factor times each input angle, and of a constant.
+        The values of this mapping have the factors in the order of the inputs, then the
+        constant (rad).
     """
 
     chains: tuple[JointTransform, ...]
@@ -176,9 +184,10 @@ def append_profile_columns(
 ) -> Array:
     """Return the values of variables with the values of the profile columns below them.
 
-    The columns of a profile are its tangent and point in link axes, its curvature and the
-    derivative of the curvature, at the contact. The place of the contact, an arc length, is
-    the value of a variable plus a start.
+    A profile is the curve along which the contact point moves on a link. Its columns are
+    the tangent and the point of the curve in link axes, its curvature and the derivative of
+    the curvature, at the contact. The arc length at the contact is the value of a variable
+    plus a start.
 
     Parameters
     ----------
@@ -187,8 +196,9 @@ def append_profile_columns(
     profiles
         The profiles that have columns.
     expansion_point
-        (variables, n) values near `values`. The series are then evaluated in float64 at
-        these and extrapolated linearly, so `values` can be complex or in quad precision.
+        (variables, n) float64 values near `values`. The series are then evaluated in
+        float64 at these and extrapolated linearly. It is needed if `values` are complex or
+        in quad precision, which the series do not accept.
 
     Returns
     -------
@@ -203,9 +213,9 @@ def append_profile_columns(
     columns_by_profile = extended[count:].reshape(len(profiles), column_count, n)
     series_values = values if expansion_point is None else expansion_point
     for profile, columns in zip(profiles, columns_by_profile, strict=True):
-        _, variable, start = profile.track
-        # The arc length of the contact.
-        arc_length = series_values[variable] + start
+        # `track` has the curve, the variable that runs along it, and its start.
+        variable = profile.track.variable
+        arc_length = series_values[variable] + profile.track.start
         columns[:] = profile.series.evaluate(arc_length)
         if expansion_point is not None:
             slopes = profile.series.evaluate_derivative(arc_length)
@@ -230,12 +240,14 @@ def pair_rotations(
     mechanism
         The mechanism.
     design
-        Expressions for some of its sizes. By default all sizes are numbers.
+        Expressions for some of its sizes: arcs and angles between R pairs. By default all
+        sizes are numbers. Profiles of contacts always have numbers.
     any_profile
         Whether profiles other than circles are allowed. Their tangent, point and curvature
-        at the contact are then symbols, the columns of the profile.
+        at the contact are then symbols, called the columns of the profile because the
+        values of each are a column of numbers.
     as_columns
-        Whether all profiles have such columns, circles too.
+        Whether circles have such columns, too, instead of being written as rotations.
 
     Raises
     ------
@@ -245,6 +257,7 @@ def pair_rotations(
     design_frames = revolute_frames(mechanism, design) if design else {}
     joints = make_joints(mechanism)
     chains: list[JointTransform] = []
+    # For each contact the two curves with the variables that run along them.
     tracks = dict(iterate_contact_profiles(joints))
     sides: dict[int, tuple[ProfileSide, ProfileSide]] = {}
     for number, first_variable, joint in enumerate_joints(joints):
@@ -256,8 +269,9 @@ def pair_rotations(
             )
             sides[number] = first_side, second_side
             # The chain leads to the contact frame and on to the second link. Both parts
-            # have two constants, with a rotation between them. The constants on both sides
-            # of the contact frame become one.
+            # have two constants (rotation matrices that do not depend on variables), with a
+            # rotation by a variable between them. The constants on both sides of the
+            # contact frame become one.
             to_contact = first_side.chain
             from_contact = second_side.chain.reversed()
             first, before_contact = to_contact.constants
