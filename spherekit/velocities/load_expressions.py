@@ -102,16 +102,21 @@ def component_forces(
     """Return the generalised forces of load components, one for each coordinate.
 
     A generalised force is the power per unit rate of a coordinate. The coordinates are the
-    inputs. Their rates are homogeneous: all velocities, and so the forces, are multiplied
-    by the determinant of the velocity equations. A component has a magnitude, which acts on
-    the variable of a pair or as moments on links.
+    inputs. Velocities per unit rate of an input are quotients of a homogeneous rate and the
+    determinant of the velocity equations. Here the homogeneous rates are used, which have
+    no division. The results are therefore the generalised forces times the determinant.
+
+    A component of a load has a magnitude. It acts on the variable of a pair, or as moments
+    on links.
 
     Parameters
     ----------
     components
         Components of one load or of several.
     load_state
-        Positions and velocities of the mechanism as expressions.
+        Positions and velocities of the mechanism as expressions: for each input the
+        homogeneous rates of all variables (`tau`) and angular velocities of all links
+        (`w`), and the orientations of all links (`placed`).
     """
     forces: list[Expr] = [0.0] * len(load_state.tau)
     # Moments that act on one link in the same way are added before they are projected.
@@ -133,7 +138,7 @@ def component_forces(
     # The power of a moment is its scalar product with the angular velocity of the link.
     for (link, axes, arm), components_sum in moment_sums.items():
         number = load_state.mechanism.link_number[link]
-        # Moments on the ground, and forces at the centre, do no work.
+        # Moments on the ground (link 0), and forces at the centre, do no work.
         if number and (arm is None or any(arm)):
             orientation = load_state.placed[number]
             moment_vector = _ground_moment(orientation, axes, arm, components_sum)
@@ -175,7 +180,8 @@ def _ground_moment(
         (3,) the force or the moment.
     """
     # The moment of a force is the cross product of its arm and the force. The rotation from
-    # link axes to ground axes is the product basis @ within.
+    # link axes to ground axes is the product of `basis` (expressions of the variables) and
+    # `basis_from_link` (constant).
     if axes != "ground":
         moment = components if arm is None else cross(vector(list(arm)), components)
         return orientation.basis @ (constants(orientation.basis_from_link) @ moment)
@@ -184,8 +190,9 @@ def _ground_moment(
     # An arm with a size that varies is an expression, whose length is no number.
     if not all(isinstance(entry, float) for entry in arm):
         return cross(orientation.direction(vector(list(arm))), components)
-    # `direction` makes entries of a unit vector exact that differ from 0 or 1 by rounding,
-    # so the arm is divided by its length first.
+    # Components of the rotated arm that are 0 or 1 up to rounding become exactly 0 or 1 in
+    # the method `direction`, so that products with them are left out. This only makes sense
+    # for a unit vector, so the arm is divided by its length before, and multiplied after.
     length = float(np.linalg.norm(arm))
     return cross(orientation.direction(np.array(arm) / length) * length, components)
 

@@ -18,8 +18,10 @@ from spherekit.velocities.elimination_order import Pivot
 def loop_inverse(equations: Exprs, pivots: Sequence[Pivot]) -> Exprs:
     """Return a left inverse of the loop equations by Gauss-Jordan elimination.
 
-    A pivot is a loop with the variables, at most three, for which its three equations are
-    solved. Its solution is then inserted into all other loops.
+    Each loop has three equations: the sum of the variables' vectors times their rates is 0.
+    A pivot is a loop with the variables for which its equations are solved. These are three
+    variables, or fewer if some of the equations follow from those of other loops. The
+    solution is then inserted into all other loops.
 
     Parameters
     ----------
@@ -40,9 +42,12 @@ def loop_inverse(equations: Exprs, pivots: Sequence[Pivot]) -> Exprs:
     rows = [*np.concatenate([equations, unit], axis=2)]
     inverse = np.zeros((variable_count, loops, 3)).astype(object)
     for loop, variables in pivots:
+        # (m, 3) the vectors of the m variables of the pivot. The matrix (m, 3) of
+        # `_axes_inverse` gives the components of a vector along them, and so solves the
+        # three equations for the m rates.
         axes = rows[loop][:, variables].T
-        # The equations of the loop are solved for the variables of the pivot. Their columns
-        # become a unit matrix, which is not needed any more and is set to zero.
+        # The columns of these variables become a unit matrix, which is not needed any more.
+        # They are set to zero before the product.
         rows[loop][:, variables] = 0.0
         rows[loop] = _axes_inverse(axes) @ rows[loop]
         for other_loop in range(loops):

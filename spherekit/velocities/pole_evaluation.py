@@ -63,7 +63,10 @@ def evaluate(
         Signs at the end of the previous block of the same motion, which are continued. It
         is updated in place. By default the signs of this motion start anew.
     route
-        How the poles are computed, one of `spherekit.velocities.pole_request.ROUTES`.
+        How the poles are computed. "best" and "equations" solve the velocity equations of
+        the whole mechanism, "best" in more digits where float64 is doubtful. "first" and
+        "conditioned" follow the plan of the poles, by the first two or the two best great
+        circles of each pole.
     engine
         "numpy", "compiled" (by heyoka), or "extended": quad precision for all rows.
 
@@ -73,6 +76,7 @@ def evaluate(
         If there is no such route.
     """
     if route not in ROUTES:
+        # `nearest` returns a suggestion that begins with a semicolon, or an empty text.
         raise SolveError(
             f'{motion.mechanism.name}: no route is "{route}"'
             f"{nearest(str(route), ROUTES) or ';'} Routes: {listing(ROUTES)}"
@@ -82,7 +86,8 @@ def evaluate(
         apply_continuous_signs(
             field, motion, request, sign_continuation or SignContinuation()
         )
-    # On this route, all rows count as computed in quad precision (see `PoleField`).
+    # A run reports how many rows this flag marks, as rows by the velocity equations in more
+    # digits. On this route the equations are asked for, and all rows are counted.
     if route == "equations":
         field.is_quad_precision[:] = True
     return field
@@ -342,7 +347,8 @@ def make_certified_field(
     Parameters
     ----------
     input_columns
-        Its `column_indices` says which columns belong to which quantity.
+        The expressions of the kernel while one input moves. The mapping `column_indices`
+        has the indices of columns by the name of a field, then by pole or link.
     columns
         (columns, n) all columns of the kernel, in which pole directions have their sign.
     motion, request
@@ -355,7 +361,10 @@ def make_certified_field(
         pole_status=dict.fromkeys(directions, motion.status),
         is_quad_precision=np.zeros(n, dtype=bool),
         is_certified=np.ones(n, dtype=bool),
+        # No row needed the sizes in all decimals of the file.
         is_decimal=np.zeros(n, dtype=bool),
+        # This bound is computed for other rows only. By definition it is 0 in certified
+        # ones.
         relative_error_bound=np.zeros(n),
     )
     for name, indices_by_key in input_columns.column_indices.items():

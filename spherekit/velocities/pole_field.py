@@ -26,7 +26,7 @@ returned, with fewer correct digits.
 
 @dataclass(frozen=True)
 class PoleQuantity:
-    """A quantity of a pole.
+    """A quantity of a pole, such as its direction or its velocity coefficient.
 
     Attributes
     ----------
@@ -37,11 +37,12 @@ class PoleQuantity:
     changes_sign
         Whether it changes its sign if the direction of the pole is reversed.
     error
-        Whether there is a bound of its error, and whether a run also reports the largest
-        one.
+        "none" if there is no bound of its error, "bounded" if there is one, and "reported"
+        if a run also reports the largest one of all rows.
     locked_value
         Its value for two links that the locked inputs hold together, and that therefore
-        have no pole. A bound of its error is the same number.
+        have no pole: 0, which is exact and has the error bound 0, or NaN, with the bound
+        NaN.
     """
 
     name: str

@@ -78,13 +78,17 @@ class PlannedPoles:
     def __init__(self, plan: Plan, motion: Motion, route: Route = "best") -> None:
         """Compute the directions and errors of all poles, step by step.
 
+        A step of the plan gives a pole as the axis of a pair, as the intersection of two
+        great circles through known poles, or all poles of a part of the mechanism from its
+        velocity equations.
+
         Parameters
         ----------
         plan, motion
             The plan, and the configurations.
         route
             "first" takes the first two great circles of each pole. All other routes take
-            the best two.
+            those with the smallest errors at each row.
         """
         self.plan = plan
         self.motion = motion
@@ -105,6 +109,7 @@ class PlannedPoles:
                     self.directions[step.pole] = _unit_vectors(cross_columns(*normals))
                     self.errors[step.pole] = circles.error
                 else:
+                    # A part of the mechanism whose poles do not follow one by one.
                     self._solve_block(step)
 
     def _pair_axis(self, pair: int) -> Floats:
@@ -118,11 +123,13 @@ class PlannedPoles:
         of j and k, for any third body k. It also lies in the contact plane of a sliding
         pair between i and j, which contains the point of contact and is at right angles to
         the common tangent of the profiles. The route "first" takes the first two great
-        circles. Otherwise the circle with the smallest error is chosen at each row, and
-        then the circle that has the most accurate intersection with it.
+        circles, to compare with the choice by errors. Otherwise the circle with the
+        smallest error is chosen at each row, and then the circle that has the most accurate
+        intersection with it. Not all pairs of circles are compared.
 
         The error of an intersection is the sum of the errors of both normals, divided by
-        the sine of the angle between them.
+        the sine of the angle between them. The sign of the pole may change from row to row.
+        Callers make it continuous.
 
         Parameters
         ----------
@@ -138,7 +145,9 @@ class PlannedPoles:
             cross_columns(self.directions[a], self.directions[b])
             for a, b in known_pole_pairs
         ]
-        # The axis of a sliding pair is the common tangent, the normal of the contact plane.
+        # For a sliding pair `_pair_axis` returns the common tangent of the profiles, which
+        # is the normal of the contact plane. It is known up to rounding, which is added
+        # below.
         normals += [self._pair_axis(pair) for pair in step.contacts]
         normal_errors = [self.errors[a] + self.errors[b] for a, b in known_pole_pairs]
         normal_errors += [np.zeros(n)] * len(step.contacts)
@@ -149,8 +158,8 @@ class PlannedPoles:
         circles = np.stack(normals[:count])
         length = norm_columns(circles)
         errors = (np.stack(normal_errors[:count]) + EPS) / np.maximum(length, EPS)
-        # (n,) index of the first circle. Two circles keep their order in all rows, because
-        # their order decides the sign of the pole, their cross product.
+        # (n,) index of the first circle. If there are only two circles, they keep their
+        # order in all rows: the pole is their cross product, whose sign depends on it.
         first = np.zeros(n, dtype=np.intp)
         if count > 2:
             first = np.argmin(errors, axis=0)
@@ -224,9 +233,10 @@ class PlannedPoles:
         w
             (3, n) angular velocity of each body relative to the ground, in ground axes.
         error
-            (n,) bound of the relative error of w: the largest sum, over the bodies k, of
-            the error bounds of u_ak and u_bk, divided by the sine of the angle between
-            these axes.
+            (n,) bound of the relative error of w. For a body k it is the sum of the error
+            bounds of u_ak and u_bk, divided by the sine of the angle between these axes.
+            The largest one of all bodies is taken. It is `MAX_DIRECTION_ERROR_RAD` where
+            nothing is known.
         """
         a, b = self.plan.ends[self.plan.input]
         input_axis = self.directions[pole_of(a, b)]
@@ -255,11 +265,12 @@ class PlannedPoles:
     def great_circles(self, pole: Pole) -> Floats:
         """Return the unit normals (n, 2, 3) of two great circles that meet in a pole.
 
-        The plan computes a pole as the intersection of two great circles, as the axis of a
-        pair, or from velocity equations. In the first case the result is these two circles.
-        Otherwise each circle passes through the poles that the two links have with a third
-        body. The result is NaN if there are fewer than two such bodies, or if both links
-        belong to one body.
+        A body of the plan is one link, or several links that the locked inputs hold
+        together. The plan computes the pole of two bodies as the intersection of two great
+        circles, as the axis of a pair, or from velocity equations. In the first case the
+        result is these two circles. Otherwise each circle passes through the poles that the
+        two bodies have with a third one. The result is NaN if there are fewer than two such
+        bodies, or if both links belong to one body.
 
         Parameters
         ----------
@@ -284,8 +295,9 @@ class PlannedPoles:
                 ]
                 if len(third_bodies) < 2:
                     return no_circles
-                # A step of a plan as if the pole were computed from these bodies. Its round
-                # is not read here.
+                # The circles are chosen as for a step of the plan in which the pole is the
+                # intersection of circles through the poles of these bodies. The round says
+                # when a plan takes a step, and has no effect here.
                 circles = self._choose_great_circles(
                     LinePole(body_pole, round=0, via=tuple(third_bodies))
                 )

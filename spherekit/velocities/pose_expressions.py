@@ -68,27 +68,37 @@ def place_link(
 ) -> LinkOrientation:
     """Return the orientation of the link that a pair joins to a placed link.
 
+    An orientation R = basis @ basis_from_link leads from link axes to ground axes. The
+    basis consists of expressions of the variables, and `basis_from_link` is constant. The
+    result is R_placed C_0 Z_1 C_1 ... Z_k C_k, where C are constants and Z are rotations by
+    variables. The last constant becomes its `basis_from_link`.
+
     Parameters
     ----------
     chain
-        The rotation from the placed link to the other link of the pair.
+        The constants C and the rotations Z, from the placed link to the other link of the
+        pair.
     start
         Orientation of the placed link.
     variables
         Expressions (rad) of all variables of the mechanism.
     """
     basis = start.basis
-    within = start.basis_from_link
-    # The chain is: constant, rotation, constant, ..., constant. The last constant has no
-    # rotation after it and becomes the constant factor of the result.
+    basis_from_link = start.basis_from_link
+    # There is one more constant than rotations, so that the loop omits the last one.
     for constant, rotation in zip(chain.constants, chain.rotations, strict=False):
-        basis = basis @ constants(within @ constant)
-        within = np.eye(3)
+        # `constants` makes entries exact that are 0, 1 or -1 up to rounding, so that
+        # products with them are left out.
+        basis = basis @ constants(basis_from_link @ constant)
+        # The constant factor of the orientation is used up by the first step.
+        basis_from_link = np.eye(3)
+        # A contact with a profile of any shape has a rotation matrix of symbols.
         if not isinstance(rotation, AxisRotation):
             basis = basis @ rotation
             continue
-        # The angle is written with a positive multiple of the variable. So the reversed
-        # chain, with the opposite angle, uses the same sine and cosine.
+        # The rotation is by the angle scale * variable + offset about z. If the scale is
+        # negative, the opposite angle is written, and the sine changes its sign. The
+        # rotation in the reversed chain then has the same expressions of sine and cosine.
         sense = 1.0 if rotation.scale > 0.0 else -1.0
         angle = abs(rotation.scale) * variables[rotation.variable] + sense * rotation.offset
         cosine = function("cos", angle)

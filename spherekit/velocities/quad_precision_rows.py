@@ -47,10 +47,12 @@ class QuadPrecisionRows:
     columns
         (columns, n) all columns of the kernel: velocities, poles and their error bounds.
     bounds
-        (bounds, n) output of `RowKernel.row_bounds`.
+        (bounds, n) measures of the loops at each row, as `RowKernel.row_bounds` returns
+        them: condition number, inverse and residuals of the loop equations.
     opening_changes
-        (columns, n) sum of the sizes of the changes of each column as the loops open by 1
-        rad, over all directions: three axes for each loop.
+        (columns, n) sensitivity of each column to the opening of loops. Each loop can open
+        about three axes. For each loop and axis the derivative of the column by the opening
+        angle (rad) is taken without its sign, and all are added.
     is_closed
         (n,) whether Newton's method closed the loops. Other rows keep their variables.
     """
@@ -86,15 +88,24 @@ def recompute_in_quad(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
 def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
     """Return at most `BATCH_ROWS` rows, computed in quad precision.
 
-    The parameters are those of `recompute_in_quad`. Newton's method first closes the loops.
-    A row keeps its variables if the steps do not become small, or if it moves far.
+    Newton's method first closes the loops, for all rows together, until all steps are small
+    or their number is `MAX_NEWTON_STEPS`. A row keeps its variables if its last step was
+    not small, or if it has moved far.
+
+    Parameters
+    ----------
+    kernel
+        The functions of all columns.
+    values
+        (variables, n) nearly closed configurations (rad).
     """
     passive = list(kernel.passive_variables)
     start = values.astype(quad())
     # (variables, n) the present iterate.
     x = start.copy()
     for _ in range(MAX_NEWTON_STEPS):
-        # The series of profiles are evaluated in float64 at `values`, and extrapolated.
+        # Profiles of contacts that are no circles are stored as float64 series. They are
+        # evaluated at `values` and extrapolated linearly from there.
         extended = append_profile_columns(x, kernel.profiles, expansion_point=values)
         # The passive variables after a step. Inputs are not changed.
         passive_values = kernel.newton_step.function(extended)
@@ -112,6 +123,7 @@ def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
     inverse = bounds[kernel.row_bounds.slices["inverse"]].reshape(
         len(passive), 3 * kernel.loop_count, values.shape[1]
     )
+    # How much the columns change if the loops are open by a small angle.
     opening_changes = _sum_opening_changes(kernel, x.astype(float), inverse)
     return QuadPrecisionRows(columns, bounds, opening_changes, is_closed)
 
@@ -149,12 +161,16 @@ def _sum_opening_changes(kernel: RowKernel, values: Floats, inverse: Floats) -> 
         repeated = np.tile(values, movements.shape[1])
         stepped = repeated.astype(complex)
         stepped.imag[passive] = COMPLEX_STEP_RAD * movements.reshape(len(passive), -1)
-        columns = kernel.all_columns.function(
-            append_profile_columns(stepped, kernel.profiles, expansion_point=repeated)
+        # Stored series of profiles cannot be evaluated at complex numbers. They are
+        # extrapolated from the real configurations.
+        extended = append_profile_columns(
+            stepped, kernel.profiles, expansion_point=repeated
         )
+        columns = kernel.all_columns.function(extended)
         # (columns, directions, n)
         sizes = np.abs(columns.imag).reshape(len(columns), movements.shape[1], count)
-        # One direction after another, so that the sums round as with one call for each.
+        # The directions are added one after another. The rounding of the sum then does not
+        # depend on the number of directions in a call, and so not on the number of rows.
         for size in sizes.swapaxes(0, 1):
             changes += size / COMPLEX_STEP_RAD
     return changes

@@ -83,7 +83,11 @@ class RowExpressions(VelocityEquations):
         pivots: Sequence[Pivot],
         inputs: Sequence[int],
     ) -> None:
-        """Write the expressions that the class lists.
+        """Write loop equations, their inverse and error bounds as expressions.
+
+        The loop equations say that the sum of the variables' vectors times their rates is 0
+        in each loop. The vector of a variable is the relative angular velocity of the links
+        of its pair per unit rate of the variable.
 
         Parameters
         ----------
@@ -101,16 +105,19 @@ class RowExpressions(VelocityEquations):
         # Tangent, point and curvature of a profile that is no circle are symbols.
         pairs = pair_rotations(mechanism, any_profile=True)
         placed = place_by_variables(mechanism, pairs, variables)
-        # The vector of two rolling circles is (k1 - k2) p, with the curvatures k1 and k2
-        # and the contact point p. The sum of vectors about the centres of the circles would
-        # take fewer expressions, but loses digits if the circles are small.
+        # The vector of the variable of two rolling circles is (k1 - k2) p, with the
+        # curvatures k1 and k2 and the contact point p. The same vector is also a sum of
+        # vectors along the centres of both circles. That sum takes fewer expressions, but
+        # loses digits if the circles are small, so it is not used here (`about_centres`).
         super().__init__(mechanism, pairs, placed, variables, about_centres=False)
         input_variables = [self.pair_variables[pair][0] for pair in inputs]
         self.passive_variables = [
             v for v in range(len(variables)) if v not in input_variables
         ]
         # (loops, 3, variables) the Jacobian of the loop equations: the vector of each
-        # variable, with the sense in which the loop passes its pair. Inputs are fixed.
+        # variable, times 1 or -1 for the direction in which the loop passes its pair, or
+        # times 0 outside of the loop. Inputs are fixed, so their columns are zero, and so
+        # are their rows of the inverse.
         equations = np.stack(self.vectors, axis=1) * self.tree.signs[:, None]
         equations[..., input_variables] = 0.0
         self.inverse = loop_inverse(equations, pivots)
@@ -120,28 +127,38 @@ class RowExpressions(VelocityEquations):
     def _set_error_bounds(self) -> None:
         """Set the bounds of the errors of variables, orientations and axes.
 
-        All bounds are expressions. They follow from the inverse of the loop equations by
-        norms: variables move by at most the norm of the inverse times the opening of the
-        loops. The class explains the attributes that are set.
+        The loops of a computed configuration are open by small rotations. The variables of
+        the nearest closed configuration differ by the inverse J^+ of the loop equations
+        times the opening. All bounds follow from this by norms of rows of J^+. They are
+        expressions.
         """
         tree = self.tree
+        # The length of the row of J^+ of a variable is its largest movement per unit
+        # opening of all loops. Each variable on the path to a link turns the link.
         inverse_squares = [dot(row.flat, row.flat) for row in self.inverse]
         self.variable_shifts = [root(square) for square in inverse_squares]
         inverse_norm = root(sum(inverse_squares, 0.0))
         self.link_turns = self.turns_along_paths(self.variable_shifts)
 
-        # The opening of a loop: each pair of the loop adds the rounding of its axes.
+        # The opening of a loop about one axis: the closure residual, and the rounding of
+        # the axes of the pairs in the longest loop. Two more roundings are allowed for.
         rounding = EPS * (2.0 + tree.longest_loop)
         component_opening = self.residual + rounding
-        # A contact has two profiles, whose frames have a rounding error each.
+        # The closure residual that rounding alone can cause. A contact has two profiles,
+        # whose frames have a rounding error each. Larger factor: larger residuals count as
+        # rounding.
         profile_count = 2.0 * len(self.pairs.sides)
         self.closure_rounding_rad = np.sqrt(2.0) * (
             rounding + profile_count * PROFILE_ROUNDING_RAD
         )
         # Every loop may be open by this much about each of the three axes.
         self.opening_rad = component_opening * float(np.sqrt(3.0 * len(tree.chords)))
+        # The rounding of sizes tilts an axis: each pair on the longest path from the ground
+        # to a link adds its part.
         self.tilt_rad = 2.0 * EPS * (2.0 + tree.longest_path)
 
+        # Errors of the vector of each variable, and of its derivative by the variable, the
+        # slide, which is zero except at contacts.
         self.axis_errors: list[Expr] = []
         self.slide_errors: list[Expr] = []
         for carried, shift in zip(self.carried, self.variable_shifts, strict=True):
@@ -158,6 +175,9 @@ class RowExpressions(VelocityEquations):
         # that contains it, with its vector.
         self.condition_number = inverse_norm * root(jacobian_square)
 
+        # A second derivative of a loop is a vector product of two vectors of variables. The
+        # bound sums them over the longest loop. With it Kantorovich's number h is
+        # |second derivative| |J^+|^2 |opening|.
         second_derivative = float(tree.longest_loop) * largest(length_squares)
         inverse_square = inverse_norm * inverse_norm
         self.kantorovich_number = second_derivative * inverse_square * component_opening
@@ -172,18 +192,23 @@ class RowExpressions(VelocityEquations):
     ) -> tuple[Expr, Expr]:
         """Return bounds of the errors of a carried vector and of its slide.
 
-        A carried vector turns with a link. At a contact it also slides on this link as a
-        variable changes; its slide is its derivative with respect to this variable. Because
-        the loops stay open by rounding, the link is turned and the variable is shifted.
+        A carried vector is fixed in a link, such as the axis of an R pair, or slides on the
+        link as a variable changes, as at a contact. Its slide is its derivative by this
+        variable, seen from the link. The loops of a computed configuration are open by
+        small angles. Compared with the closed configuration, the link is therefore turned,
+        and the variable differs. In addition, rounding of the sizes tilts the vector by up
+        to `tilt_rad`.
 
         Parameters
         ----------
         carried
-            The vector with its link, its length and the length of its slide.
+            The vector with its link, its length, the length of its slide, and a bound of
+            the derivative of its slide.
         variable_shift
             Bound of the movement of the variable per unit opening of all loops (rad per
             rad).
         """
+        # `link_turns` are rotations per unit opening of all loops.
         turn = self.link_turns[carried.link] * self.opening_rad + self.tilt_rad
         shift = variable_shift * self.opening_rad
         axis_error = carried.length * turn + carried.slide_length * shift
@@ -219,15 +244,25 @@ class RowExpressions(VelocityEquations):
         return [self.variables[v] + step[v] for v in self.passive_variables]
 
     def solve_loops(self, offsets: Mapping[int, Exprs]) -> list[Expr]:
-        """Return the rates of all variables for given offsets, while the inputs rest.
+        """Return the rates of all variables that balance given offsets, inputs at rest.
 
-        `offsets` are vectors e (3,) by pair: the relative angular velocity of the links of
-        a pair is that of its variables minus e. The sum of the offsets around a loop, times
-        the inverse of the loop equations, gives the rates.
+        An offset e (3,) of a pair says that the angular velocity of its second link
+        relative to the first is that of its variables minus e. Around each loop the
+        relative angular velocities have to add up to 0, so the variables have to supply the
+        sum of the offsets: the rates are the inverse of the loop equations times this sum.
+        Offsets are, for example, minus the angular velocity of an input that moves, or the
+        angles by which loops are open, for a step of Newton's method.
+
+        Parameters
+        ----------
+        offsets
+            The offsets by the numbers of their pairs. Pairs without an offset are left out.
         """
         loop_offsets: list[Exprs] = []
         for signs in self.tree.signs:
-            # The sense, 1 or -1, in which the loop passes each pair; 0 for other pairs.
+            # A sign is 1 or -1 for the direction in which the loop passes a pair, and 0 for
+            # pairs outside of the loop. It is stored for each variable, here the first one
+            # of the pair.
             offset_sum = vector_sum(
                 offset * signs[self.pair_variables[pair][0]]
                 for pair, offset in offsets.items()
