@@ -96,7 +96,9 @@ class ColumnFunction:
         variables
             The symbols of the pair variables.
         profiles
-            Profiles of contacts, whose columns the expressions contain.
+            Profiles of contacts that are described by columns: tangent, point and curvature
+            at the contact. The symbols of these columns are further arguments of the
+            expressions.
         compiled
             Whether heyoka compiles the function. NumPy evaluates it otherwise.
         """
@@ -121,6 +123,9 @@ class ColumnFunction:
 class EvaluatedRow:
     """The results of a kernel for one configuration whose errors are certified as small.
 
+    A kernel is a function that computes all velocities and poles (axes of relative rotation
+    of two links) of a mechanism from its pair variables.
+
     Attributes
     ----------
     variables
@@ -128,8 +133,10 @@ class EvaluatedRow:
     residual
         Closure residual (rad): the opening of the loops.
     axis_sum
-        (3,) sum of the vectors of all variables, in ground axes. The directions of poles
-        (axes of relative rotation) are chosen on its side at the start of a motion.
+        (3,) sum of the vectors of all variables, in ground axes. The vector of a variable
+        is the angular velocity of its pair at unit rate, for an R pair its axis. The sign
+        of a pole direction is arbitrary; at the start of a motion it is chosen so that the
+        scalar product with this sum is positive.
     columns
         All columns of the kernel: velocities, poles and their error bounds.
         `InputColumns.column_indices` says which column has which quantity.
@@ -185,8 +192,20 @@ class RowKernel:
     ) -> None:
         """Write the expressions of all columns.
 
-        `pivots` is the order in which variables are eliminated from the loop equations. For
-        the other parameters see `row_kernel`.
+        A row is one configuration. The columns are the velocities and poles of a row, and
+        their error bounds.
+
+        Parameters
+        ----------
+        motion
+            Configurations of the mechanism, in any assembly modes.
+        requests
+            The poles and links to compute, for each input that moves while the others are
+            locked.
+        pivots
+            The order in which variables are eliminated from the loop equations.
+        engine
+            What evaluates the expressions: "numpy", or "compiled" (heyoka).
         """
         mechanism = motion.mechanism
         self.engine = engine
@@ -208,16 +227,24 @@ class RowKernel:
         self._columns = shared_columns.expressions
         self.column_count = len(self._columns)
 
-        # Rows without passive variables have no error estimate, so other code checks them.
+        # The results of a row are certified if their error bounds are small enough. The
+        # bounds follow from the equations of the passive variables. Without such variables,
+        # or if poles are undefined or their axes equal but for rounding
+        # (`has_uncertain_poles`), there are no sufficient bounds. Callers then compute
+        # the rows by `RowVelocities` instead.
         self.can_certify_rows = bool(self.passive_variables) and not any(
             columns.has_uncertain_poles for columns in self.input_columns
         )
+        # Contact profiles that are described by columns. There is no closed form of the
+        # variables with them.
         self.profiles = self._rows.pairs.sides_with_columns
         self._closed_form = (
             None if self.profiles else make_closed_form(mechanism, motion.assembly)
         )
         self.has_closed_form = self._closed_form is not None
         self.is_compiled = engine == "compiled"
+        # Ratios of condition numbers and error bounds to the largest allowed ones. If their
+        # sum is at most 1, none exceeds its limit, and the row is certified.
         self._uncertainties = [
             self._rows.condition_number * MIN_RECIPROCAL_CONDITION,
             *(columns.uncertainty for columns in self.input_columns),
@@ -234,10 +261,18 @@ class RowKernel:
         """Function that takes and returns plain numbers, for single rows.
 
         In closed form, all variables follow from the inputs of the mechanism and one sign
-        for each dyad, which are then the arguments. Otherwise the arguments are all
-        variables. The outputs are the variables (without a closed form after a step of
-        Newton's method), the number in Kantorovich's theorem, the sum of the uncertainties,
-        the closure residual, the sum (3,) of the vectors of all variables, and all columns.
+        for each dyad (two links and three R pairs), which are then the arguments. Otherwise
+        the arguments are all variables. The outputs are, in this order:
+
+        1. the variables; without a closed form those after a step of Newton's method,
+        2. the number in Kantorovich's theorem: if it is at most 1/2, Newton's method
+           converges, and there is exactly one solution near,
+        3. the sum of the uncertainties, which are error bounds and condition numbers
+           relative to the largest allowed ones,
+        4. the closure residual (rad),
+        5. the sum (3,) of the vectors of all variables (for R pairs their axes), which
+           decides about the arbitrary signs of pole directions,
+        6. all columns: velocities and poles, with error bounds.
         """
         rows = self._rows
         columns = [
@@ -275,8 +310,9 @@ class RowKernel:
         """
         count = len(self._variables)
         for _ in range(MAX_NEWTON_STEPS):
-            # All variables (after a Newton step), the three numbers below, the sum of the
-            # vectors of all variables (3), and all columns.
+            # All variables (after a Newton step), three numbers that decide about the row,
+            # the sum (3,) of the vectors of all variables, and all columns. The sum of the
+            # vectors decides about the signs of pole directions.
             try:
                 numbers = self._scalar_function(values)
             except (ArithmeticError, ValueError):
@@ -292,7 +328,8 @@ class RowKernel:
                 variables = numbers[:count] if self.has_closed_form else values
                 axis_sum = numbers[count + 3 : count + 6]
                 return EvaluatedRow(variables, residual, axis_sum, numbers[count + 6 :])
-            # A closed form that leaves the loops open cannot be improved.
+            # The loops are open. Newton's method does not apply to a closed form, whose
+            # arguments are signs and inputs.
             if self.has_closed_form:
                 return None
             values = numbers[:count]
@@ -308,13 +345,15 @@ class RowKernel:
     def _quality_expressions(self) -> dict[Any, Sequence[Expr]]:
         """Expressions that decide whether a row is certified, by name.
 
-        - ``"uncertainty_sum"``: the row is certified at once if it is at most 1.
+        - ``"uncertainty_sum"``: the sum of the uncertainties. The row is certified if it is
+          at most 1. Otherwise other code computes the row in another way.
         - ``"closure"``: closure residual and error of the configuration (rad).
-        - ``"uncertainties"``: the terms of this sum, which are error bounds or condition
+        - ``"uncertainties"``: the uncertainties themselves, error bounds or condition
           numbers relative to the largest allowed ones.
         - ``("velocities", k)``: `InputColumns.velocity_components` of input k, which show
           where directions may reverse.
-        - ``("errors", k)``: the largest of all poles for each of `REPORTED_ERRORS`.
+        - ``("errors", k)``: for each kind of error bound in `REPORTED_ERRORS`, the largest
+          bound of any pole, while input k moves.
         """
         rows = self._rows
         parts: dict[Any, Sequence[Expr]] = {
@@ -324,13 +363,13 @@ class RowKernel:
         }
         for k, columns in enumerate(self.input_columns):
             parts["velocities", k] = columns.velocity_components
-            # The indices of an error bound are a list of one column, by pole.
             largest_errors: list[Expr] = []
             for name in REPORTED_ERRORS:
-                error_columns = [
-                    index for (index,) in columns.column_indices[name].values()
-                ]
-                largest_errors.append(largest(self._columns[k] for k in error_columns))
+                # By pole, the list of the columns of this quantity. An error bound has one
+                # column.
+                columns_by_pole = columns.column_indices[name]
+                errors = [self._columns[index] for (index,) in columns_by_pole.values()]
+                largest_errors.append(largest(errors))
             parts["errors", k] = largest_errors
         return parts
 
@@ -345,10 +384,10 @@ class RowKernel:
     def closed_form_quality(self) -> ColumnFunction:
         """All variables and the quality measures, as a function of inputs and signs.
 
-        The quality measures decide whether a row is certified. A dyad (two links in series)
-        can be closed in two ways, between which its sign chooses. The output also has the
-        square of the triple product of the axes of each dyad, which is negative if its arcs
-        do not reach each other.
+        The quality measures decide whether the velocities and poles of a row are certified
+        to be accurate. A dyad (two links in series) can be closed in two ways, between
+        which its sign chooses. The output also has the square of the triple product of the
+        axes of each dyad, which is negative if its arcs do not reach each other.
         """
         assert self._closed_form is not None
         closed_form = self._closed_form
@@ -362,7 +401,10 @@ class RowKernel:
             **quality,
             "squares": closed_form.triple_squares,
         }
-        return ColumnFunction(parts, closed_form.arguments, (), self.is_compiled)
+        # A mechanism with a closed form has no profiles that are described by columns.
+        return ColumnFunction(
+            parts, closed_form.arguments, profiles=(), compiled=self.is_compiled
+        )
 
     @cached_property
     def all_columns(self) -> ColumnFunction:
@@ -378,11 +420,22 @@ class RowKernel:
     def row_bounds(self) -> ColumnFunction:
         """Condition of the loops, their inverse, and residuals for the first input.
 
-        With these quantities other code decides about rows that are not certified in
-        float64, and about rows in quad precision. "inverse" is the movement of each passive
-        variable per unit opening of each loop about each ground axis, (passive variables,
-        loops, 3), flattened. `RowExpressions` and `InputColumns` explain the other
-        quantities, which are numbers.
+        `RowVelocities` decides with these quantities about rows that are not certified in
+        float64, and about rows in quad precision. It takes one input that moves while the
+        others are locked, so its kernel has one input. The quantities are:
+
+        - ``"condition_number"`` of the loop equations.
+        - ``"kantorovich_number"``: if it is at most 1/2, exactly one solution is near.
+        - ``"curvature_uncertainty"``: exceeds 1 if two profiles in contact have nearly the
+          same curvature.
+        - ``"inverse"``: movement of each passive variable per unit opening of each loop
+          about each ground axis, (passive variables, loops, 3), flattened.
+        - ``"dw_error"``: error bound of dw, the derivatives of the angular velocities of
+          all links by the input.
+        - ``"rate_residual"``, ``"acceleration_residual"``: how well the rates and their
+          derivatives satisfy the loop equations.
+        - ``"rate_size"``, ``"acceleration_size"``: sums of the sizes of all terms of these
+          equations.
         """
         rows = self._rows
         first_input = self.input_columns[0]
@@ -462,6 +515,9 @@ def choose_order(motion: Motion) -> EliminationOrder | None:
     """
     if not motion.passive_variables:
         return []
+    # `float64_error` is the error bound (rad) of the variables of each row. It is large
+    # near singular configurations, which are no good references. They are only used if
+    # there are no others.
     is_accurate = motion.float64_error < MAX_REFERENCE_ERROR_RAD
     candidates = np.flatnonzero(~motion.failed & is_accurate)
     if not len(candidates):
@@ -476,7 +532,8 @@ def choose_order(motion: Motion) -> EliminationOrder | None:
     )
     if not orders_with_rows:
         return None
-    # If several orders have equally many rows, the first one is taken. It was chosen for
-    # all rows together.
+    # Each order comes with the rows for which it is used. If several orders have equally
+    # many rows, the first one is taken: it was searched for all rows, the later ones only
+    # for the rows at which the earlier ones are not regular.
     order, _ = max(orders_with_rows, key=lambda order_and_rows: len(order_and_rows[1]))
     return order

@@ -62,9 +62,11 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
       of the output's rotation, or of its direction with two inputs.
       ``jacobian_determinant_OUTPUT`` if this Jacobian is square.
     - ``determinant``: 0 if the inputs do not determine the rates of all variables.
-    - With masses ``B``, ``dB_dq``, ``kinetic_energy``, ``torque``, and
-      ``free_acceleration`` of the input without a torque. ``A_q``, ``A_dq``, ``B_torque``
-      are its derivatives at given torques.
+    - With masses: the equivalent inertia ``B`` (twice the kinetic energy at unit rate of
+      the input) and its derivative ``dB_dq``, ``kinetic_energy``, the driving ``torque`` of
+      the sample's motion, and ``free_acceleration``, the acceleration of the input without
+      a torque. ``A_q``, ``A_dq``, ``B_torque`` are the derivatives of the input's
+      acceleration at given torques by q, by dq and by the torque.
     - With masses or loads ``generalized_force``: the power of the loads per unit rate.
 
     With several inputs, names of quantities that depend on the moving input end in
@@ -194,8 +196,8 @@ def _add_kinematic_quantities(
         after another. A dyad is a group of two links in series.
     moving_inputs
         For each input that can move while the others rest, the ending of the names of
-        quantities that depend on it, and its index. The ending is such as ``_by_21``, and
-        empty if there is one input only.
+        quantities that depend on it, and its index. For the input at pair 21 the ending is
+        ``_by_21``. It is empty if there is one input only.
     """
     links = mechanism.links
     revolute_pairs = [pair.name for pair in mechanism.pairs if pair.kind.has_axis]
@@ -233,20 +235,23 @@ def _add_output_quantities(
 ) -> None:
     """Add the quantities of outputs to a table, which is changed in place.
 
-    The Jacobian of an output has a column (3,) for each input: the relative angular
-    velocity of the output link, or with two inputs the rate of the direction in which the
-    output points. Its condition number says nothing if there is a single column. Its
-    determinant exists for three inputs, and for two if the output points.
+    An output is the orientation of a link relative to another one, or a direction fixed in
+    this link (a pointing output). Its Jacobian has a column (3,) for each input: the
+    relative angular velocity of the link, or with two inputs the rate of the direction. Its
+    condition number says nothing if there is a single column. Its determinant exists for
+    three inputs, and for two if the output is a direction.
+
+    `QuantityTable.add` takes the name of a quantity, its unit (all are pure numbers), and
+    the name and arguments of the method of `DesignExpressions` that computes it.
     """
     for output in mechanism.outputs:
-        # Whether the output is a direction, and not the orientation of a link.
-        points = output.direction is not None
-        if points:
+        is_pointing = output.direction is not None
+        if is_pointing:
             table.add_vector(f"direction_{output.name}", "", "direction", output.name)
         if input_count != 1:
             name = f"condition_number_{output.name}"
             table.add(name, "", "condition_number", output.name)
-        if input_count == 3 or (input_count == 2 and points):
+        if input_count == 3 or (input_count == 2 and is_pointing):
             name = f"jacobian_determinant_{output.name}"
             table.add(name, "", "jacobian_determinant", output.name)
 
@@ -258,8 +263,10 @@ def _add_dynamic_quantities(
 ) -> None:
     """Add the quantities that depend on masses to a table.
 
-    Each call adds a name with its unit, the name of the method of `DesignExpressions` that
-    computes the quantity, and the arguments of this method (indices of inputs).
+    They are the inertia matrix, driving torques, accelerations of inputs without torques,
+    derivatives of accelerations, and the kinetic energy. Each call adds a name with its
+    unit, the name of the method of `DesignExpressions` that computes the quantity, and the
+    arguments of this method (indices of inputs).
 
     Parameters
     ----------
@@ -269,14 +276,16 @@ def _add_dynamic_quantities(
         Names of the input pairs.
     moving_inputs
         For each input that can move while the others rest, the ending of the names of
-        quantities that depend on it, and its index. The ending is such as ``_by_21``, and
-        empty if there is one input only.
+        quantities that depend on it, and its index. For the input at pair 21 the ending is
+        ``_by_21``. It is empty if there is one input only.
     """
     has_one_input = len(inputs) == 1
-    # The inertia matrix, with one entry for each two inputs.
+    # The inertia matrix M of the inputs. The entry of two inputs is called M_ij in formulas
+    # and B_PAIR_by_PAIR here. With one input it is the number B.
     for (row, pair), (ending, column) in product(enumerate(inputs), moving_inputs):
         name = "B" if has_one_input else f"B_{pair}{ending}"
         table.add(name, "kg m2", "inertia", row, column)
+    # There is one derivative of B with one input only.
     if has_one_input:
         table.add("dB_dq", "kg m2/rad", "inertia_rate")
     for ending, moving in moving_inputs:

@@ -186,17 +186,21 @@ class RowVelocities:
     def quantity(self, name: str, key: Any) -> Floats:
         """Return a quantity (components, n) of a pole or link.
 
-        It is NaN in rows whose status is not OK. Directions are an exception: they are
+        A pole is the axis about which two links rotate relative to each other. The quantity
+        is NaN in rows whose status is not OK. Directions are an exception: they are
         returned in all rows that have a configuration, because the axis of a pair is known
         without the rates.
 
         Parameters
         ----------
         name
-            Field of `PoleField`.
+            Field of `PoleField`. An example is "w", the angular velocity of a link per unit
+            rate of the input. It is the one by the plan of the poles if
+            `use_planned_velocities` has been called.
         key
             The pole, or the number of the link.
         """
+        # There are no columns if no kernel could be made. Then all is NaN.
         if not self._column_indices:
             return nans((COMPONENT_COUNTS.get(name, 1), len(self.status)))
         values = self._columns[self._column_indices[name][key]]
@@ -224,19 +228,24 @@ class RowVelocities:
         dw remain those of the velocity equations. The difference between w by the plan and
         w by the equations is added to the error of the velocity coefficients. The rows no
         longer count as certified or as computed in quad precision. Rows in which the plan
-        determines no directions become ILL_CONDITIONED. All changes are made in place.
+        determines directions only with an error above `USABLE_DIRECTION` (rad) become
+        ILL_CONDITIONED. All changes are made in place.
 
         Parameters
         ----------
         planned_poles
             The poles by the plan, at the same rows.
         """
+        # `w` has the angular velocity of each body of the plan: a set of links that do not
+        # move relative to each other while the other inputs are locked.
         w, direction_error = planned_poles.link_rates(self.request.bodies)
         self.is_certified[:] = False
         self.is_quad_precision[:] = False
         is_uncertain = ~(direction_error < USABLE_DIRECTION)
         self.status[is_uncertain & (self.status == Status.OK)] = Status.ILL_CONDITIONED
 
+        # `relative_velocity` gives v by the equations before `planned_w` is set, and v by
+        # the plan afterwards.
         previous_v = {pole: self.relative_velocity(pole) for pole in self.pole_errors}
         self.planned_w = {
             link: w[body] for link, body in enumerate(self.request.plan.body) if body in w
@@ -260,10 +269,13 @@ class RowVelocities:
         is the derivative of v with respect to the input.
         """
         is_certified = self._bound("condition_number") <= 1.0 / MIN_RECIPROCAL_CONDITION
-        # Above 1, the two profiles of a contact have nearly the same curvature.
+        # The curvature uncertainty exceeds 1 if the two profiles of a contact have nearly
+        # the same curvature. Such profiles hardly determine their motion.
         is_certified &= self._bound("curvature_uncertainty") <= 1.0
         # dw are the derivatives of the angular velocities of all links by the input.
         is_certified &= self._bound("dw_error") <= MAX_CERTIFIED_DW_ERROR
+        # Poles that are axes of pairs are known exactly. The other ones follow from v, and
+        # have an arbitrary sign.
         for pole in self._signed_poles:
             errors = self.pole_errors[pole]
             direction_error = errors["direction_error"]
@@ -275,8 +287,10 @@ class RowVelocities:
             dv_size = norm_columns(self.relative_velocity_derivative(pole))
             # The direction may have the error `MAX_CERTIFIED_ERROR_RAD`, and its derivative
             # `MAX_DIRECTION_DQ_ERROR`. The ratio of both limits converts an error of the
-            # derivative, which is at most 2 dv_error / |v|, to an equally serious error of
-            # the direction. The sum of both must not exceed the limit of the direction.
+            # derivative to an equally serious error of the direction. The sum of both must
+            # not exceed the limit of the direction. The error of the derivative is at most
+            # (dv_error + direction_error |dv|) / |v|. The bound dv_error contains the
+            # second term, so 2 dv_error / |v| is more.
             uncertainty = (
                 direction_error
                 + 2.0 * MAX_CERTIFIED_ERROR_RAD / MAX_DIRECTION_DQ_ERROR * dv_error / v_size
@@ -409,15 +423,24 @@ class RowVelocities:
             (k,) indices of the rows in the motion.
         """
         tree = self.motion.linearisation.tree
-        # Rows that Newton's method did not close stay open as they were.
-        closed_gap = EPS * (2.0 + tree.longest_loop)
-        gap = np.where(quad_rows.is_closed, closed_gap, self.motion.residual_bound[rows])
-        # A chord is a pair that closes a loop. Each loop can open about three axes.
+        # The rounded axes of all pairs on a way add up to a tilt at its end. `longest_loop`
+        # and `longest_path` are the largest numbers of variables in a loop, and on the way
+        # from the ground to a link.
+        loop_error = EPS * (2.0 + tree.longest_loop)
+        axis_error = EPS * (2.0 + tree.longest_path)
+        # Closed loops are open by these tilts. Rows that Newton's method did not close stay
+        # open as they were.
+        gap = np.where(quad_rows.is_closed, loop_error, self.motion.residual_bound[rows])
+        # A chord is a pair that closes a loop. Each loop can open about three axes, so
+        # there are three directions of opening for each loop.
         direction_count = 3 * len(tree.chords)
         # (passive variables, directions, k): movement of variables per unit opening.
         inverse = quad_rows.bounds[self._bound_slices["inverse"]].reshape(
             len(self.motion.passive_variables), direction_count, len(rows)
         )
+        # For the variable that moves most, the sum of its movements over all directions.
+        movements = np.sum(np.abs(inverse), axis=1)
+        largest_movement = np.max(movements, axis=0, initial=0.0)
         # Only contacts have profiles, whose sizes are rounded too.
         has_contacts = self.motion.mechanism.has_contacts
         no_profiles = np.zeros_like(gap)
@@ -425,14 +448,16 @@ class RowVelocities:
         dw_indices = self._column_indices["dw"]
         return GeometryRounding(
             gap=gap,
-            axis_error=EPS * (2.0 + tree.longest_path),
-            loop_error=EPS * (2.0 + tree.longest_loop),
+            axis_error=axis_error,
+            loop_error=loop_error,
+            # Angular velocities of the links per unit rate of the input, their derivatives
+            # by the input, and how much both change in all as the loops open.
             w=np.array([quad_rows.columns[indices] for indices in w_indices.values()]),
             dw=np.array([quad_rows.columns[indices] for indices in dw_indices.values()]),
             w_spread=np.array([self._spread(quad_rows, "w", link) for link in w_indices]),
             dw_spread=np.array([self._spread(quad_rows, "dw", link) for link in w_indices]),
             link_rotations=self._link_rotations(rows, inverse),
-            largest_movement=np.max(np.sum(np.abs(inverse), axis=1), axis=0, initial=0.0),
+            largest_movement=largest_movement,
             profile_speed=self._bound("rate_size")[rows] if has_contacts else no_profiles,
             profile_bend=(
                 self._bound("acceleration_size")[rows] if has_contacts else no_profiles
@@ -440,10 +465,12 @@ class RowVelocities:
         )
 
     def _spread(self, quad_rows: QuadPrecisionRows, name: str, key: Any) -> Floats:
-        """Return (k,) the change of a quantity of each row per rad by which loops open.
+        """Return (k,) the sensitivity of a quantity of each row to open loops.
 
-        Each loop can open about three axes. The absolute changes of all components for all
-        these openings are summed.
+        The sizes of a mechanism are rounded to float64, so its loops remain open by tiny
+        rotations. A bound of the error of a quantity is this rotation times the spread,
+        which is returned: the absolute changes of all components per rad, summed over all
+        directions in which loops can open. Each loop can open about three axes.
 
         Parameters
         ----------
@@ -458,13 +485,16 @@ class RowVelocities:
     def _link_rotations(self, rows: Indices, inverse: Floats) -> Floats:
         """Return the rotations of all links if a loop opens, in rad per rad of opening.
 
+        Rounded sizes leave the loops open by tiny rotations. The result says how this
+        changes the orientations of the links, and is used for error bounds.
+
         Parameters
         ----------
         rows
             (k,) rows.
         inverse
-            (passive variables, directions, k) movement of the variables per unit opening of
-            a loop, in three directions for each loop.
+            (passive variables, directions, k) inverse of the loop equations: movement of
+            the variables per unit opening of a loop, in three directions for each loop.
 
         Returns
         -------
@@ -472,6 +502,7 @@ class RowVelocities:
         """
         linearisation = self.motion.linearisation
         tree = linearisation.tree
+        # (k, variables, 3) angular velocity of each pair at unit rate of its variable.
         vectors = linearisation.vectors[rows]
         rotations = np.zeros((inverse.shape[1], tree.count, 3, len(rows)))
         # For each direction: the rotations of all links if the passive variables move by
@@ -487,9 +518,11 @@ class RowVelocities:
         """Compute rows (k,) from the decimal sizes of the file instead of rounded ones.
 
         These rows are so near to a singularity that the rounding of the sizes to float64
-        leaves no correct digit. The columns, error bounds and flags of the rows for which
-        the computation succeeds are changed in place. Other rows stay as they are, and so
-        do all rows if the mechanism is not supported.
+        leaves no correct digit. The method computes w, the angular velocities of links per
+        unit rate of the input, their derivatives dw by the input, and the poles (axes of
+        relative rotation of two links). The columns, error bounds and flags of the rows for
+        which the computation succeeds are changed in place. Other rows stay as they are,
+        and so do all rows if the mechanism is not supported.
 
         Parameters
         ----------
@@ -502,19 +535,24 @@ class RowVelocities:
         decimal_rates = DecimalRates.of(self.motion.rows(rows), plan.input)
         if decimal_rates is None:
             return
+        # Which of the rows have rates now. From here on, `rows` are only these.
         has_rates = decimal_rates.is_known & (
             decimal_rates.relative_error_bound <= MAX_RATE_ERROR
         )
-        # Below, `rows` are only those with rates.
         rows = rows[has_rates]
         self.is_decimal[rows] = True
         self.relative_error_bound[rows] = decimal_rates.relative_error_bound[has_rates]
 
         def put_columns(name: str, key: Any, values: Floats) -> None:
-            """Write the components (components, k) of a quantity of a pole or link."""
+            """Write the components of a quantity of a pole or link to the columns.
+
+            `values` (components, k) are given for all k rows; those that have rates are
+            written.
+            """
             indices = self._column_indices[name][key]
             for index, column in zip(indices, values, strict=True):
-                # Several quantities can share a constant column.
+                # A column that is the same number in all rows is exact already. Several
+                # quantities can share it, so it must not be changed for one of them.
                 if not kernel.is_constant[index]:
                     self._columns[index, rows] = column[has_rates]
 
@@ -524,7 +562,8 @@ class RowVelocities:
         pairs = axis_pairs(plan)
         for pole, errors in self.pole_errors.items():
             # The pole of the bodies to which the two links belong. If it is the axis of a
-            # pair, `pairs` has the number of this pair.
+            # pair, `pairs` has the number of this pair. Its axis is then taken as it is,
+            # and does not follow from the relative angular velocity.
             body_pole = plan.pole(*pole)
             assert body_pole is not None
             quantities, bounds = decimal_rates.pole(pole, pairs.get(body_pole))
@@ -549,8 +588,10 @@ class RowVelocities:
         pairs = axis_pairs(plan)
         for links, errors in self.pole_errors.items():
             pole = plan.pole(*links)
-            # In round 0 of the plan, a pair joins the links itself. `rounded_axes` are the
-            # pairs with a common axis whose axes are equal but for rounding.
+            # The plan computes poles in rounds, each from poles of earlier rounds. In round
+            # 0 are the axes of pairs that join the two links themselves. `pairs` has the
+            # pair whose axis a pole is. `rounded_axes` are pairs whose axis is equal to
+            # that of another pair but for rounding.
             is_common_axis = (
                 pole and plan.rounds[pole] > 0 and pairs.get(pole) in plan.rounded_axes
             )
@@ -558,8 +599,13 @@ class RowVelocities:
                 continue
             v_size = norm_columns(self.relative_velocity(links))
             dv_size = norm_columns(self.relative_velocity_derivative(links))
-            # `SAME_AXIS_SINE` is the largest sine of axes that count as equal. The two
-            # sizes are sums of all terms of the velocity and the acceleration equations.
+            # `SAME_AXIS_SINE` is the largest sine of axes that count as equal. `rate_size`
+            # is the sum of the sizes of all terms of the velocity equations, which are
+            # rates times unit vectors; `acceleration_size` is the same for the acceleration
+            # equations. An error of v turns the direction u = v / |v| by v_error / |v|. In
+            # the coefficient dv . u this adds at most |dv| times this angle. The derivative
+            # of u is dv / |v| without its part along u, so it has the errors of dv and u
+            # over |v|.
             v_error = SAME_AXIS_SINE * self._bound("rate_size")
             direction_error = v_error / v_size
             dv_error = (

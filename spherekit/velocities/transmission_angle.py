@@ -46,7 +46,10 @@ def distance_from_type_two(transmission_angle: Angle) -> Angle:
 
 @dataclass(frozen=True)
 class VectorOperations(Generic[Vector, Scalar]):
-    """The operations of the formula on one representation of vectors.
+    """The vector operations of the formula in `transmission_angle`.
+
+    The formula is written once. It is applied to arrays of numbers, to symbolic components
+    of vectors, and to symbols of whole vectors, which have different operations.
 
     Attributes
     ----------
@@ -55,8 +58,8 @@ class VectorOperations(Generic[Vector, Scalar]):
     length
         The length of a vector.
     acute_angle
-        The angle in [0, pi/2] whose tangent is the size of a ratio, from the numerator
-        (not negative) and the denominator.
+        The angle in [0, pi/2] whose tangent is the absolute value of a ratio, from the
+        numerator (not negative) and the denominator.
     """
 
     cross: Callable[[Vector, Vector], Vector]
