@@ -39,7 +39,7 @@ from spherekit.tables.table import (
     input_columns,
 )
 from spherekit.tables.table_files import to_frame
-from spherekit.velocities.direction_signs import signs_by_sides
+from spherekit.velocities.direction_signs import signs_by_axis_sums
 from spherekit.velocities.pole_evaluation import evaluate as evaluate_poles
 from spherekit.velocities.pole_evaluation import make_certified_field
 from spherekit.velocities.pole_request import MechanismKey
@@ -599,7 +599,7 @@ def _single_row_evaluator(
         # columns that change sign with this choice, so `columns` change with it. Its first
         # three rows are the direction of each pole.
         signed_columns = input_columns_of_row.signed_part(columns)
-        find_signs = signs_by_sides(np.array([evaluated_row.axis_sum]))
+        find_signs = signs_by_axis_sums(np.array([evaluated_row.axis_sum]))
         row_index = 0
         mode_index_of_row = 0
         signs = find_signs(signed_columns[:3], row_index, mode_index_of_row)

@@ -41,7 +41,7 @@ from spherekit.velocities.direction_signs import (
     SignContinuation,
     SignFunction,
     continue_signs,
-    signs_by_start_sides,
+    signs_by_first_axis_sums,
 )
 from spherekit.velocities.dyad_expressions import find_out_of_reach, write_arguments
 from spherekit.velocities.input_columns import InputColumns
@@ -833,7 +833,7 @@ class BatchRunner:
             else:
                 # Rows of a grid of inputs do not follow each other. In each assembly mode
                 # all directions point to the side of a fixed vector.
-                sign_function = signs_by_start_sides(
+                sign_function = signs_by_first_axis_sums(
                     motion, pending.is_assembled, sign_continuation
                 )
             sign_functions.append(sign_function)

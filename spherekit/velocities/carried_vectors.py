@@ -36,18 +36,18 @@ class CarriedVector:
     link
         Number of the link that carries the vector.
     length
-        Length of `vector`.
+        Length of `vector`, exactly.
     slide
         (3,) derivative of the vector with respect to the variable, seen from the link, in
         ground axes. None if the vector is fixed in the link.
     slide_length
-        Length of `slide`.
+        Length of `slide`, exactly.
     slide_change
-        Bound of the derivative of `slide` with respect to the variable, seen from the link.
-        The part that follows from the second derivatives of the curvatures of `sides` is
-        not included.
+        Bound of the length of the derivative of `slide` with respect to the variable, seen
+        from the link. It lacks the part that contains second derivatives of the curvatures
+        of `sides`; `slide_change_bound` adds it.
     sides
-        Profiles of which `slide` contains the curvature.
+        The profiles of a contact on whose curvatures `slide` depends.
     """
 
     vector: Exprs
@@ -61,7 +61,8 @@ class CarriedVector:
     @property
     def slide_change_bound(self) -> Expr:
         """Bound of the derivative of `slide` with respect to the variable."""
-        # The curvature of a circle is constant. Only other profiles have symbols.
+        # The curvature of a circle is a number. That of another profile is a symbol, one of
+        # its `column_symbols`, and its second derivative has a bound along the profile.
         return self.slide_change + sum(
             side.series.max_curvature_second for side in self.sides if side.column_symbols
         )
@@ -105,7 +106,7 @@ def carried_vectors(
     about_centres
         Whether the vector of two circles that roll on each other is the sum of the two
         vectors about their centres. It takes fewer expressions than (k1 - k2) p, but loses
-        digits if the circles are small.
+        digits if the circles are small. Its length and bounds are not computed.
 
     Returns
     -------
@@ -200,7 +201,12 @@ def _rolling_vector(
     It is the angular velocity of the second link relative to the first, per unit of arc
     length s. p is the contact point, t the tangent and n the normal. On the unit sphere
     dp/ds = t and dt/ds = k n - p, so the vector slides on its link as the contact moves. A
-    prime denotes the derivative by s.
+    prime denotes the derivative by s, and k' is called the slope of a profile:
+
+    - The derivative of the vector (``slide``) is (k1 - k2) t + (k1 - k2)' p.
+    - Its second derivative is 2 (k1 - k2)' t + (k1 - k2) (k n - p) + (k1 - k2)'' p. The
+      sum of the lengths of the first two terms is the bound ``slide_change``. That of the
+      last term is added by `CarriedVector.slide_change_bound`.
 
     Parameters
     ----------
@@ -224,7 +230,7 @@ def _rolling_vector(
             curvature_difference * curvature_difference
             + slope_difference * slope_difference
         ),
-        # The product rule: 2 (k1 - k2)' t + (k1 - k2) (k n - p), without (k1 - k2)'' p.
+        # The length of k n - p is sqrt(1 + k^2).
         slide_change=2.0 * absolute(slope_difference)
         + absolute(curvature_difference) * root(1.0 + curvature * curvature),
         sides=sides,
@@ -242,8 +248,10 @@ def _vector_along_profile(
 
     It is the angular velocity of the second link relative to the first, per unit of arc
     length along this profile. n is the normal of the profile, k its curvature, p the
-    contact point and t the tangent. The derivative of n + k p by the arc length is k' p,
-    because n' = -k t and p' = t.
+    contact point and t the tangent. The derivative k' by the arc length is called the slope
+    of the profile. The derivative of n + k p (``slide``) is k' p, because n' = -k t and
+    p' = t. Its second derivative is k' t + k'' p. The length of the first term is the bound
+    ``slide_change``. That of the last term is added by `CarriedVector.slide_change_bound`.
 
     Parameters
     ----------
@@ -258,7 +266,8 @@ def _vector_along_profile(
     """
     (rotation,) = side.chain.rotations
     if isinstance(rotation, AxisRotation):
-        # n + k p is then fixed in the link: it points to the centre of the circle.
+        # The profile is a circle. n + k p is fixed in the link: it points to the centre of
+        # the circle, and its length is the angle (`scale`) about the centre per arc length.
         axis = placed.direction(side.chain.constants[0][:, 2]) * (sense * rotation.scale)
         return CarriedVector(axis, link, abs(rotation.scale))
     _, normal, point = _contact_frame(side, placed, variables)
@@ -269,7 +278,6 @@ def _vector_along_profile(
         length=root(1.0 + side.curvature * side.curvature),
         slide=point * (sense * side.slope),
         slide_length=slope_size,
-        # (k' p)' = k'' p + k' t.
         slide_change=slope_size,
         sides=(side,),
     )

@@ -7,9 +7,8 @@ which the inputs do not determine the rates of all variables.
 With one input, the numbers tau are the minors of the velocity equations
 (`spherekit.velocities.group_equations`). They are rates with respect to a parameter p.
 They contain no division, so they stay finite at dead centres of any pair, where rates by
-the input do not. Rates by
-the input are tau / D. Rates by the arc length of the curve of all variables are
-tau / |tau|.
+the input do not. Rates by the input are tau / D. Rates by the arc length of the curve of
+all variables are ``tau / |tau|``.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,8 +34,9 @@ class MotionRates:
     Attributes
     ----------
     scaled_speeds
-        The rate of each input, divided by the scale D (the determinant of the velocity
-        equations).
+        The rate of each input, divided by D, the determinant of the velocity equations.
+        Expressions for the motion at the rate 1 of one input are homogeneous: they contain
+        the factor D. Their sum, with these numbers as factors, belongs to the given rates.
     variable_rates
         The rate of each pair variable.
     w
@@ -73,14 +73,16 @@ class CoordinateRates(VelocityEquations):
         structure
             The mechanism with its inputs and groups.
         variables
-            Expressions (rad) of all variables. They are needed for contacts, and if
-            `placed` is empty.
+            Expressions (rad) of all variables. They are needed if `placed` is empty, and
+            for contacts, whose points depend on arc lengths along the profiles.
         placed
             Orientations of all links. By default they follow from the variables.
         """
         self.structure = structure
         mechanism = structure.mechanism
         placed = placed or place_by_variables(mechanism, structure.pairs, variables)
+        # Circles that roll on each other are computed as two rotations about their centres,
+        # which takes fewer expressions.
         super().__init__(mechanism, structure.pairs, placed, variables, about_centres=True)
 
     def _solve_groups(
@@ -98,9 +100,12 @@ class CoordinateRates(VelocityEquations):
         driven_rates
             The rate of each driven pair, by the number of the pair.
         offsets
-            Right-hand sides (3,) of the loop equations, by the number of the pair whose
-            velocity they reduce. None for zero.
+            Right-hand sides (3,) of the loop equations, such as the bias of accelerations
+            or the rates of closure residuals. Each belongs to a pair of the loop, by whose
+            number it is stored: the equation has its angular velocity less the offset. None
+            for zero.
         """
+        # The (only) variable of each driven pair.
         rate_by_variable = {
             self.pair_variables[pair][0]: rate for pair, rate in driven_rates.items()
         }
@@ -110,6 +115,7 @@ class CoordinateRates(VelocityEquations):
             solved_rates = [rate_by_variable.get(v, 0.0) for v in range(variable_count)]
             # Rates that are not solved yet count as zero here.
             known_velocities = self.pair_velocities(solved_rates)
+            # Known velocities have the factor `scale`, so offsets get it too.
             for pair, offset in (offsets or {}).items():
                 known_velocities[pair] = known_velocities[pair] - offset * scale
             group_rates, group_scale = group.solve_rates(self.vectors, known_velocities)
@@ -151,19 +157,23 @@ class CoordinateRates(VelocityEquations):
     def closure_residual_rates(self, size: ExpressionNode) -> dict[int, Exprs]:
         """Return the derivatives (3,) of `closure_residuals` by a size of the mechanism.
 
-        The closure residual of a loop is the rotation vector between the two frames of the
-        pair that closes it, which are reached along both sides of the loop. The variables
-        are held constant, and the loops are closed at this configuration. The keys are the
-        closing pairs.
+        A loop is closed by a pair, whose frame is reached along both sides of the loop: in
+        the second link of the pair, and from its first link by the rotation of the pair.
+        The closure residual is the rotation vector from the latter frame to the former. At
+        a closed configuration both coincide, so its derivative is the difference of the
+        angular velocities of both frames as the size grows. The variables are held
+        constant. The keys are the closing pairs.
         """
         residual_rates: dict[int, Exprs] = {}
         for pair, frames in self._closing_frames.items():
-            # Rotation vectors by which the two frames turn as the size grows.
-            rotations = []
+            # Angular velocities (3,) of the two frames per unit rate of the size, in ground
+            # axes. If its second argument is the derivative of the first,
+            # `rotation_between` returns the angular velocity of the frame.
+            angular_velocities = []
             for frame in (frames.by_second_link, frames.by_pair):
                 derivative = vector(differentiate([*frame.ravel()], {size: 1.0}))
-                rotations.append(rotation_between(frame, derivative.reshape(3, 3)))
-            by_second_link, by_pair = rotations
+                angular_velocities.append(rotation_between(frame, derivative.reshape(3, 3)))
+            by_second_link, by_pair = angular_velocities
             residual_rates[pair] = by_second_link - by_pair
         return residual_rates
 
@@ -193,18 +203,22 @@ class CoordinateRates(VelocityEquations):
         has constant components there, so these expressions are short.
         """
         orientation = self.placed[link]
+        # The homogeneous rates of all variables.
+        homogeneous_rates = self.tau[input_index]
         # The sum of all variables on the path from the ground to the link: vector times
         # rate. The sense is 1 or -1, or 0 if the path does not contain the variable.
         parts: list[Exprs] = []
         for variable, sense in enumerate(self.tree.paths[link]):
             if not sense:
                 continue
+            # The vector of the variable in each link in which it is fixed, as the axis of
+            # an R pair is in both of its links.
             fixed_vectors = self.structure.fixed_vectors(variable)
             if link in fixed_vectors:
                 components = orientation.fixed_components(fixed_vectors[link])
             else:
                 components = orientation.components(self.vectors[variable])
-            parts.append(components * (float(sense) * self.tau[input_index][variable]))
+            parts.append(components * (float(sense) * homogeneous_rates[variable]))
         return vector_sum(parts)
 
     def motion_rates(self, speeds: Sequence[Expr]) -> MotionRates:

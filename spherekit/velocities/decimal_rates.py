@@ -70,8 +70,12 @@ class DecimalRates:
     ends: Sequence[tuple[int, int]]
 
     @staticmethod
-    def of(motion: Motion, driven: int) -> "DecimalRates | None":
+    def from_motion(motion: Motion, driven: int) -> "DecimalRates | None":
         """Compute the rates of all rows of a motion while one input moves.
+
+        Near a dead centre the rates change so fast that sizes rounded to float64 determine
+        no digit of them. The sizes are decimal numbers in the file. Here they are used in
+        quad precision (33 digits), first for the configurations and then for the rates.
 
         Parameters
         ----------
@@ -91,11 +95,14 @@ class DecimalRates:
         if not quad_assembly.is_supported or not numbers <= modes.keys():
             return None
         n = len(motion)
+        # The links with the pairs that join them, and the loops of these.
         tree = motion.linearisation.tree
         # (n, links, 3, 3) rotations from link axes to ground axes, in quad precision.
         rotations: Array | None = None
         is_known = np.zeros(n, dtype=bool)
         for mode, rows in _rows_of_modes(motion, [modes[k] for k in sorted(numbers)]):
+            # A dyad (two links and three pairs) has a sign in each assembly mode. Any other
+            # group of links has the sign of the determinant of its closure equations.
             placed = quad_assembly.place(
                 mode.signs, mode.determinants, motion.inputs[rows], motion.values[rows]
             )
@@ -222,9 +229,12 @@ class DecimalRates:
         dv_error = 2.0 * self.dw_error
         direction_bound = self.axis_error
         # A pair axis a turns at w x a.
+        # It turns with a link, whose angular speed is at most that of the fastest link.
         change_bound = self.w_error + self.axis_error * self._largest_speed
         if not is_pair_axis:
-            # u = v / |v|, and du = (dv - (dv . u) u) / |v|
+            # u = v / |v|, and du = (dv - (dv . u) u) / |v|. In du the size of dv is
+            # multiplied by the error of u, and by the relative error of |v|. Both are at
+            # most the bound of the direction, which gives the factor 2.
             direction_bound = v_error / speed
             change_bound = (dv_error + 2.0 * direction_bound * derivative_size) / speed
         # An error of u multiplies the part of dv that is perpendicular to u.

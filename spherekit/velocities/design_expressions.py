@@ -220,9 +220,12 @@ class DesignExpressions:
         """Return the derivatives of expressions by each size, while the loops stay closed.
 
         Profiles other than circles are described by symbols, the profile columns: tangent,
-        point and curvature at the contact. The derivatives by these columns follow after
-        those by the sizes. The last column of each profile (d2k/ds2, with the curvature k
-        and the arc length s) is left out.
+        point, curvature k and its derivative dk/ds by the arc length at the contact. The
+        derivatives by these columns follow after those by the sizes.
+
+        Expressions may not contain d2k/ds2, which only derivatives of accelerations
+        (linearised motions) do. If the contact moves, d2k/ds2 changes by the third
+        derivative of k, for which there is no symbol.
 
         Parameters
         ----------
@@ -231,12 +234,13 @@ class DesignExpressions:
 
         Returns
         -------
-        For each size, then for each profile column, the derivative of each expression.
+        For each size, then for each profile column, the derivative of each expression. In
+        closed form (inputs and dyads only) there are no profile columns.
 
         Raises
         ------
         EngineError
-            If an expression depends on the last column of a profile.
+            If an expression contains d2k/ds2 of a profile.
         """
         # In closed form the expressions contain no pair variables that change with a size.
         if self.has_closed_form:
@@ -320,7 +324,8 @@ class DesignExpressions:
         """Raise `EngineError` because two quantities have the same name.
 
         Names of links and pairs can contain underscores, which also join them in the names
-        of quantities.
+        of quantities. The table of quantities has this method for such a name, in place of
+        one that returns an expression. It therefore has the same return type.
 
         Parameters
         ----------
@@ -330,9 +335,9 @@ class DesignExpressions:
             Two sequences: for each of the quantities, the arguments of the method that
             computes it. The texts among them are names of links and pairs.
         """
-        first, second = (
-            listing([x for x in items if isinstance(x, str)]) for items in arguments
-        )
+        first_arguments, second_arguments = arguments
+        first = listing([x for x in first_arguments if isinstance(x, str)])
+        second = listing([x for x in second_arguments if isinstance(x, str)])
         raise EngineError(
             f'{self.mechanism.name}: "{name}" may be of {first} or of {second}; give links '
             "or pairs other names"
@@ -557,11 +562,14 @@ class DesignExpressions:
             first, _ = self.mechanism.ends[self.mechanism.variable_owners[variable]]
             sense = 1.0 if first == other else -1.0
             return self._variable_rates[moving][variable] * sense
+        # The velocity coefficient of links that rest relative to each other is 0. It would
+        # be the divisor in the unit vector below.
         if self._rest_together(link_name, other_name, moving):
             return 0.0
-        # The relative angular velocity is the coefficient times a unit vector. The
-        # derivative of the unit vector is perpendicular to it. So the component of the
-        # derivative along the unit vector is the derivative of the coefficient.
+        # The relative angular velocity is the coefficient times a unit vector, with its
+        # sign if the unit vector is the axis of a pair. The derivative of the unit vector
+        # is perpendicular to it. So the component of the derivative along the unit vector
+        # is the derivative of the coefficient.
         dw = self._link_velocity_derivatives[moving]
         direction = self._relative_direction(link_name, other_name, moving)
         return dot(dw[link] - dw[other], direction)
@@ -589,17 +597,18 @@ class DesignExpressions:
         if self.mechanism.angle_between(link, other) is not None:
             # The axis of a pair is defined even if the pair rests.
             return direction
-        w = self._link_velocities[moving]
-        larger_link_velocity = w[max(link, other)]
-        relative_velocity = w[link] - w[other]
         # The relative velocity of links at rest is a rounding error, which has a direction
-        # too. As in a run, links count as at rest if their relative velocity is less than
-        # `NO_MOTION` times the velocity of the link with the larger number, or times 1. The
-        # square root of the sign of the difference is then NaN, otherwise 1.
+        # too. Links count as at rest if their relative velocity is less than `NO_MOTION`
+        # times the reference velocity or times 1, whichever is larger. As in a run, the
+        # reference is the velocity of the link with the larger number.
+        w = self._link_velocities[moving]
+        reference_velocity = w[max(link, other)]
+        relative_velocity = w[link] - w[other]
         least_square = NO_MOTION**2 * function(
-            "maximum", 1.0, dot(larger_link_velocity, larger_link_velocity)
+            "maximum", 1.0, dot(reference_velocity, reference_velocity)
         )
         square = dot(relative_velocity, relative_velocity)
+        # The sign is -1 for links at rest, and its root is then NaN. Otherwise both are 1.
         one_or_nan = function("sqrt", sign_of(square - least_square))
         return direction * one_or_nan
 
@@ -675,11 +684,14 @@ class DesignExpressions:
             return self._inverse_inertia[index][other]
         input_count = len(self.inputs)
         torques = [self.torque(k) for k in range(input_count)]
+        # The rates at which the symbols in the torques change.
         if kind == "A_dq":
-            rates: dict[ExpressionNode, Expr] = {
-                self.sample_symbols[input_count + other]: 1.0
-            }
+            # Only the rate of the other input changes. The symbols of the rates follow
+            # those of the angles of all inputs.
+            rate_symbol = self.sample_symbols[input_count + other]
+            rates: dict[ExpressionNode, Expr] = {rate_symbol: 1.0}
         else:
+            # The angle of the other input changes, and with it the configuration.
             rates = self._symbol_rates(other)
         changes = differentiate(torques, rates)
         return -1.0 * dot(self._inverse_inertia[index], changes)
@@ -687,18 +699,27 @@ class DesignExpressions:
     def _symbol_rates(self, moving: int) -> dict[ExpressionNode, Expr]:
         """Return the rates of all symbols that change as one input moves.
 
-        These symbols are the angle of the input, the pair variables (unless expressions are
-        in closed form), and the profile columns: tangent, point and curvature of each
-        profile at the contact. Rates are per unit rate of the moving input.
+        These symbols are:
+
+        - the angle of the input;
+        - the pair variables. In closed form expressions contain the inputs and the signs of
+          dyads instead;
+        - the profile columns of contacts: tangent, point and curvature of each profile
+          (other than circles) at the contact. They are arguments of a compiled function,
+          one column for each, because their values come from series.
+
+        Rates are per unit rate of the moving input.
         """
         rates: dict[ExpressionNode, Expr] = {self.sample_symbols[moving]: 1.0}
         if not self.has_closed_form:
             rates |= zip(
                 self.configuration_symbols, self._variable_rates[moving], strict=True
             )
+        # A side is one of the two profiles of a contact.
         for side in self.structure.pairs.sides_with_columns:
             # The arc length at which the contact is on this profile is a pair variable.
-            speed = rates[self.configuration_symbols[side.track.variable]]
+            arc_length = self.configuration_symbols[side.track.variable]
+            speed = rates[arc_length]
             column_rates = (x * speed for x in side.column_derivatives)
             rates |= zip(side.column_symbols, column_rates, strict=True)
         return rates
@@ -708,6 +729,11 @@ class DesignExpressions:
 
         It is the power of the loads per unit rate of this input while the others rest.
 
+        Parameters
+        ----------
+        moving
+            Index of this input.
+
         Raises
         ------
         ModelError
@@ -715,7 +741,8 @@ class DesignExpressions:
         """
         mechanism = self.mechanism
         rates = self.coordinate_rates
-        # The advice of the error names the column of a run with the same torque.
+        # If friction follows from reactions, the next call raises an error. It advises to
+        # make a run instead, with the name of the column that has the same torque.
         column = f"dynamics.dynamics: abs(tau_{self.inputs[moving]})"
         if len(self.inputs) == 1:
             column = "eksergian.eksergian: abs(tau)"
@@ -738,10 +765,13 @@ class DesignExpressions:
             variables=angles,
             revolutions=[revolutions.get(v, 0.0) for v in range(len(angles))],
             rates=rates.motion_rates(self._speeds).variable_rates,
+            # The last symbol of a sample.
             time=self.sample_symbols[-1],
             sign_of_condition=sign_of,
             table_torque=self.table_symbols.__getitem__,
         )
+        # Homogeneous forces: `tau` and `w` are rates times the determinant of the velocity
+        # equations (`scale`), by which the sum is divided.
         forces = (
             component_forces(components, load_state)[moving]
             for components in self._load_components

@@ -64,20 +64,24 @@ class SignContinuation:
         The keys are three numbers: that of the assembly mode, and the two links of a pole.
         The values are the `VelocityPath` (8,) at the last sample, and the sign of the
         direction at this sample.
-    start_sides
-        By the number of the assembly mode, the vector (3,) to whose side directions point
-        at the first sample of the mode.
+    first_axis_sums
+        By the number of the assembly mode, the sum (3,) of the axes and contact points of
+        all pairs at the first sample of the mode. There, directions of poles are chosen
+        such that their scalar product with this vector is not negative.
     """
 
     def __init__(self) -> None:
         """Begin without any signs."""
         self.last: dict[tuple[int, ...], tuple[VelocityPath, float]] = {}
-        self.start_sides: dict[int, Floats] = {}
+        self.first_axis_sums: dict[int, Floats] = {}
 
     def state(self) -> dict[str, Any]:
         """Return the state as plain lists, from which JSON restores every bit."""
         return {
-            "home": [[mode, side.tolist()] for mode, side in self.start_sides.items()],
+            # The key is that of the journals of earlier versions.
+            "home": [
+                [mode, axis_sum.tolist()] for mode, axis_sum in self.first_axis_sums.items()
+            ],
             "last": [
                 [*key, path.tolist(), sign] for key, (path, sign) in self.last.items()
             ],
@@ -87,8 +91,8 @@ class SignContinuation:
     def restored(cls, state: Mapping[str, Any]) -> "SignContinuation":
         """Return the object whose `state` this is."""
         sign_continuation = cls()
-        for mode, side in state["home"]:
-            sign_continuation.start_sides[mode] = np.array(side)
+        for mode, axis_sum in state["home"]:
+            sign_continuation.first_axis_sums[mode] = np.array(axis_sum)
         for *key, path, sign in state["last"]:
             sign_continuation.last[tuple(key)] = np.array(path), sign
         return sign_continuation
@@ -153,7 +157,9 @@ def apply_continuous_signs(
             motion, poles, rows_by_mode, lambda rows: paths[..., rows], sign_continuation
         )
     else:
-        sign_function = signs_by_start_sides(motion, has_configuration, sign_continuation)
+        sign_function = signs_by_first_axis_sums(
+            motion, has_configuration, sign_continuation
+        )
     rows = np.arange(n)
     signs = along_v * sign_function(paths[0], rows, rows // motion.samples)
     for pole, pole_signs in zip(poles, signs, strict=True):
@@ -167,39 +173,41 @@ def apply_signs(field: PoleField, pole: Pole, signs: Floats) -> None:
         values *= signs
 
 
-def signs_by_sides(sides: Floats) -> SignFunction:
-    """Return the function of the signs with which directions point to given sides.
+def signs_by_axis_sums(axis_sums: Floats) -> SignFunction:
+    """Return a function of the signs that make pole directions agree with given vectors.
 
-    The direction of a pole (the axis about which two links turn relative to each other) has
-    two senses. A direction that points away from the vector of its assembly mode gets the
-    sign -1.
+    The direction of a pole (the axis about which two links turn relative to each other) is
+    determined up to its sign. Each assembly mode has a vector, usually the sum of all pair
+    axes. A direction that makes an obtuse angle with it gets the sign -1, any other 1.
 
     Parameters
     ----------
-    sides
-        (modes, 3) for each assembly mode the vector to whose side directions point.
+    axis_sums
+        (modes, 3) the vector of each assembly mode.
     """
 
     def find_signs(directions: Floats, rows: Any, modes: Any) -> Floats:
-        """Return signs (poles, k) of directions (3, poles, k), by the index of the mode.
+        """Return the signs (poles, k) of directions (3, poles, k) at k rows.
 
-        The rows in the motion have no effect.
+        `modes` is the index of the assembly mode, one for all rows or (k,). `rows` has no
+        effect here. Other functions of the type `SignFunction` need it.
         """
-        x, y, z = np.atleast_2d(sides[modes]).T
+        x, y, z = np.atleast_2d(axis_sums[modes]).T
         is_opposite = x * directions[0] + y * directions[1] + z * directions[2] < 0.0
         return np.where(is_opposite, -1.0, 1.0)
 
     return find_signs
 
 
-def signs_by_start_sides(
+def signs_by_first_axis_sums(
     motion: Motion, has_configuration: Bools, sign_continuation: SignContinuation
 ) -> SignFunction:
-    """Return the function of the signs with which directions point to the start sides.
+    """Return a function of signs that depend only on the first row of each assembly mode.
 
-    The start side of an assembly mode is the vector to whose side the directions of all
-    poles point at its first row. It is used where rows are no path, so that a sign cannot
-    be continued from row to row.
+    The direction of a pole is determined up to its sign. Where rows are no path, the sign
+    cannot be continued from row to row. Each assembly mode then has one constant vector for
+    all poles and rows: the sum of all pair axes at its first row. Signs are such that the
+    scalar products of directions with this vector are not negative.
 
     Parameters
     ----------
@@ -208,32 +216,33 @@ def signs_by_start_sides(
     has_configuration
         (modes, samples) which rows have a configuration.
     sign_continuation
-        The start sides of modes that have rows in earlier blocks. Those of other modes are
+        The vectors of modes that have rows in earlier blocks. Those of other modes are
         added in place.
     """
-    sides = np.zeros((len(motion.assembly_modes), 3))
+    axis_sums = np.zeros((len(motion.assembly_modes), 3))
     for mode_index, (mode, is_valid) in enumerate(
         zip(motion.assembly_modes, has_configuration, strict=False)
     ):
         if np.any(is_valid):
             first_row = mode_index * motion.samples + int(np.argmax(is_valid))
-            sides[mode_index] = _start_side(
+            axis_sums[mode_index] = _first_axis_sum(
                 motion, mode.number, first_row, sign_continuation
             )
-    return signs_by_sides(sides)
+    return signs_by_axis_sums(axis_sums)
 
 
-def _start_side(
+def _first_axis_sum(
     motion: Motion, mode: int, first_row: int, sign_continuation: SignContinuation
 ) -> Floats:
-    """Return the vector (3,) to whose side the directions of a mode point at its start.
+    """Return the vector (3,) that decides the signs of directions at the start of a mode.
 
-    It is the sum of the axes and contact points of all pairs at the first row of the mode.
+    It is the sum of the axes and contact points of all pairs at the first row of the mode,
+    which may be in an earlier block of rows.
     """
-    if mode not in sign_continuation.start_sides:
+    if mode not in sign_continuation.first_axis_sums:
         (frames,) = motion.rows(np.array([first_row])).frames
-        sign_continuation.start_sides[mode] = np.sum(frames[:, :, 2], axis=0)
-    return sign_continuation.start_sides[mode]
+        sign_continuation.first_axis_sums[mode] = np.sum(frames[:, :, 2], axis=0)
+    return sign_continuation.first_axis_sums[mode]
 
 
 def continue_signs(
@@ -299,10 +308,10 @@ def continue_signs(
                 continue
             start_sign = 1.0
             if key not in sign_continuation.last:
-                side = _start_side(
+                axis_sum = _first_axis_sum(
                     motion, mode_number, int(rows[moving[0]]), sign_continuation
                 )
-                if side @ pole_directions[:, moving[0]] < 0.0:
+                if axis_sum @ pole_directions[:, moving[0]] < 0.0:
                     start_sign = -1.0
             path = np.concatenate(
                 [
@@ -343,8 +352,10 @@ def _continue_along_path(
     """Return the continuous signs (k,) of a direction along a path of samples.
 
     The direction follows the relative angular velocity v of the links of its pole: where v
-    reverses between two samples, so does the sign. The last sample is stored, so that the
-    next block of samples continues from there.
+    reverses between two samples, so does the sign. v can only have reversed if the scalar
+    product of its values at both samples is negative; otherwise the motion between them is
+    not examined. The last sample is stored, so that the next block of samples continues
+    from there.
 
     Parameters
     ----------
@@ -355,21 +366,26 @@ def _continue_along_path(
     start_sign
         The sign at the first sample, if there is no previous block.
     path
-        (8, k) coordinate, sense of the input, v and its derivative, as in `VelocityPath`.
+        (8, k) at each sample the coordinate (index 0), the sense of the input (1), v (2 to
+        4) and its derivative (5 to 7).
     may_reverse
-        (k - 1,) whether v may reverse between a sample and the next one.
+        (k - 1,) whether v may reverse between a sample and the next one. The caller knows
+        of the other gaps that it does not.
     """
-    # -1 between samples between which v reverses.
+    # -1 for the gaps between two samples in which v reverses, otherwise 1.
     reversals = np.ones(len(may_reverse))
     if np.any(may_reverse):
         reversals = np.where(may_reverse, _find_reversals(path), 1.0)
     first_sign = start_sign
     if key in sign_continuation.last:
-        # v, rows 2 to 4 of a path, may also reverse between the two blocks.
+        # v may also reverse between the two blocks.
         last_path, first_sign = sign_continuation.last[key]
-        if last_path[2:5] @ path[2:5, 0] < 0.0:
+        last_v = last_path[2:5]
+        first_v = path[2:5, 0]
+        if last_v @ first_v < 0.0:
             across_blocks = np.column_stack([last_path, path[:, 0]])
             first_sign *= float(_find_reversals(across_blocks)[0])
+    # The sign of each sample is that of the one before, times the sign of the gap.
     signs = np.cumprod(np.append(first_sign, reversals))
     sign_continuation.last[key] = path[:, -1].copy(), float(signs[-1])
     return signs
@@ -378,16 +394,18 @@ def _continue_along_path(
 def _find_reversals(path: VelocityPath) -> Floats:
     """Return whether a vector reverses between successive samples, as signs -1 and +1.
 
-    The vector is the relative angular velocity v of the links of a pole. Between two
-    samples it is interpolated by a cubic Hermite polynomial. If the sense of the input
-    changes between them, derivatives by the input cannot be used, and v is interpolated by
-    a straight line. The reversals of the interpolant are counted.
+    The vector is the relative angular velocity v of the links of a pole. If the scalar
+    product of its values at two samples is not negative, it counts as not reversed between
+    them. Otherwise it may have reversed, or have turned by more than a right angle without
+    becoming zero. To decide this, it is interpolated by a cubic Hermite polynomial, whose
+    reversals are counted. If the sense of the input changes between the samples,
+    derivatives by the input cannot be used, and v is interpolated by a straight line.
 
     Parameters
     ----------
     path
-        (8, k) coordinate, sense of the input, v and its derivative at k samples, as in
-        `VelocityPath`.
+        (8, k) at each of k samples the coordinate (index 0), the sense of the input (1), v
+        (2 to 4) and its derivative by the coordinate (5 to 7).
 
     Returns
     -------
@@ -396,9 +414,9 @@ def _find_reversals(path: VelocityPath) -> Floats:
     coordinate = path[0]
     sense = path[1]
     v = path[2:5]
+    # A derivative that is not known (NaN) counts as zero.
     dv = np.nan_to_num(path[5:])
     reversals = np.ones(len(coordinate) - 1)
-    # v is only interpolated between samples at which it points to opposite sides.
     gaps = np.flatnonzero(dot_columns(v[:, 1:], v[:, :-1]) < 0.0)
     if not len(gaps):
         return reversals
@@ -409,7 +427,8 @@ def _find_reversals(path: VelocityPath) -> Floats:
     stop = v[:, None, gaps + 1], dv[:, None, gaps + 1]
     # (3, substeps + 1, gaps) v at positions between the samples.
     interpolated = cubic_hermite(start, stop, lengths, fractions)
-    # Rounding must not decide the direction of a vector that is nearly zero at an end.
+    # At both ends v is known without the rounding errors of the interpolation. If it is
+    # nearly zero there, these errors could reverse it.
     interpolated[:, 0] = start[0][:, 0]
     interpolated[:, -1] = stop[0][:, 0]
     # v reverses where its scalar product with the next value is negative.

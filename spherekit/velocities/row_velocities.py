@@ -532,7 +532,7 @@ class RowVelocities:
             (k,) indices of the rows.
         """
         plan = self.request.plan
-        decimal_rates = DecimalRates.of(self.motion.rows(rows), plan.input)
+        decimal_rates = DecimalRates.from_motion(self.motion.rows(rows), plan.input)
         if decimal_rates is None:
             return
         # Which of the rows have rates now. From here on, `rows` are only these.
