@@ -49,7 +49,7 @@ def compare_kernel_with_reference(mechanism, same_signs=True, **options):
     if evaluations is None:
         return None
     differences = find_differences(evaluations, same_signs)
-    assert differences.none, differences
+    assert differences.are_none, differences
     return differences.share
 
 
@@ -98,7 +98,7 @@ def test_kernel_agrees_with_reference_on_grids_of_two_inputs(name, samples):
     """Some points of the grid of the five-bar are out of reach."""
     evaluations = evaluate_both_ways(sk.load(name), samples=samples, grid=True)
     differences = find_differences(evaluations)
-    assert differences.none, differences
+    assert differences.are_none, differences
     is_ok = evaluations.reference_motion.status == Status.OK
     assert differences.share == np.mean(is_ok)
 
@@ -128,7 +128,7 @@ def test_signs_of_pole_directions_continue_through_slices_as_without_a_kernel(
         monkeypatch.setattr(batch_runner, "SLICE_ROWS", slice_rows)
         evaluations = evaluate_both_ways(sk.load(name), samples=300)
         differences = find_differences(evaluations)
-        assert differences.none, differences
+        assert differences.are_none, differences
         # Two of the six modes of `three_rrr` close at 20 of the 300 samples only, so rows
         # that are OK are counted: 0.689 of all, and 0.687 are by the kernel.
         is_ok = evaluations.reference_motion.status == Status.OK
@@ -162,7 +162,7 @@ def test_close_samples_interpolated_from_nodes_agree_with_the_reference(name):
     """
     evaluations = evaluate_both_ways(sk.load(name), samples=3000)
     differences = find_differences(evaluations)
-    assert differences.none, differences
+    assert differences.are_none, differences
     motion = evaluations.kernel_motion
     assert differences.share > 0.95 * np.mean(motion.status == Status.OK)
     assert np.nanmax(motion.residual) < 6e-15

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mechanism_examples import linkages as chains
 from mechanism_examples.folding_mechanisms import folding_mechanism, inputs_beside_folds
-from oracles.exact_configurations import deviations, deviations_beside
+from oracles.exact_configurations import deviations, deviations_with_free_inputs
 
 from spherekit.errors import SpherekitError
 from spherekit.positions.position_analysis import PositionAnalysis
@@ -46,7 +46,7 @@ def check_angles_at_singularities(mechanism, path):
     has_root = np.isfinite(deviation)
     assert np.all(deviation[has_root] <= bound[has_root])
     if not np.all(has_root):
-        deviation, roundings = deviations_beside(rows.rows(~has_root))
+        deviation, roundings = deviations_with_free_inputs(rows.rows(~has_root))
         assert np.all(deviation <= bound[~has_root])
         assert np.all(roundings <= MOST_ROUNDINGS)
     return len(row_numbers)

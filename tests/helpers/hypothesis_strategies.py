@@ -144,8 +144,11 @@ def commands(draw):
     """Draw the words of a command line, valid or not, of any subcommand.
 
     DAMAGED stands for the path of a damaged file, OUT for an output folder; the test
-    replaces both. Runs have 3 samples unless an option says otherwise.
+    replaces both. Runs have 3 samples unless an option says otherwise. `sources`, `flags`,
+    `analyses`, `floats` and `words` above are strategies of hypothesis: mechanisms, options
+    with their values, analyses, numbers and any words, all of them valid or not.
     """
+    # Words that occur several times are drawn more often.
     subcommands = split(
         "run run run run validate plan explain export view analyses analyses",
         "nonsense",

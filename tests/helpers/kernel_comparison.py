@@ -26,10 +26,14 @@ TURN = 2.0 * np.pi
 class KernelAndReference:
     """Motion and poles of the same samples, computed twice.
 
+    A row kernel is a compiled function that evaluates all columns of many rows at once. A
+    pole is the axis of the relative rotation of two links.
+
     Attributes
     ----------
     kernel_motion, kernel_fields
-        Motion by a row kernel, and its poles for each moving input.
+        Motion by a row kernel, and its poles for each input that moves while the others
+        are locked.
     reference_motion, reference_fields
         The same by the position analysis and the pole evaluation without a kernel.
     """
@@ -42,13 +46,15 @@ class KernelAndReference:
 
 @dataclass
 class Differences:
-    """Differences between kernel and reference.
+    """Differences between the rows of a row kernel and those computed without one.
+
+    A row kernel is a compiled function that evaluates all columns of many rows at once.
 
     Attributes
     ----------
     share
-        Part of the rows that the kernel certified (0 to 1); others were computed as in
-        the reference.
+        Part of the rows (0 to 1) that the kernel certified, because the error bounds that
+        it computes are small enough. Other rows were computed as in the reference.
     statuses
         Number of different statuses of rows and poles.
     beyond
@@ -60,13 +66,16 @@ class Differences:
     beyond: list[str]
 
     @property
-    def none(self):
-        """Whether kernel and reference agree."""
+    def are_none(self):
+        """Whether kernel and reference agree: no statuses differ and no bound is missed."""
         return self.statuses == 0 and not self.beyond
 
 
 def evaluate_both_ways(mechanism, **options):
     """Evaluate all poles of a mechanism by a row kernel and without one.
+
+    A row kernel is a compiled function that evaluates all columns of many rows at once. A
+    pole is the axis of the relative rotation of two links.
 
     Parameters
     ----------
@@ -88,9 +97,10 @@ def evaluate_both_ways(mechanism, **options):
         pole_requests = [
             request(
                 position_analysis.mechanism,
-                pair,
-                poles,
-                poles,
+                input_pair=pair,
+                poles=poles,
+                rates=poles,
+                # Whether the mobility was found by rank, and not by counting.
                 by_rank=position_analysis.by_rank,
             )
             for pair in position_analysis.inputs
@@ -101,6 +111,7 @@ def evaluate_both_ways(mechanism, **options):
         if runner is None:
             return None
         (kernel_motion,) = runner.blocks(len(sampling))
+        # Signs of pole directions continue from block to block. Here there is one block.
         sign_continuations = [SignContinuation() for _ in pole_requests]
         fields = runner.fields(kernel_motion, sign_continuations)
         kernel_fields = tuple(field.as_arrays for field in fields)
@@ -125,9 +136,10 @@ def find_differences(evaluations, same_signs=True):
     """
     kernel_motion = evaluations.kernel_motion
     reference_motion = evaluations.reference_motion
-    certified = [np.mean(field.is_certified) for field in evaluations.kernel_fields]
+    # Rows that the kernel certified are those whose error bounds it found small enough.
+    certified_shares = [np.mean(field.is_certified) for field in evaluations.kernel_fields]
     differences = Differences(
-        share=float(np.mean(certified)),
+        share=float(np.mean(certified_shares)),
         statuses=int(np.sum(kernel_motion.status != reference_motion.status)),
         beyond=[],
     )
@@ -143,6 +155,7 @@ def find_differences(evaluations, same_signs=True):
 
     rotation_gaps = np.abs(kernel_motion.rotations - reference_motion.rotations)
     largest_gap = np.max(rotation_gaps, axis=(1, 2, 3))[is_ok]
+    # Orientations have no error bound of their own, so a fixed one is taken.
     rotation_bound = np.full(len(largest_gap), 1e-9)
     _compare_with_bound(differences, "orientations", largest_gap, rotation_bound)
 

@@ -36,12 +36,15 @@ def motion_by_polynomial_laws(mechanism, starts, t, rate=0.3, quadratic=0.2):
     rate
         Rate of the first input at t = 0, rad/s; the rates of the others alternate in sign.
     quadratic
-        Half the acceleration of every input, rad/s^2.
+        Factor of t^2 in the law of every input, which is half its acceleration, rad/s^2.
     """
     laws = {}
     for k, (item, start) in enumerate(zip(mechanism.inputs, starts, strict=True)):
         laws[item.pair] = Polynomial((start, rate * (-1) ** k, quadratic))
     times = np.asarray(t, dtype=float)
     input_values, timing = evaluate_time_laws(list(laws), laws, times)
-    motion = PositionAnalysis(mechanism, None, 0, False, path=input_values).motion()
+    position_analysis = PositionAnalysis(
+        mechanism, assembly_mode=0, search=False, path=input_values
+    )
+    motion = position_analysis.motion()
     return replace(motion, timing=timing)

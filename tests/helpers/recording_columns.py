@@ -11,7 +11,8 @@ def read_recording_columns(path, static=False):
     path
         Recording file (`.rrd`).
     static
-        Whether to return what was logged once without a time, instead of what moves.
+        False: return the data that were logged for each sample. True: return the data that
+        were logged once and have no time.
 
     Returns
     -------
@@ -29,6 +30,8 @@ def read_recording_columns(path, static=False):
             if name == "rerun.controls.RowId":
                 continue
             values = batch.column(name)
+            # Arrow stores times as whole numbers of a unit. The cast keeps these numbers;
+            # otherwise they would become objects of Python.
             if name == "time":
                 values = values.cast("int64")
             columns.setdefault((entity, name), []).extend(values.to_pylist())

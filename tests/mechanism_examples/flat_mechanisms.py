@@ -17,8 +17,9 @@ def random_crossing_arcs(random, kind):
     random
         Random number generator.
     kind
-        One of `KINDS`. The arcs of a flat vertex satisfy Kawasaki's condition (opposite
-        arcs add up to 180 degrees), or have equal sums of opposite arcs.
+        One of `KINDS`. A vertex is a four-bar that can fold flat. Its arcs a, b, c, d, one
+        after another, satisfy one of two conditions: a + c = b + d = 180 degrees
+        (Kawasaki's condition for a sheet of paper), or a + c = b + d with another sum.
 
     Returns
     -------
@@ -31,6 +32,8 @@ def random_crossing_arcs(random, kind):
         else:
             third = int(random.integers(20, 160))
             arcs = [first, second, third, first + third - second]
+            # The fourth arc follows. New numbers are drawn until it is no very short or
+            # long one.
             while not 15 <= arcs[3] <= 165:
                 third = int(random.integers(20, 160))
                 second = int(random.integers(20, 160))

@@ -18,14 +18,16 @@ from spherekit.positions.position_analysis import PositionAnalysis
 def with_second_coupler(mechanism):
     """Return a special mechanism whose coupler (link 3) is there twice, on the same axes.
 
-    The copy 3b repeats the constraint of link 3: a redundant loop that still moves.
+    The copy 3b repeats the constraint of link 3: a redundant loop that still moves. In
+    `LinkSizes`, arcs lead from the first axis of a link to each further axis. Angles are
+    those of the further arcs about the first axis, from the arc to the second axis.
     """
     links = dict(mechanism.geometry.links)
     crank = links["2"]
     rocker = links["4"]
     links["3b"] = LinkSizes(("32b", "43b"), (links["3"].arcs[0],))
-    # The new axes coincide with those of link 3: the second axis of link 2, whose arc is
-    # that of the link, and the first axis of link 4.
+    # On link 2 the new axis coincides with the second axis, so it has the same arc, at the
+    # angle 0. On link 4 it coincides with the first axis, so its arc is 0.
     links["2"] = replace(
         crank,
         axes=(*crank.axes, "32b"),
@@ -61,15 +63,18 @@ def _circle(tilt, radius):
 def with_cam(made, pivot_arc, cam, roller, driving="2"):
     """Return a special mechanism with a roller follower on the ground.
 
+    Cam and roller are circles that slide on each other (a pair of type Cs).
+
     Parameters
     ----------
     made
         The mechanism of R pairs.
     pivot_arc
-        Arc (deg) on the ground from its first axis to the pivot of the follower.
+        Arc (deg) on the ground from its first axis to the pivot of the follower. Its angle
+        about the first axis is always 200 deg.
     cam, roller
-        Tilt of the centre from the z axis of the link (deg), and radius (deg), of the
-        circles of the driving link and of the follower.
+        The circles of the driving link and of the follower, each as a tuple: the tilt of
+        its centre from the z axis of the link (deg), and its radius (deg).
     driving
         The link that carries the cam.
     """
@@ -93,15 +98,19 @@ def limited_cam(random):
     """Return a random cam with a roller follower, whose cam cannot turn fully.
 
     A link between the centres of cam and roller replaces their contact by a four-bar. Its
-    arcs are ground, cam, the sum of both radii, and follower. The arc of the follower is
-    chosen so that the last two are in line at some angle of the cam.
+    arcs are ground, cam, the sum of both radii, and follower. At some angle of the cam, its
+    centre has a given distance from the pivot of the follower. The arc of the follower is
+    this distance minus or plus the sum of both radii. The last two arcs are then in line,
+    so that the cam can turn no further.
     """
     ground_deg = float(random.integers(35, 80))
     cam_tilt_deg = float(random.integers(8, 30))
     cam_radius_deg = float(random.integers(8, 25))
     roller_radius_deg = float(random.integers(4, 15))
     radii_deg = cam_radius_deg + roller_radius_deg
+    # The distance is between ground minus tilt and ground plus tilt, at all cam angles.
     distance_deg = ground_deg + cam_tilt_deg * random.uniform(-0.9, 0.9)
+    # Sizes have few or many decimals, as in files.
     arm_deg = float(np.round(distance_deg - radii_deg, random.integers(0, 6)))
     if random.random() < 0.5:
         arm_deg = abs(arm_deg)
@@ -112,6 +121,7 @@ def limited_cam(random):
         "2": LinkSizes(("21",)),
         "f": LinkSizes(("f1",)),
     }
+    # The arm is at least 3 degrees, so that the roller does not turn about its own centre.
     cam = _circle(cam_tilt_deg, cam_radius_deg)
     roller = _circle(max(arm_deg, 3.0), roller_radius_deg)
     pairs = (

@@ -137,8 +137,9 @@ def grow_dyad_chain(random, links, triads):
 def _grown_edges(random, links, triads):
     """Return the joined links of a chain with one freedom, grown from a four-bar.
 
-    A dyad adds two links between two others, a triad four links between three others; both
-    keep the freedom. A triad needs poles that are not intersections of two lines.
+    A dyad adds two links in a row between two others. A triad adds four links: three that
+    join three others to the fourth. Both keep the freedom. With triads, some poles (axes of
+    relative rotation) do not follow as intersections of great circles through others.
 
     Parameters
     ----------
@@ -194,6 +195,8 @@ def random_contact_chain(random, links, rolling, sliding, shaped=False):
         # Replace links with two R pairs by Cs pairs between their neighbours.
         for link in random.permutation(np.arange(3, links + sliding + 1)).tolist():
             link_edges = [edge for edge in types if link in edge]
+            # The neighbours: an edge is a pair of link numbers, so its sum less this link
+            # is the other one.
             ends = tuple(sorted(sum(edge) - link for edge in link_edges))
             if (
                 list(types.values()).count("Cs") < sliding
@@ -215,6 +218,7 @@ def random_contact_chain(random, links, rolling, sliding, shaped=False):
             groups = plan_assembly(mechanism).groups
         except PlanError:
             continue
+        # Mechanisms in which constraints repeat each other are left out.
         if not any(group.redundant for group in groups):
             return mechanism
 
@@ -222,12 +226,15 @@ def random_contact_chain(random, links, rolling, sliding, shaped=False):
 def _touching(random, types, shaped):
     """Return a mechanism with random axes, and profiles that touch at random points.
 
+    It is given in a reference pose, in which all profiles touch. Its input is the pair
+    p1_2, by 1e-3 rad to both sides of this pose; other ranges are set by callers.
+
     Parameters
     ----------
     random
         Random number generator.
     types
-        Type of pair by joined links (a, b).
+        Type of pair by joined links (a, b). Links 1 and 2 are joined by an R pair.
     shaped
         Whether profiles need not be circles.
     """

@@ -16,10 +16,12 @@ def mid_plane_mechanism(alphas):
     of the axis 74 of the end effector (link 4).
     """
     a1, a2, a3, a4, a5, a6, a7, a8 = map(float, alphas)
-    # Arcs of a link lead from its first axis to each further axis. The third leg is in the
-    # middle between the other two, on the base (link 1) and on the end effector (link 4).
-    # Links 2, 6 and 8 have equal arcs, because the hinge of link 9, 10 or 11 is on the same
-    # axis as the joint with the next link of the leg.
+    # Arcs of a link lead from its first axis to each further axis; a number stands for a
+    # single arc. Three legs, each of two links in a row, join the base (link 1) to the end
+    # effector (link 4). The third leg is in the middle between the other two on both.
+    # Links 2, 6 and 8, one of each leg, have a third axis: that of the hinge of link 9, 10
+    # or 11. It coincides with the axis of the joint to the next link of the leg, so both
+    # arcs are equal.
     arcs = {
         "1": (a1, 0.5 * a1),
         "2": (a2, a2),

@@ -24,7 +24,7 @@ FAMILIES = ("dyads", "triads", "eight-bar", "chain", "contacts", "any graph")
 
 ODDS = (0.2, 0.2, 0.15, 0.2, 0.15, 0.1)
 
-CORNERS = np.array(
+CUBE_SYMMETRY_AXES = np.array(
     [
         (x, y, z)
         for x in (-1.0, 0.0, 1.0)
@@ -64,8 +64,12 @@ def shaped_mechanism(seed):
 def _mechanism_of_family(random, family):
     """Return a random mechanism of one of the families, with random axes.
 
-    Chains have the number of pairs that one or two freedoms require; "any graph" has any
-    number and need not be able to move.
+    - "dyads", "triads": a four-bar to which groups of two (or four) links are added.
+    - "eight-bar": one of the 16 chains of eight links with one freedom.
+    - "contacts": a chain of dyads in which some pairs are contacts.
+    - "chain": R pairs at random, as many as one or two freedoms require. With m links and
+      f freedoms these are (3 (m - 1) - f) / 2, so f is 1 for even m and 2 for odd m.
+    - "any graph": any number of R pairs. It need not be able to move.
     """
     if family in ("dyads", "triads"):
         links = int(random.choice([4, 6, 8, 10, 12]))
@@ -76,7 +80,8 @@ def _mechanism_of_family(random, family):
     if family == "contacts":
         links = int(random.integers(4, 9))
         sliding = int(random.integers(0, 3))
-        sliding += (links + sliding) % 2  # dyad chains have an even number of links
+        # A dyad chain has an even number of links. A sliding contact replaces one of them.
+        sliding += (links + sliding) % 2
         rolling = int(random.integers(0, 3))
         return random_contact_chain(random, links, rolling, sliding)
     links = int(random.integers(4, 13))
@@ -129,8 +134,9 @@ def degenerate(random, mechanism):
     """Return a mechanism with one to three changes that make axes special.
 
     A change makes an axis equal or opposite to another, puts three axes on a great circle,
-    puts one or all axes on axes of symmetry of the cube, or puts many into one plane. Half
-    of the changes are disturbed by 1e-1 to 1e-17. Changes prefer axes that share a link.
+    puts one or all axes on axes of symmetry of the cube, or puts many into one plane. After
+    half of the changes the first of the chosen axes is disturbed by 1e-1 to 1e-17. Changes
+    prefer axes that share a link.
     """
     assert isinstance(mechanism.geometry, PoseGeometry)
     axes = {name: np.array(axis) for name, axis in mechanism.geometry.axes.items()}
@@ -152,6 +158,8 @@ def degenerate(random, mechanism):
                 q if p == second else p for p, q in neighbours if second in (p, q)
             ]
             third = beside_second[random.integers(len(beside_second))]
+        # 0, 1: equal or opposite axes. 2: three axes on a great circle. 3, 4: one or all
+        # axes on axes of symmetry. 5: many axes in one plane.
         if change == 0:
             axes[first] = axes[second].copy()
         elif change == 1:
@@ -160,9 +168,12 @@ def degenerate(random, mechanism):
             p, q = random.normal(size=2)
             axes[first] = p * axes[second] + q * axes[third]
         elif change == 3:
-            axes[first] = CORNERS[random.integers(len(CORNERS))]
+            axes[first] = CUBE_SYMMETRY_AXES[random.integers(len(CUBE_SYMMETRY_AXES))]
         elif change == 4:
-            axes = {k: CORNERS[random.integers(len(CORNERS))] for k in axes}
+            axes = {
+                k: CUBE_SYMMETRY_AXES[random.integers(len(CUBE_SYMMETRY_AXES))]
+                for k in axes
+            }
         else:
             normal = random_axes(random, 1)[0]
             chosen = [k for k in names if random.random() < 0.6]

@@ -40,9 +40,12 @@ def special_mechanism(seed):
     dyad_count = int(random.choice([0, 1, 2], p=[0.5, 0.3, 0.2]))
     arcs_deg = _arcs(random, kind)
     if random.random() < 0.5:
+        # A change of 1e-3 to 1e-12, in 12 decimals, as a file would have the number.
         k = random.integers(4)
         arcs_deg[k] = float(f"{arcs_deg[k] + _tiny(random, 3, 12):.12f}")
     mechanism = four_bar(arcs_deg)
+    # Arcs of dyads are right angles or arcs of the four-bar, which makes special geometry
+    # likely. A set has no order, so they are sorted to get the same mechanism each time.
     for _ in range(dyad_count):
         mechanism = _with_dyad(random, mechanism, sorted({90.0, *arcs_deg}))
     driven = str(random.choice(["21", "41", "32"], p=[0.7, 0.2, 0.1]))
@@ -55,9 +58,11 @@ def straight_mechanism(seed):
     """Return a random mechanism with an arc near 0 or 180 degrees, and inputs (n, 1) rad.
 
     It is a four-bar with none, one or two dyads. The arc differs from 0 or 180 by 1e-2 to
-    1e-9 degrees. By the seed it is an arc of the four-bar or an arc of a dyad, or instead
-    the four-bar is as near to a change point, where all links can lie on a great circle.
+    1e-9 degrees. The seed decides which arc this is: one of the four-bar, or one of a dyad.
+    In a third kind, the fourth arc of the four-bar differs by 1e-1 to 1e-9 degrees from
+    that with a change point, where all links can be on one great circle.
     """
+    # Other random numbers than those of `special_mechanism`.
     random = np.random.default_rng(seed + 10**6)
     arcs_deg = [float(np.round(random.uniform(20.0, 150.0), 3)) for _ in range(4)]
     kind = random.integers(3)
@@ -65,6 +70,8 @@ def straight_mechanism(seed):
         arcs_deg[random.integers(4)] = _nearly_straight(random)
     elif kind == 1:
         a, b, c, _ = arcs_deg
+        # The four-bar has a change point if both sums of opposite arcs are equal. If this
+        # needs an arc of more than half a turn, an ordinary one of 60 degrees is taken.
         fourth = abs(a + c - b) + 10.0 ** -random.integers(1, 10)
         arcs_deg[3] = float(f"{fourth if fourth < 180.0 else 60.0:.12f}")
     dyad_arcs_deg = sorted(
@@ -84,6 +91,7 @@ def straight_mechanism(seed):
 
 
 def _nearly_straight(random):
+    """Return an arc (degrees) that differs from 0 or 180 by 1e-2 to 1e-9."""
     off = 10.0 ** -random.integers(2, 10)
     return float(f"{abs(random.choice([0.0, 180.0]) - off):.12f}")
 
@@ -121,6 +129,7 @@ def _inputs(random):
 
 
 def _tiny(random, low, high):
+    """Return a number of random sign and of size 10^-low to 10^-high."""
     return float(random.choice([-1.0, 1.0]) * 10.0 ** -random.integers(low, high + 1))
 
 

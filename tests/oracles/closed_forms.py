@@ -78,19 +78,29 @@ SMALLEST_ANGLE = np.deg2rad(10.0)
 
 
 def mid_plane_area():
-    """Return the area (sr) of the workspace of [2] on one side of the plane z = 0.
+    """Return the area (sr) of the workspace of a mid-plane mechanism for z > 0.
 
-    The normal n of the mid-plane has n . B1 = -s1 and n . B6 = -s6. P is the mirror image
-    of Q in this plane, so the area element of P is 4 (-n . Q) times that of n. In s1 and s6
-    the workspace is a square, over which the density is integrated numerically.
+    The mechanism is that of Z. Chen et al. (2021), source [2] of this module. Base and end
+    effector are mirror images of each other in the mid-plane with the normal n. B1 and B6
+    are axes on the base, with the mirror images B3 and B4 on the end effector, and Q = x is
+    the middle between them. The output P is the mirror image of Q.
+
+    With n . B1 = -s1, the arc from B1 to B3 is 2 arcsin(s1), and likewise for B6 and s6.
+    Both arcs are between the smallest angle and twice the arc of the leg's links. In s1 and
+    s6 the workspace is therefore a square, over which the density of area is integrated.
     """
     half_base = 0.5 * MID_PLANE_BASE
     lowest = np.sin(0.5 * SMALLEST_ANGLE)
     highest = np.sin(MID_PLANE_LEG)
 
     def density(s1, s6):
+        """Return the area of P per area in s1 and s6."""
+        # Components of -n, because B1 and B6 are (cos, sin, 0) and (cos, -sin, 0) of half
+        # the arc between them.
         x = (s1 + s6) / (2.0 * np.cos(half_base))
         y = (s1 - s6) / (2.0 * np.sin(half_base))
+        # The area element of n is dx dy / z with z = sqrt(1 - x^2 - y^2), and dx dy is
+        # ds1 ds6 / sin(2 half_base). That of P is 4 (-n . Q) = 4 x times that of n.
         return float(4.0 * x / np.sqrt(1.0 - x * x - y * y) / np.sin(2.0 * half_base))
 
     area, _ = dblquad(density, lowest, highest, lowest, highest, epsabs=1e-13, epsrel=1e-13)

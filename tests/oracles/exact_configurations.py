@@ -54,7 +54,7 @@ def deviations(motion):
     return np.where(solution.status == Status.OK, deviation, np.nan)
 
 
-def deviations_beside(motion):
+def deviations_with_free_inputs(motion):
     """Return how far variables and inputs are from the nearest closed configuration.
 
     Newton's method changes the inputs too. It therefore finds a solution also if no
@@ -80,6 +80,9 @@ def deviations_beside(motion):
             jacobian = np.nan_to_num(jacobian)
             # The residuals have 50 digits, but the inverse only those of float64. A step
             # does not square the error; it gains about as many digits as the inverse has.
+            # After 25 steps the loops are closed even if each step gains only two digits.
+            # Singular values below 1e-7 of the largest count as zero, so that a step is not
+            # long where the Jacobian is nearly singular.
             inverse = exact_balls(np.linalg.pinv(jacobian, rcond=1e-7))
             # Without the error bounds, which would grow with each step.
             values = exact_centres(values - np.matvec(inverse, residuals))
