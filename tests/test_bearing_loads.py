@@ -8,7 +8,11 @@ import pytest
 from helpers.polynomial_motions import START_INPUTS, motion_by_polynomial_laws
 from helpers.refusals import mechanism_text
 from mechanism_examples.named_mechanisms import one_link_mechanism
-from oracles.newton_euler import bearing_forces, row_of_torques, with_masses_and_loads
+from oracles.newton_euler import (
+    bearing_forces,
+    newton_euler_arguments,
+    with_masses_and_loads,
+)
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -99,7 +103,7 @@ def test_bearing_forces_are_those_of_free_bodies(name):
     torques = computed_reactions.torques
     meshes = [pair.name for pair in mechanism.pairs if pair.pressure_angle is not None]
     for row in range(len(torques.t)):
-        arguments = row_of_torques(torques, row, joint)
+        arguments = newton_euler_arguments(torques, row, joint)
         frames = computed_reactions.frames[row]
         solutions = []
         for signs in product((1.0, -1.0), repeat=len(meshes)):

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.polynomial_motions import START_INPUTS, motion_by_polynomial_laws
-from oracles.newton_euler import newton_euler, row_of_torques, with_masses_and_loads
+from oracles.newton_euler import newton_euler, newton_euler_arguments, with_masses_and_loads
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -36,11 +36,11 @@ def test_newton_and_euler_give_the_same_torques_and_reactions(name):
     assert np.any(result.is_open) == (name == "bevel_differential")
     has_pressure_angle = any(pair.pressure_angle for pair in mechanism.pairs)
     for row in range(len(torques.t)):
-        expected = newton_euler(*row_of_torques(torques, row, joint))
+        expected = newton_euler(*newton_euler_arguments(torques, row, joint))
         assert torques.torques[row] == pytest.approx(expected, rel=1e-10, abs=1e-10)
         if np.any(result.is_open) or has_pressure_angle:
             continue
-        expected = newton_euler(*row_of_torques(torques, row, joint), full=True)
+        expected = newton_euler(*newton_euler_arguments(torques, row, joint), full=True)
         for k, pair in enumerate(mechanism.pairs):
             components = expected[pair.name]
             count = len(components)

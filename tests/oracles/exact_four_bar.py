@@ -58,34 +58,44 @@ class FourBar(NamedTuple):
         return unit(u31, self.maths), unit(u42, self.maths)
 
     def coefficients(self):
-        """Return the axis u31, and w31/w21 and w41/w21, eqs. (26a), (26b).
+        """Return the axis u31, and the ratios w31/w21 and w41/w21 of angular velocities.
 
-        Eq. (26a) is 0/0 where link 3 does not turn relative to link 2, at theta41 = 0 or
-        pi, although the limit is finite. (Eq. (5) as printed differs in sign from (26a),
-        (26b), which are right.)
+        They are eqs. (26a) and (26b) of Di Gregorio (2024). Eq. (26a) is 0/0 where link 3
+        does not turn relative to link 2, at theta41 = 0 or pi, although the limit is
+        finite. (Eq. (5) of the paper as printed differs in sign from (26a), (26b), which
+        are right.)
         """
         u = self.u
         u31, u42 = self.poles()
 
-        def ratio(j1, j2):
-            normal = cross(j1, u["21"])
-            return dot(normal, cross(j2, u["21"])) / dot(normal, cross(j2, j1))
+        def ratio(axis, other_axis):
+            """Return w / w21 of the rotation about an axis.
+
+            Three links rotate relative to each other about u21, `axis` and `other_axis`
+            with w axis = w21 u21 + w_other other_axis. The cross product with the last
+            axis removes the last term.
+            """
+            normal = cross(axis, u["21"])
+            numerator = dot(normal, cross(other_axis, u["21"]))
+            return numerator / dot(normal, cross(other_axis, axis))
 
         return u31, ratio(u31, u["32"]), ratio(u["41"], u42)
 
     def inertia(self, tensors):
         """Return the part of each moving link in the equivalent inertia B.
 
-        B = sum of (w_j / w21)^2 u_j . I_j u_j, with `tensors` I_j by numbers of links, in
-        the axes of the links.
+        B = sum of (w_j / w21)^2 u_j . I_j u_j over the links j, which rotate about the axes
+        u_j with the rates w_j. `tensors` are the inertia tensors I_j (3, 3) by numbers of
+        links, in the axes of the links.
         """
-        u31, w31, w41 = self.coefficients()
+        u31, ratio31, ratio41 = self.coefficients()
         parts = []
         for link, ratio, axis in (
             (2, 1, self.u["21"]),
-            (3, w31, u31),
-            (4, w41, self.u["41"]),
+            (3, ratio31, u31),
+            (4, ratio41, self.u["41"]),
         ):
+            # Components of the axis u_j along the three axes of its link.
             components = [dot(axis, frame_axis) for frame_axis in self.frames[link]]
             products = [
                 components[a] * mp.mpf(tensors[link][a][b]) * components[b]
@@ -102,7 +112,10 @@ def arcs_of(mechanism):
 
 
 def angle(arcs, q, p, maths=mp):
-    """Return theta41 (rad) by eq. (25).
+    """Return theta41 (rad) by eq. (25) of Di Gregorio (2024).
+
+    It solves a1 sin(theta41) + a2 cos(theta41) + a0 = 0, a quadratic equation of
+    tan(theta41 / 2). The assembly mode is the sign of its root.
 
     Parameters
     ----------
@@ -125,9 +138,21 @@ def angle(arcs, q, p, maths=mp):
 
 
 def four_bar(arcs, q, p, maths=mp):
-    """Return the four-bar at an input angle, by eqs. (14) and (22).
+    """Return the four-bar at an input angle, by eqs. (14) and (22) of Di Gregorio (2024).
 
-    Link j lies along its arc from k_j towards j_j. Arguments as in `angle`.
+    k_j is the first pair axis of link j, and the second one is in the plane of k_j and j_j.
+    For links 1 to 3 it is on the side of j_j, for link 4 on the opposite side.
+
+    Parameters
+    ----------
+    arcs
+        (alpha_1, ..., alpha_4) in rad.
+    q
+        Input angle theta21 (rad).
+    p
+        Assembly mode, 0 or 1.
+    maths
+        mpmath, or NumPy for arrays.
     """
     sin, cos = maths.sin, maths.cos
     s1, s2, s3, s4 = map(sin, arcs)
@@ -138,6 +163,7 @@ def four_bar(arcs, q, p, maths=mp):
     j2 = add((sin(q), i1), (cos(q) * s1, k1), (-cos(q) * c1, j1))
     k3 = add((c2, k2), (s2, j2))
     k4 = add((c4, k1), (s4 * sin(theta), i1), (-s4 * cos(theta), j1))
+    # Unit vectors: the cross product of two axes has the sine of their arc as length.
     i3 = add((1 / s3, cross(k4, k3)))
     i4 = add((1 / s4, cross(k1, k4)))
     frames = {

@@ -63,18 +63,22 @@ def with_masses_and_loads(name, random):
     loads = (
         sk.Gravity("weight", (1.0, -2.0, -9.0)),
         sk.PairTorque("motor", joint, f"2*cos(theta_{joint}) - dtheta_{joint}"),
+        # Forces have a link, a point in its axes, three components, and the axes of these.
         sk.PointForce("push", moving[-1], (0.3, -0.2, 0.9), ("1", "2*t", "-1"), "ground"),
         sk.PointForce("pull", moving[0], (0.1, 0.5, 0.4), ("t", "-1", "0.5"), "link"),
         sk.Moment("turn", moving[-1], ("0.3", "t", "1"), "link"),
+        # Stiffness 0.7 N m/rad, relaxed at the angle 0.2 rad.
         sk.Spring("coil", joint, 0.7, 0.2),
+        # Damping 0.4 N m s/rad.
         sk.Damper("oil", joint, 0.4),
+        # Torque -0.6 tanh(rate / 0.5) - 0.1 rate, in N m with the rate in rad/s.
         sk.Friction("rub", joint, 0.6, 0.1, 0.5),
     )
     masses = tuple(random_mass(random, link) for link in moving)
     return replace(mechanism, masses=masses, loads=loads), joint
 
 
-def row_of_torques(found, row, joint):
+def newton_euler_arguments(found, row, joint):
     """Return the positional arguments of `newton_euler` for a row of inverse dynamics.
 
     Parameters
@@ -88,6 +92,7 @@ def row_of_torques(found, row, joint):
     """
     mechanism = found.mechanism
     values = found.values[row]
+    # `mechanism.angles` has the number of the variable of each R pair.
     angle = values[mechanism.angles[joint]]
     dq = found.input_rates[row]
     ddq = found.input_accelerations[row]
@@ -97,8 +102,10 @@ def row_of_torques(found, row, joint):
 def newton_euler(mechanism, values, angle, t, dq, ddq, joint, full=False, torques=None):
     """Return the torques at the inputs by Euler's equation of every link.
 
-    I alpha + w x (I w) = sum of all moments, for each link about the centre of the sphere,
-    where reactions of pairs are unknown moments about the directions that they hold.
+    I alpha + w x (I w) = sum of all moments, for each link about the centre of the sphere.
+    Unknown are the reactions of pairs, which are moments about the directions in which a
+    pair holds its links, and the torques at the inputs. There are as many equations as
+    unknowns if no constraint is redundant; least squares also solves them otherwise.
 
     Parameters
     ----------
@@ -123,10 +130,12 @@ def newton_euler(mechanism, values, angle, t, dq, ddq, joint, full=False, torque
     (inputs,) torques in N m. If `full`, reactions by pair: of R and Cr pairs about x and y
     of their frame (for contacts tangent and normal), of Cs pairs about the tangent.
     """
-    turns, w, alpha, frames, constraints, drive = link_motions(mechanism, values, dq, ddq)
+    orientations, w, alpha, frames, constraints, drive = link_motions(
+        mechanism, values, dq, ddq
+    )
     link_count = len(mechanism.links)
     if torques is None:
-        applied = moments(mechanism, turns, w, angle, t, joint)
+        applied = moments(mechanism, orientations, w, angle, t, joint)
     else:
         applied = np.zeros((link_count, 3))
         for k, a, b, _, _, axis in frames:
@@ -136,9 +145,12 @@ def newton_euler(mechanism, values, angle, t, dq, ddq, joint, full=False, torque
     inertial = []
     for link in range(1, link_count):
         mass = next(m for m in mechanism.masses if m.link == mechanism.links[link])
-        tensor = turns[link] @ np.array(mass.tensor) @ turns[link].T
+        tensor = orientations[link] @ np.array(mass.tensor) @ orientations[link].T
         gyroscopic = np.cross(w[link], tensor @ w[link])
         inertial.append(tensor @ alpha[link] + gyroscopic - applied[link])
+    # A row of `constraints` or `drive` takes the angular velocities of all links to the
+    # relative rate about one direction of a pair. A unit moment about this direction acts
+    # on the links with the same coefficients (virtual work).
     directions = np.vstack([constraints, drive]).T
     reactions = np.linalg.lstsq(directions, np.concatenate(inertial))[0]
     if not full:
@@ -232,7 +244,7 @@ def link_motions(mechanism, values, dq, ddq):
 
     Returns
     -------
-    turns
+    orientations
         (links, 3, 3) orientations.
     w, alpha
         (links, 3) angular velocities and accelerations.
@@ -247,11 +259,11 @@ def link_motions(mechanism, values, dq, ddq):
     joints = make_joints(mechanism)
     closure = Closure.of_mechanism(mechanism, joints).linearise(values[None])
     states = closure.states
-    turns = closure.rotations[0]
+    orientations = closure.rotations[0]
     link_count = len(mechanism.links)
     frames = []
     for k, (a, b) in enumerate(mechanism.ends):
-        frame = turns[a] @ states.first[0, k]
+        frame = orientations[a] @ states.first[0, k]
         frames.append((k, a, b, *frame.T))
 
     rows = []
@@ -290,7 +302,7 @@ def link_motions(mechanism, values, dq, ddq):
             accelerations.append(-normal_change @ relative)
     alpha = np.linalg.lstsq(equations, np.append(accelerations, ddq))[0]
     alpha = np.vstack([np.zeros(3), alpha.reshape(-1, 3)])
-    return turns, w, alpha, frames, constraints, drive
+    return orientations, w, alpha, frames, constraints, drive
 
 
 def relative_rate_row(link_count, a, b, vector):
@@ -301,10 +313,23 @@ def relative_rate_row(link_count, a, b, vector):
     return row[1:].ravel()
 
 
-def moments(mechanism, turns, w, angle, t, joint):
+def moments(mechanism, orientations, w, angle, t, joint):
     """Return the moments (links, 3) of the loads of `with_masses_and_loads`, in N m.
 
-    Written by hand, load by load; arguments as in `newton_euler` and `link_motions`.
+    Written by hand, load by load.
+
+    Parameters
+    ----------
+    mechanism
+        Mechanism with these loads.
+    orientations
+        (links, 3, 3) rotations from link axes to ground axes.
+    w
+        (links, 3) angular velocities in ground axes, rad/s.
+    angle, joint
+        Angle (rad) and name of the R pair with motor, spring, damper and friction.
+    t
+        Time, s.
     """
     number = mechanism.link_number
     last = number[mechanism.links[-1]]
@@ -312,17 +337,17 @@ def moments(mechanism, turns, w, angle, t, joint):
     total = np.zeros((len(mechanism.links), 3))
     for mass in mechanism.masses:  # weight
         link = number[mass.link]
-        centre = turns[link] @ np.array(mass.centre)
+        centre = orientations[link] @ np.array(mass.centre)
         total[link] += np.cross(centre, mass.mass * np.array([1.0, -2.0, -9.0]))
-    arm = turns[last] @ np.array([0.3, -0.2, 0.9])
+    arm = orientations[last] @ np.array([0.3, -0.2, 0.9])
     total[last] += np.cross(arm, [1.0, 2.0 * t, -1.0])  # push
     pull_in_link = np.cross([0.1, 0.5, 0.4], [t, -1.0, 0.5])
-    total[first] += turns[first] @ pull_in_link
-    total[last] += turns[last] @ np.array([0.3, t, 1.0])  # turn
+    total[first] += orientations[first] @ pull_in_link
+    total[last] += orientations[last] @ np.array([0.3, t, 1.0])  # turn
 
     pair = mechanism.pair_number[joint]
     a, b = mechanism.ends[pair]
-    axis = turns[a] @ make_joints(mechanism)[pair].first[:, 2]
+    axis = orientations[a] @ make_joints(mechanism)[pair].first[:, 2]
     rate = (w[b] - w[a]) @ axis
     motor = 2.0 * np.cos(angle) - rate
     spring = -0.7 * (angle - 0.2)
@@ -361,7 +386,7 @@ def bearing_forces(mechanism, values, angle, t, dq, ddq, joint, sides=None):
     residual
         Largest residual of the equations.
     """
-    turns, w, alpha, frames, _, _ = link_motions(mechanism, values, dq, ddq)
+    orientations, w, alpha, frames, _, _ = link_motions(mechanism, values, dq, ddq)
     number = mechanism.link_number
     link_count = len(mechanism.links)
     gravity = np.array([1.0, -2.0, -9.0])
@@ -371,9 +396,9 @@ def bearing_forces(mechanism, values, angle, t, dq, ddq, joint, sides=None):
     right_sides = np.zeros((link_count, 6))
     for mass in mechanism.masses:
         k = number[mass.link]
-        c = turns[k] @ np.array(mass.centre)
+        c = orientations[k] @ np.array(mass.centre)
         m = mass.mass
-        tensor = turns[k] @ np.array(mass.tensor) @ turns[k].T
+        tensor = orientations[k] @ np.array(mass.tensor) @ orientations[k].T
         tensor = tensor - m * (c @ c * np.eye(3) - np.outer(c, c))  # parallel axes
         acceleration = np.cross(alpha[k], c) + np.cross(w[k], np.cross(w[k], c))
         centres[k] = c
@@ -382,10 +407,10 @@ def bearing_forces(mechanism, values, angle, t, dq, ddq, joint, sides=None):
 
     last = number[mechanism.links[-1]]
     first = number[mechanism.links[1]]
-    push_point = turns[last] @ [0.3, -0.2, 0.9]
+    push_point = orientations[last] @ [0.3, -0.2, 0.9]
     push_force = np.array([1.0, 2.0 * t, -1.0])
-    pull_point = turns[first] @ [0.1, 0.5, 0.4]
-    pull_force = turns[first] @ [t, -1.0, 0.5]
+    pull_point = orientations[first] @ [0.1, 0.5, 0.4]
+    pull_force = orientations[first] @ [t, -1.0, 0.5]
     for k, point, force in (
         (last, push_point, push_force),
         (first, pull_point, pull_force),
@@ -395,9 +420,9 @@ def bearing_forces(mechanism, values, angle, t, dq, ddq, joint, sides=None):
 
     # The other loads are couples: all moments less those of the two forces.
     without_weight = replace(mechanism, masses=(), loads=())
-    couples = moments(without_weight, turns, w, angle, t, joint)
+    couples = moments(without_weight, orientations, w, angle, t, joint)
     couples[last] -= np.cross(push_point, push_force)
-    couples[first] -= turns[first] @ np.cross([0.1, 0.5, 0.4], [t, -1.0, 0.5])
+    couples[first] -= orientations[first] @ np.cross([0.1, 0.5, 0.4], [t, -1.0, 0.5])
     right_sides[:, 3:] -= couples
 
     # One column (6 links - 6,) per unknown: the effect of a unit force on both links.

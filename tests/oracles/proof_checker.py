@@ -29,9 +29,10 @@ class Refused(Exception):
     """What a certificate says is not so, or not shown."""
 
 
-def need(true, what):
-    if not true:
-        raise Refused(what)
+def need(condition, message):
+    """Raise `Refused` with a message unless a condition of a certificate is fulfilled."""
+    if not condition:
+        raise Refused(message)
 
 
 def matrix(entries):
@@ -78,8 +79,8 @@ def unit(a):
     return a / (a @ a).sqrt()
 
 
-def helper(axis):
-    """The axis of coordinates that is farthest from another."""
+def farthest_coordinate_axis(axis):
+    """The x, y or z axis that is nearest to a right angle with a vector."""
     return ball(np.eye(3))[np.argmin(np.abs(mid(axis).astype(float)))]
 
 
@@ -106,12 +107,15 @@ class Sizes:
         tolerance
             Uncertainty (rad) of all sizes.
         couplers
-            By sliding contact (Cs): the link between the centres of its two circles that
-            replaces it, and the names of its two pairs.
+            Two circles that slide on each other (Cs) move like a bar between their centres.
+            By such a contact: the name of this bar, its coupler, and the names of the two
+            pairs at its ends.
         wheels
-            Whether rolling contacts (Cr) may occur.
+            Whether rolling contacts (Cr) may occur. Without wheels in the construction of a
+            certificate, nothing would place them.
         """
         self.data = tomllib.loads(text, parse_float=str)
+        # A ball about zero that is added to sizes, so that all true sizes are included.
         self.slack = arb(0, tolerance) if tolerance else arb(0)
         pairs = self.data["pairs"]
         hinges = [name for name, pair in pairs.items() if pair["type"] in ("R", "P")]
@@ -135,7 +139,9 @@ class Sizes:
         """Return the centre (3,) and the radius (rad) of the circle of a contact on a link.
 
         The centre is given by an axis of the link, or as a vector or longitude and latitude
-        under a key such as `centre_xyz` or `pole_lonlat`. A great circle has no radius.
+        under a key such as `centre_xyz` or `pole_lonlat`. A great circle states no radius,
+        which is 90 degrees. The circle of a roller, a link that follows a curve, may be
+        stated under the key `follower`.
         """
         item = self.data["pairs"][contact]
         follower = item.get("follower", {})
@@ -163,8 +169,10 @@ class Sizes:
     def coupler_frame(self, pair, link):
         """Return the frame (3, 3) of a coupler's pair in a link, in columns.
 
-        The axis is the centre of the circle. The angle of the pair is the azimuth of the
-        contact about it.
+        The coupler is the bar between the centres of two circles that slide on each other.
+        It has a pair at each centre. The axis of a pair is the centre of the circle. Its
+        angle is the azimuth of the point of contact about the centre, from the x axis of
+        the frame.
         """
         contact, side = self.couplers[pair]
         item = self.data["pairs"][contact]
@@ -173,8 +181,10 @@ class Sizes:
             axis = (first_circle, second_circle)[side][0]
             x = across(axis)
         else:
-            # In the coupler the first centre is z and the second lies in the y, z plane,
-            # at the sum or the difference of both radii.
+            # In the coupler the first centre is z. The second one is at (0, s, c), at the
+            # arc of the sum or the difference of both radii. The x axis of each frame is
+            # perpendicular to its centre and points to the contact, which is on the great
+            # circle through both centres.
             first_radius, second_radius = first_circle[1], second_circle[1]
             is_internal = item.get("contact", "external") == "internal"
             if is_internal:
@@ -194,13 +204,15 @@ class Sizes:
     def axes(self, link):
         """Return the axes (3,) of a link by their pairs, the first axis on z.
 
-        Each other axis has an arc from the first and, from the third axis on, an angle
-        about it; the second lies towards y.
+        The position of every other axis is its arc from the first axis and its angle about
+        the first axis. The second axis has the angle 0, towards y. The file gives angles
+        from the third axis on.
         """
         item = self.data["links"][link]
         first_pair, *pairs = item["axes"]
         turns = ["0", *item.get("angles", [])]
         axes = {first_pair: ball([0, 0, 1])}
+        # `slack` is the uncertainty of sizes. The angle 0 of the second axis is exact.
         for pair, arc, turn in zip(pairs, item.get("arcs", []), turns, strict=False):
             s, c = (self.angle(arc) + self.slack).sin_cos()
             turn_slack = self.slack if turn != "0" else 0
@@ -213,7 +225,9 @@ class Sizes:
 
         z is the axis of the pair, and x lies towards the first other axis of the link. In a
         file that gives axes in a reference pose, x is chosen from the axis alone, so both
-        frames of a pair are equal there. Zero positions turn x and y about the axis.
+        frames of a pair are equal there. The file may state a zero position: the angle by
+        which x and y are rotated about the axis. It belongs to the first link of the pair
+        in a file with sizes, and to the second link (`value`) in a file with a pose.
         """
         if pair in self.couplers:
             return self.coupler_frame(pair, link)
@@ -223,6 +237,8 @@ class Sizes:
             axes = self.axes(link)
             axis = axes.pop(pair)
             normals = [np.cross(axis, other_axis) for other_axis in axes.values()]
+            # Axes that coincide with the axis of the pair give no direction: their normal
+            # is zero up to rounding.
             towards = [np.cross(n, axis) for n in normals if n @ n > 1e-18]
             zero = None if is_second else item.get("zero")
         else:
@@ -230,7 +246,8 @@ class Sizes:
             axis = self.direction(item[key], key == "xyz")
             towards = []
             zero = item.get("value") if is_second else None
-        x = unit([*towards, np.cross(axis, helper(axis))][0])
+        # The last candidate is only used if there is no other: any fixed direction will do.
+        x = unit([*towards, np.cross(axis, farthest_coordinate_axis(axis))][0])
         y = np.cross(axis, x)
         if zero is not None:
             s, c = (self.angle(zero) + self.slack).sin_cos()
@@ -244,9 +261,11 @@ class System:
     def __init__(self, certificate):
         """Read the construction of a certificate and check that it places every link.
 
-        Each step places a link by one pair (`turned`, with an angle) or closes a loop by
-        two pairs (`onto`, with one equation). There are as many equations as unknown
-        angles.
+        Each step places a link `by` one or two pairs `on` links that are placed already.
+        With one pair (`turned`) the angle of the pair is a variable. With two pairs
+        (`onto`) the link closes a loop, which gives one equation. There are as many
+        equations as unknown angles. Through two wheels in mesh the angle of one pair, the
+        follower, follows from the input.
         """
         self.made = certificate["construction"]
         text = certificate["mechanism"]
@@ -262,6 +281,7 @@ class System:
 
             self.follower = follower_of(self.sizes, self.inputs)
             need(followers == [self.follower.pair], "other wheels follow")
+        # The input itself is the variable, until `lap` is called with more laps.
         self.lap(1)
 
         ends = self.sizes.ends
@@ -293,7 +313,12 @@ class System:
                 self.frames[pair, link] = self.sizes.frame(pair, link)
 
     def lap(self, laps):
-        """Count by a variable that goes round once while the input turns `laps` times."""
+        """Count by a variable that goes round once while the input turns `laps` times.
+
+        With wheels, configurations repeat after several revolutions of the input. `turning`
+        gets for the input and for the follower: the variable, and the rate and the offset
+        (rad) of the angle as a function of it.
+        """
         if self.follower is None:
             return
         driven, ratio = self.follower.driven, self.follower.ratio * laps
@@ -304,26 +329,30 @@ class System:
         }
 
     def bound(self):
-        """The permanent of the degrees in the half tangents, counted anew."""
+        """Largest number of solutions: the permanent of the degrees in half tangents."""
         return permanent_of(self.degrees())
 
     def degrees(self):
         """Return the degrees of each equation (rows) in the half tangents of the unknowns.
 
-        An equation contains the angles on the two paths from its axes to their last common
-        link, each with the degree 2.
+        Half tangents are tan(angle / 2). An equation contains the angles on the two paths
+        from its axes to their last common link, each with the degree 2. A path is a list of
+        links from the root, each with the pairs whose angles its orientation depends on. A
+        link that closes a loop depends on all angles of the loop.
         """
         paths = {self.made["root"]: []}
         table = []
         for step in self.made["steps"]:
             if len(step["by"]) == 1:
                 path = paths[step["on"][0]]
-                paths[step["link"]] = [*path, (step["link"], step["by"][0])]
+                paths[step["link"]] = [*path, (step["link"], (step["by"][0],))]
                 continue
-            common, first, second = parted(*(paths[parent] for parent in step["on"]))
-            angles = [angle for _, names in first + second for angle in names.split("|")]
+            common, first, second = split_common_start(
+                *(paths[parent] for parent in step["on"])
+            )
+            angles = [name for _, names in first + second for name in names]
             table.append([2 * angles.count(name) for name in self.unknowns])
-            paths[step["link"]] = [*common, (step["link"], "|".join(angles))]
+            paths[step["link"]] = [*common, (step["link"], tuple(angles))]
         return table
 
     def values(self, unknown, driven):
@@ -336,12 +365,14 @@ class System:
 class Half:
     """Equations of links, polynomials in the e^(i angle) of pairs or in their inverses.
 
-    Derivatives are by these, and then by the pairs `moving`.
+    A dual array has its value at index 0 of the first axis, then its derivatives by these
+    numbers of the unknowns, then by the angles of the pairs `moving`.
     """
 
     def __init__(self, system, links, unknowns, inverse, moving=()):
         self.system, self.links, self.inverse = system, links, inverse
         self.unknowns, self.moving = unknowns, list(moving)
+        # Number of derivatives of a dual array.
         self.count = len(unknowns) + len(self.moving)
         self.steps = {step["link"]: step for step in system.made["steps"]}
 
@@ -349,25 +380,33 @@ class Half:
         """P and its derivatives at balls of the points and of all other angles."""
         self.points = dict(zip(self.unknowns, centre, strict=True))
         self.driven, self.done = driven, {}
-        return parts_of([self._put(link)[0] for link in self.links])
+        return parts_of([self._place_on_axes(link)[0] for link in self.links])
 
-    def _local(self, link):
+    def _matrix_and_scale(self, link):
         """The matrix of a link in the one before, times its scale, and the scale."""
         if link not in self.done:
             turned = len(self.steps[link]["by"]) == 1
-            self.done[link] = self._turned(link) if turned else self._put(link)[1:]
+            self.done[link] = (
+                self._turn_about_pair(link) if turned else self._place_on_axes(link)[1:]
+            )
         return self.done[link]
 
-    def _turned(self, link):
+    def _turn_about_pair(self, link):
         """Return the matrix of a link placed by one pair, and its scale, as dual arrays.
 
-        For an unknown angle with z = e^(i angle) = a / b, the rotation times a b is
-        polynomial in a and b: w = a b, c = (a^2 + b^2) / 2 and s = (a^2 - b^2) / 2i replace
-        1, cos and sin. The point is (z, 1), or (1, z) if z is the inverse.
+        For an unknown angle with e^(i angle) = a / b, the rotation times a b is polynomial
+        in a and b: w = a b, c = (a^2 + b^2) / 2 and s = (a^2 - b^2) / 2i replace 1, cos and
+        sin. The scale is w. The number z of an unknown is e^(i angle), with a = z and
+        b = 1, or its inverse, with a = 1 and b = z. Other angles are given, with the
+        scale 1.
+
+        The first index of a dual array is 0 for the value. It is 1 + k for the derivative
+        by the unknown k, and follows the unknowns for the derivatives by `moving` angles.
         """
         step = self.steps[link]
         (pair,) = step["by"]
         (parent,) = step["on"]
+        # The angle of a pair counts from its first link to its second.
         sense = 1 if self.system.sizes.ends[pair][0] == parent else -1
         before = constant(self.system.frames[pair, parent], self.count)
         after = constant(self.system.frames[pair, link].T, self.count)
@@ -401,34 +440,36 @@ class Half:
                 turn[column] = rate * spin(-s, sense * c, 0)
         return times(times(before, turn), after), scale
 
-    def _way(self, link):
+    def _path(self, link):
         step = self.steps.get(link)
         if step is None:
             return []
         if len(step["by"]) == 1:
-            return [*self._way(step["on"][0]), link]
-        return [*parted(*map(self._way, step["on"]))[0], link]
+            return [*self._path(step["on"][0]), link]
+        return [*split_common_start(*map(self._path, step["on"]))[0], link]
 
-    def _put(self, link):
+    def _place_on_axes(self, link):
         """Return the equation of a link placed on two axes, its matrix, and its scale.
 
-        Both axes are carried from their links to the last common link of their paths.
+        The matrix times vectors in the link gives vectors in the last common link of both
+        paths, multiplied by the scale, the denominator that rotations by unknown angles
+        have. Both axes are transformed to this link. All results are dual arrays.
         """
         step = self.steps[link]
-        _, *paths = parted(*map(self._way, step["on"]))
+        _, *paths = split_common_start(*map(self._path, step["on"]))
         axes_in_common = []
         scales = []
         for path, pair, parent in zip(paths, step["by"], step["on"], strict=True):
             axis = constant(self.system.frames[pair, parent][:, 2:], self.count)
             scale = constant(ball([[1]]), self.count)
             for path_link in reversed(path):
-                matrix_of_link, scale_of_link = self._local(path_link)
+                matrix_of_link, scale_of_link = self._matrix_and_scale(path_link)
                 axis = times(matrix_of_link, axis)
                 scale = times(scale, scale_of_link)
             axes_in_common.append(axis)
             scales.append(scale)
         axes = [self.system.frames[pair, link][:, 2] for pair in step["by"]]
-        equation, placed = put(link, axes, axes_in_common, scales)
+        equation, placed = place_on_axes(link, axes, axes_in_common, scales)
         return equation, placed, times(*scales)
 
 
@@ -437,11 +478,12 @@ def spin(c, s, still):
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, still]], dtype=object)
 
 
-def put(link, axes, axes_in_common, scales):
+def place_on_axes(link, axes, axes_in_common, scales):
     """Return the closure equation of a link on two axes, and its matrix, as dual arrays.
 
-    The equation says that the two axes keep the arc of the link. Both results are
-    multiplied by both scales.
+    A dual array has its value first, and then its derivatives by the unknowns. The equation
+    says that the two axes keep the arc of the link. The matrix takes vectors in the link to
+    vectors in the other link. Both results are multiplied by both scales.
 
     Parameters
     ----------
@@ -450,13 +492,16 @@ def put(link, axes, axes_in_common, scales):
     axes
         Two axes (3,) in the link.
     axes_in_common, scales
-        Dual columns of the same axes in another link, each times its scale.
+        Two dual columns and two dual numbers: the same axes in another link, each times its
+        scale. A scale is the common denominator of the column.
     """
     both_scales = times(*scales)
     cosine = times(axes_in_common[0].swapaxes(1, 2), axes_in_common[1])
     equation = cosine - both_scales * (axes[0] @ axes[1])
     normal = np.cross(*axes)
     need((normal @ normal).real > 0, f"the arc of {link} may be 0 or 180 degrees")
+    # The matrix takes both axes and their vector product to the same vectors in the other
+    # link, which are its columns in the basis of the three.
     inverse_basis = inverse(np.stack([*axes, normal], axis=1))
     columns = (
         times(axes_in_common[0], scales[1]),
@@ -472,7 +517,7 @@ def parts_of(duals):
     return table[:, 0], table[:, 1:]
 
 
-def parted(one, other):
+def split_common_start(one, other):
     """What two ways share, and the rest of both."""
     same = [a == b for a, b in zip(one, other, strict=False)]
     count = [*same, False].index(False)
@@ -497,7 +542,7 @@ def largest(entries):
     return max(abs(part).upper() for e in entries for part in (e.real, e.imag))
 
 
-def alone(system, centre, radius, driven):
+def has_one_solution(system, centre, radius, driven):
     """Whether Krawczyk's operator proves one solution in the square balls of a radius."""
     centre, around = np.array(centre), np.full(len(centre), square(radius))
     value, slope = system.values(centre, driven)
@@ -515,6 +560,7 @@ def check_modes(certificate):
     polynomial bound allows, or if no other real root exists outside the undecided boxes.
     """
     need(certificate["statement"] == "modes at inputs", "another statement")
+    # Somewhat more bits than the certificate was computed with.
     ctx.prec = certificate["precision_bits"] + 40
     system = System(certificate)
     driven = {k: system.sizes.angle(v) for k, v in certificate["inputs"].items()}
@@ -526,8 +572,9 @@ def check_modes(certificate):
         centre = [acb(dyadic(re), dyadic(im)) for re, im in root["centre"]]
         radius = root["radius"]
         need(0 < radius < 0.1, "a radius out of range")
-        # The ball is a disk for each angle; a square of 0.7 of its radius lies within.
-        need(alone(system, centre, 0.7 * radius, driven), "a root is not shown")
+        # The ball is a disk for each angle. A square with the half side 0.7 of its radius
+        # is inside, because 0.7 is less than 1 / sqrt(2).
+        need(has_one_solution(system, centre, 0.7 * radius, driven), "a root is not shown")
         imaginary = [arb(c.imag) + arb(0, radius) for c in centre]
         if root["real"]:
             need(all(c.imag == 0 for c in centre), "a real root off the real axis")
@@ -545,35 +592,48 @@ def check_modes(certificate):
     undecided_boxes = certificate["undecided_rad"]
     is_complete = is_counted or not undecided_boxes
     need(certificate["complete"] == is_complete, "not complete")
+    # The equations may have been solved in several systems, one after the other.
     if certificate["systems"]:
         need(system.follower is None, "systems with wheels are not checked")
         from oracles.proof_checker_systems import check_systems
 
         check_systems(system, certificate, driven)
     elif not is_counted:
-        exclude(system, driven, real_roots, undecided_boxes)
+        exclude_other_modes(system, driven, real_roots, undecided_boxes)
 
 
-def exclude(system, driven, real_roots, undecided_boxes):
+def exclude_other_modes(system, driven, real_roots, undecided_boxes):
     """Show that every real mode lies in the ball of a root, or in an undecided box.
 
     Around each root the largest box is sought that has no second root. The rest of the
     torus of all angles is divided until each part has no zero or lies in such a box.
+
+    Parameters
+    ----------
+    system, driven
+        Equations, and balls of the input angles by their pairs.
+    real_roots
+        The roots of the certificate with real angles.
+    undecided_boxes
+        Boxes of the certificate in which roots are not decided.
     """
     ctx.prec = 80
     boxes = []  # centre and half widths (unknowns,) in rad
     for root in real_roots:
         centre = [acb(dyadic(re)) for re, _ in root["centre"]]
         radius = 0.04
-        while not alone(system, centre, radius, driven):
+        while not has_one_solution(system, centre, radius, driven):
             radius /= 2
             need(radius > root["radius"], "a root is not alone")
         middle = np.array([float(c.real.mid()) for c in centre])
         boxes.append((middle, np.full(len(centre), radius)))
+    # Undecided boxes are enlarged a little, and tested with a margin below, so that the
+    # rounding of floats does not matter where the two have a side in common.
     for box in undecided_boxes:
         boxes.append((np.array(box["centre"]), 1.001 * np.array(box["half"]) + 1e-12))
 
     def is_in_a_box(middle, half_widths):
+        """Whether a part, in floats, is in one of the boxes. Half a turn is all angles."""
         for centre, halves in boxes:
             reach = np.abs(wrapped(middle - centre)) + half_widths
             if np.all((halves >= PERIOD / 2) | (reach <= halves - 1e-12)):
@@ -581,10 +641,17 @@ def exclude(system, driven, real_roots, undecided_boxes):
         return False
 
     count = len(system.unknowns)
-    # Not about zero, where roots of special geometry lie on the sides of boxes.
+    # The box of all angles is halved repeatedly. It is not centred at zero: in special
+    # geometries roots may be at angles such as 0, and would be on the sides of parts.
     start = ball(0.7 + 0.1 * np.arange(count))
     radii = np.full(count, arb.pi() * 1.0001)
-    cover(lambda place: system.values(place, driven), start, radii, is_in_a_box, 1e-7)
+    exclude_zeros(
+        lambda place: system.values(place, driven),
+        middle=start,
+        radius=radii,
+        is_in_known_box=is_in_a_box,
+        smallest=1e-7,
+    )
 
 
 PARTS = ((12, 4), (24, 6), (48, 8))
@@ -595,7 +662,7 @@ SLACK = 1e-9
 DEEPEST = 60
 
 
-class Wide:
+class ClosureEquations:
     """The closure equations F and their derivatives F' by all variables, over balls.
 
     Variables are the unknown pair angles and, as the last, the input.
@@ -621,10 +688,11 @@ def inside(piece, place, off):
     return fits and all(abs(e) + off < arb(piece["radius"]) for e in y)
 
 
-def cover(evaluate, middle, radius, is_known, smallest):
-    """Show that a function has no zero in a box, except in parts that are known.
+def exclude_zeros(evaluate, middle, radius, is_in_known_box, smallest):
+    """Show that a function has no zero in a box, except in boxes whose zeros are known.
 
-    Parts are halved across their longest side until the mean-value form excludes a zero.
+    Parts are halved across their longest side until the mean-value form
+    F(middle) + F'(part) (part - middle) excludes a zero, or the part is in a known box.
 
     Parameters
     ----------
@@ -632,8 +700,9 @@ def cover(evaluate, middle, radius, is_known, smallest):
         Function of balls (n,) that returns F and its derivatives.
     middle, radius
         (n,) balls: centre and half widths of the box.
-    is_known
-        Function of the centre and half widths of a part, in floats.
+    is_in_known_box
+        Function of the centre and half widths of a part, in floats, that returns whether
+        the part is in a box whose zeros are known.
     smallest
         Half width (rad) below which the check gives up.
     """
@@ -644,8 +713,9 @@ def cover(evaluate, middle, radius, is_known, smallest):
         examined += 1
         need(examined < MOST_CHECKED, "too many boxes")
         half_widths = size(radius)
-        if is_known(mid(middle).astype(float), half_widths.astype(float)):
+        if is_in_known_box(mid(middle).astype(float), half_widths.astype(float)):
             continue
+        # The whole box is not tested: derivatives over it tell nothing.
         if examined > 1:
             spread = about(half_widths)
             image = evaluate(middle)[0] + evaluate(middle + spread)[1] @ spread
@@ -657,7 +727,7 @@ def cover(evaluate, middle, radius, is_known, smallest):
         waiting += [(middle + sign * is_longest * halved, halved) for sign in (-1, 1)]
 
 
-def boxed(piece, place, sizes):
+def is_box_inside(piece, place, sizes):
     """Whether a box, in floats with a margin, lies in a piece."""
     frame = np.array(piece["frame"])
     limits = [piece["half"]] + [piece["radius"]] * (len(place) - 1)
@@ -668,54 +738,61 @@ def boxed(piece, place, sizes):
 class Arc:
     """The arc of a configuration curve in a piece, enclosed over parts of its length.
 
-    Points of a piece are centre + s t + across y, where s is the coordinate along the
+    Points of a piece are centre + s axis + across y, where s is the coordinate along the
     straight axis of the piece and y are those across it, up to `radius`. The arc is the set
     of points with F = 0, one y for each s.
 
     Attributes
     ----------
-    t, across
+    axis, across
         Unit vector (variables,) of the axis, and the unit vectors (variables, y) across it.
     value
         F at the centre.
-    near
+    equations
+        F and F' over balls, `ClosureEquations`.
+    inverse_slope
         Approximate inverse of F' across the axis, by which Krawczyk's operator is
         preconditioned.
-    one
-        Identity matrix of the size of `near`.
-    all
+    identity
+        Identity matrix of the size of `inverse_slope`.
+    all_y
         Balls of all y of the piece.
     """
 
-    def __init__(self, piece, wide):
-        self.piece, self.wide, self.radius = piece, wide, arb(piece["radius"])
-        self.t, self.across = ball(piece["frame"][0]), ball(piece["frame"][1:]).T
+    def __init__(self, piece, equations):
+        self.piece, self.equations, self.radius = piece, equations, arb(piece["radius"])
+        self.axis, self.across = ball(piece["frame"][0]), ball(piece["frame"][1:]).T
         self.centre = ball(piece["centre"])
-        self.value, slope = wide(self.centre)
-        self.near = inverse_near(slope @ self.across)
-        self.one = ball(np.eye(len(self.near)))
-        self.all = about([self.radius] * len(self.near))
+        self.value, slope = equations(self.centre)
+        self.inverse_slope = inverse_near(slope @ self.across)
+        self.identity = ball(np.eye(len(self.inverse_slope)))
+        self.all_y = about([self.radius] * len(self.inverse_slope))
 
-    def is_one(self):
+    def has_one_point_for_each_s(self):
         """Whether the piece has one y for every s, by Krawczyk's operator over parts."""
-        return any(self._is_one_by(*parts) for parts in PARTS)
+        return any(self._has_one_point_with_cuts(*parts) for parts in PARTS)
 
-    def _is_one_by(self, halves, cuts):
+    def _has_one_point_with_cuts(self, halves, cuts):
         half = arb(self.piece["half"])
         step = arb(0, half / halves)
         for part in range(halves):
-            axis_point = self.centre + half * (2 * part + 1 - halves) / halves * self.t
-            image = self._image(axis_point, axis_point + step * self.t, step, cuts)
+            axis_point = self.centre + half * (2 * part + 1 - halves) / halves * self.axis
+            image = self._image(axis_point, axis_point + step * self.axis, step, cuts)
             if not np.all(size(image) < self.radius):
                 return False
         return True
 
-    def is_close(self):
+    def passes_centre(self):
         """Whether the arc is within SLACK of the centre at s = 0."""
-        return np.all(size(self.near @ self.value) < SLACK / 4)
+        return np.all(size(self.inverse_slope @ self.value) < SLACK / 4)
 
     def _image(self, axis_point, axis_points, step, cuts):
         """Return Krawczyk's operator on all y of the piece, over a part of its axis.
+
+        A point of the piece has the coordinate s along the axis and the coordinates y
+        across it. The operator is (1 - C F'_y) Y - C F, where C is an approximate inverse
+        of the derivatives F'_y by y, Y are balls of all y, and F is that on the axis. If
+        the result is inside Y, there is exactly one y with F = 0 for each s.
 
         Parameters
         ----------
@@ -726,34 +803,46 @@ class Arc:
         cuts
             Parts that each y is cut into; F' is evaluated on each of them.
         """
+        # F'_y over all y is the union of those over cells. Each y is cut into equal
+        # intervals with numbers from 0 to `cuts` - 1. Smaller balls give sharper bounds.
         slopes = None
-        for cell in itertools.product(range(cuts), repeat=len(self.near)):
+        for cell in itertools.product(range(cuts), repeat=len(self.inverse_slope)):
             middle = self.radius * (2 * ball(cell) + 1 - cuts) / cuts
             y = middle + arb(0, (self.radius / cuts).upper())
-            part_slopes = self.wide(axis_points + self.across @ y)[1] @ self.across
+            part_slopes = self.equations(axis_points + self.across @ y)[1] @ self.across
             slopes = part_slopes if slopes is None else union(slopes, part_slopes)
-        change = self.wide(axis_point)[0] + self.wide(axis_points)[1] @ self.t * step
-        return (self.one - self.near @ slopes) @ self.all - self.near @ change
+        # F on this part of the axis, by the mean-value form.
+        change = (
+            self.equations(axis_point)[0]
+            + self.equations(axis_points)[1] @ self.axis * step
+        )
+        return (
+            self.identity - self.inverse_slope @ slopes
+        ) @ self.all_y - self.inverse_slope @ change
 
     def at(self, s):
         """Return balls of all variables for arc lengths in a ball s."""
         middle_s = arb(s.mid())
         step = s - middle_s
-        axis_point = self.centre + middle_s * self.t
-        axis_points = axis_point + step * self.t
-        y = self._narrowed(self.all, axis_point, axis_points, step)
+        axis_point = self.centre + middle_s * self.axis
+        axis_points = axis_point + step * self.axis
+        y = self._narrowed(self.all_y, axis_point, axis_points, step)
         if any(item.rad() > 0.9 * self.radius for item in y):
             # The balls are hardly smaller: begin with derivatives over parts of the width.
             images = (self._image(axis_point, axis_points, step, cuts) for _, cuts in PARTS)
             small = (image for image in images if np.all(size(image) < self.radius))
-            y = self._narrowed(next(small, self.all), axis_point, axis_points, step)
+            y = self._narrowed(next(small, self.all_y), axis_point, axis_points, step)
         return axis_points + self.across @ y
 
     def _narrowed(self, y, axis_point, axis_points, step):
         """Return smaller balls of the y with F = 0, for all s of a range.
 
-        Krawczyk's operator maps balls of y to balls that hold the same solutions of F = 0.
-        It is applied as long as it narrows a ball to less than 0.9 of its radius.
+        A point has the coordinate s along the axis of the piece and the coordinates y
+        across it. Krawczyk's operator maps balls of y to balls that contain the same
+        solutions of F = 0: m - C F(m) + (1 - C F'_y) (y - m), with the middles m of the
+        balls and an approximate inverse C of the derivatives F'_y. It is applied as long as
+        it narrows a ball to less than 0.9 of its radius, at most 30 times. Further steps
+        would hardly narrow the balls.
 
         Parameters
         ----------
@@ -767,10 +856,12 @@ class Arc:
         for _ in range(30):
             previous = y
             middle_y = mid(y)
-            value, _ = self.wide(axis_point + self.across @ middle_y)
-            _, slope = self.wide(axis_points + self.across @ y)
-            image = middle_y - self.near @ (value + slope @ self.t * step)
-            image += (self.one - self.near @ (slope @ self.across)) @ (y - middle_y)
+            value, _ = self.equations(axis_point + self.across @ middle_y)
+            _, slope = self.equations(axis_points + self.across @ y)
+            image = middle_y - self.inverse_slope @ (value + slope @ self.axis * step)
+            image += (self.identity - self.inverse_slope @ (slope @ self.across)) @ (
+                y - middle_y
+            )
             y = shared(y, image)
             if not any(b.rad() < 0.9 * a.rad() for a, b in zip(previous, y, strict=True)):
                 break
@@ -782,16 +873,17 @@ class Arc:
         The rate is the determinant of F' without the column of the variable, times a factor
         that is never zero. It is zero where the variable stops.
         """
-        _, slope = self.wide(self.at(s))
+        _, slope = self.equations(self.at(s))
         return matrix(np.delete(slope, variable, axis=1)).det()
 
 
 def check_stops(arcs, following, variable, stops):
     """Show that a variable stops only in the given boxes of a curve, and once in each.
 
-    Its rate along the curve is a determinant. Outside of the boxes the rate is shown to
-    have no zero, by halving parts of the arcs; on both sides of a box it has opposite
-    signs.
+    Along the curve, F = 0 for the closure equations F. The rates of the variables solve
+    F' x = 0, so the rate of one variable is a determinant of F' without its column, up to a
+    common factor. Outside of the boxes the rate is shown to have no zero, by halving parts
+    of the arcs. On both sides of a box it has opposite signs.
 
     Parameters
     ----------
@@ -800,10 +892,13 @@ def check_stops(arcs, following, variable, stops):
     variable
         Number of the variable.
     stops
-        Boxes with the centre `place` and the half width `off`.
+        Boxes with the centre `place` (variables,) and the half width `off` (rad).
     """
 
+    # Small numbers are margins: 1e-9 for the rounding of floats, `SLACK` for the distance
+    # of the centre of a piece from its arc.
     def is_within(place, stop):
+        """Whether balls of a point are within the box of a stop."""
         gap = np.abs(wrapped(mid(place).astype(float) - np.array(stop["place"])))
         radii = np.array([float(item.rad()) for item in place])
         return np.all(gap + radii <= stop["off"] + 1e-9)
@@ -823,6 +918,7 @@ def check_stops(arcs, following, variable, stops):
             need(depth < DEEPEST, "a variable may stop where none is said to")
             middle = arb(s.mid())
             waiting += [(low, middle, depth + 1), (middle, high, depth + 1)]
+    # The signs are compared at a distance beyond the box, on an arc that reaches so far.
     for stop in stops:
         distance = 4.0 * stop["off"] + 1e-8
         rates = None
@@ -838,29 +934,34 @@ def check_stops(arcs, following, variable, stops):
         need((rates[0] > 0) != (rates[1] > 0), "no change of sign at a stop")
 
 
-def check_singularities(wide, system, certificate, chains):
-    """Show all stops of the input on each curve, and those of outputs that a pair measures.
+def check_singularities(equations, system, certificate, chains):
+    """Show all stops of the input on each curve, and those of some outputs.
 
-    A stop of the input is a dead centre; a stop of an output is a singularity of type I.
+    A variable stops where its rate along the curve is zero. A stop of the input is a dead
+    centre; a stop of an output is a singularity of type I. Outputs are checked whose links
+    are joined by an R pair, so that the variable of the pair is the output. At a crossing
+    it may be open whether a stop is of type I or III ("I or III").
 
     Parameters
     ----------
-    wide, system, certificate
-        Equations with the input as last variable, their system, and the certificate.
+    equations, system
+        Closure equations with the input as last variable, and their system.
+    certificate
+        Certificate with the stops of each curve.
     chains
-        For each curve its arcs and following pieces, as in `check_stops`.
+        For each curve its arcs, one for each piece, and the pieces that follow them.
     """
     outputs = list(system.sizes.data.get("outputs", {}).items())
     singularities = certificate["singularities"]["found"]
     curves = zip(certificate["curves"], chains, strict=True)
     for number, (curve, (arcs, following)) in enumerate(curves):
-        input_variable = len(wide.names) - 1
+        input_variable = len(equations.names) - 1
         check_stops(arcs, following, input_variable, curve["input_stops"])
         for name, output in outputs:
             reference = output.get("relative_to", system.sizes.data["ground"])
             links = {output["link"], reference}
             pairs = [p for p, ends in system.sizes.ends.items() if set(ends) == links]
-            if not pairs or pairs[0] not in wide.names[:-1]:
+            if not pairs or pairs[0] not in equations.names[:-1]:
                 continue
             stops = [
                 item
@@ -869,10 +970,23 @@ def check_singularities(wide, system, certificate, chains):
                 and item["curve"] == number
                 and item["type"] in ("I", "I or III")
             ]
-            check_stops(arcs, following, wide.names.index(pairs[0]), stops)
+            check_stops(arcs, following, equations.names.index(pairs[0]), stops)
 
 
 def check_curves(certificate):
+    """Check a certificate of all configuration curves over a range of the input.
+
+    A curve is a chain of pieces: straight boxes along the curve, each with exactly one
+    point of the curve for every position s along its axis. It is shown that
+
+    - each piece has such an arc, which passes its centre up to `SLACK`,
+    - each piece begins within the piece before it, and further along the curve,
+    - a curve that is not closed leaves the range of the input at both ends,
+    - no curve is listed twice,
+    - there are no configurations in the range outside of the pieces.
+
+    If the certificate lists singularities, these are checked, too.
+    """
     need(certificate["statement"] == "curves over a range", "another statement")
     need(certificate["complete"] and not certificate["undecided_rad"], "not complete")
     need(not certificate["crossings"], "crossings are not checked")
@@ -892,9 +1006,10 @@ def check_curves(certificate):
         tolerance = certificate["tolerance_rad"]
         check_stated(certificate["wheels"], system.follower, laps, tolerance)
         system.lap(laps)
+    # The variable of the curves goes round once while the input turns `laps` times.
     low, high = low / laps, high / laps
     need(high - low < 2 * arb.pi() + 1e-9, "a range after which all is back")
-    wide = Wide(system)
+    equations = ClosureEquations(system)
     pieces, chains = [], []
     for curve in certificate["curves"]:
         chain, arcs = curve["pieces"], []
@@ -903,9 +1018,9 @@ def check_curves(certificate):
             frame = ball(piece["frame"])
             off = frame @ frame.T - np.eye(len(frame), dtype=int)
             need(np.all(size(off) < 1e-13), "a frame that is not orthonormal")
-            arcs.append(Arc(piece, wide))
-            need(arcs[-1].is_one(), "a piece without one arc")
-            need(arcs[-1].is_close(), "a centre that is off its arc")
+            arcs.append(Arc(piece, equations))
+            need(arcs[-1].has_one_point_for_each_s(), "a piece without one arc")
+            need(arcs[-1].passes_centre(), "a centre that is off its arc")
         following = chain[1:] + (chain[:1] if curve["closed"] else [])
         for piece, further in zip(chain, following, strict=False):
             need(inside(piece, further["centre"], arb(SLACK)), "two pieces do not meet")
@@ -917,12 +1032,19 @@ def check_curves(certificate):
             need(not inside(earlier, chain[0]["centre"], arb(-SLACK)), "one curve twice")
         pieces += chain
         chains.append((arcs, following))
-    count = len(wide.names) - 1
+    # All unknown angles are examined over one revolution, the input over its range.
+    count = len(equations.names) - 1
     middle = np.array([arb(0)] * count + [(low + high) / 2])
     radius = np.array([arb.pi()] * count + [(high - low) / 2])
-    cover(wide, middle, radius, lambda *box: any(boxed(p, *box) for p in pieces), 1e-4)
+    exclude_zeros(
+        equations,
+        middle=middle,
+        radius=radius,
+        is_in_known_box=lambda *box: any(is_box_inside(p, *box) for p in pieces),
+        smallest=1e-4,
+    )
     if "singularities" in certificate:
-        check_singularities(wide, system, certificate, chains)
+        check_singularities(equations, system, certificate, chains)
 
 
 def check(certificate):
