@@ -154,7 +154,7 @@ def test_a_followed_group_has_rows_up_to_its_dead_centre():
     distances = np.array([1e-12, 1e-14])
     path = np.unique(ends[0] + np.concatenate([distances, -distances]))
     comparison = judge_bounds(mechanism, path[:, None])
-    assert comparison.marked <= comparison.rows
+    assert comparison.failed_rows <= comparison.rows
 
 
 @pytest.mark.parametrize("arcs", [(40, 40, 70, 70), (60, 60, 60, 60), (90, 90, 90, 90)])

@@ -25,7 +25,7 @@ def findings(evidence, name):
     A mechanism that is refused has none. A warning of NumPy is an error.
     """
     notes = Notes()
-    evidence.begin(name)
+    evidence.begin_check(name)
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
         try:
@@ -39,8 +39,8 @@ def findings(evidence, name):
 @pytest.fixture
 def evidence_of(tmp_path):
     def make(name):
-        (suspect,) = shipped_subjects([name])
-        return Evidence(Subject(name, "shipped", suspect.mechanism, SAMPLES), tmp_path)
+        (subject,) = shipped_subjects([name])
+        return Evidence(Subject(name, "shipped", subject.mechanism, SAMPLES), tmp_path)
 
     return make
 
@@ -97,7 +97,7 @@ def test_a_check_finds_numbers_that_were_changed(
     """The check has no finding for the four-bar, but has one after a column is changed."""
     evidence = evidence_of("four_bar")
     assert not findings(evidence, check)
-    frame = evidence.ran(analysis).tables[table]
+    frame = evidence.run_analysis(analysis).tables[table]
     rows = slice(None) if table == "singularities" else slice(3, 12)
     frame.loc[frame.index[rows], column] = value
     assert findings(evidence, check)
@@ -105,7 +105,7 @@ def test_a_check_finds_numbers_that_were_changed(
 
 def test_an_empty_table_without_a_word_is_found(evidence_of):
     evidence = evidence_of("four_bar")
-    ran = evidence.ran("singularities")
-    ran.tables["singularities"] = ran.tables["singularities"].iloc[:0]
+    result = evidence.run_analysis("singularities")
+    result.tables["singularities"] = result.tables["singularities"].iloc[:0]
     found = findings(evidence, "singularities by default")
     assert Kind.SILENT in {kind for _, kind, _ in found}

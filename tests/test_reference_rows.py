@@ -478,7 +478,7 @@ def test_errors_of_random_mechanisms_lie_within_their_bounds(seeds):
         comparison = compare_errors_with_bounds(position_analysis)
         for kind in KINDS:
             assert np.all(comparison.error_ratios(kind) <= 1.0), (seed, kind)
-        assert comparison.silent == 0
+        assert comparison.missing_numbers == 0
         ratios = comparison.error_ratios("directions")
         direction_count += len(ratios)
         largest_ratio = max(largest_ratio, float(np.max(ratios, initial=0.0)))

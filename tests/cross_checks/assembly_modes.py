@@ -19,23 +19,24 @@ CLEAR = 1e4
 """Configurations of worse conditioning may come and go with rounding."""
 
 
-def placed(tracer, values):
+def well_conditioned_orientations(position_analysis, values):
     """Return the orientations (n, links, 3, 3) of configurations that are well clear.
 
     Those beside a dead centre of the inputs are left out: rounding decides on them.
     """
-    motion = tracer.given(values.reshape(-1, len(tracer.mechanism.variable_names)))
+    variable_count = len(position_analysis.mechanism.variable_names)
+    motion = position_analysis.given(values.reshape(-1, variable_count))
     return np.asarray(motion.rotations[motion.conditioning < CLEAR])
 
 
-def asked_inputs(evidence, count=INPUTS):
+def choose_samples(evidence, count=INPUTS):
     """Return numbers of samples at which to compare, the ends of the range left out."""
     every = np.arange(1, evidence.motion.samples - 1)
     chosen = evidence.random.permutation(every)[:count]
     return sorted(chosen.tolist())
 
 
-def at_sample(evidence, sample):
+def read_sample(evidence, sample):
     """Return the inputs (inputs,) of a sample, and its OK rows as values (n, variables)."""
     motion = evidence.motion
     is_at_sample = motion.sample == sample
@@ -66,18 +67,18 @@ def compare(notes, inputs_text, first, second):
     ):
         if claim is None:
             continue
-        notes.judged()
+        notes.count_comparisons()
         missing = count_missing(other_configurations, configurations, SAME)
         if missing:
             is_contradiction = claim.guarantee is Guarantee.COMPLETE
-            notes.found(
+            notes.add_finding(
                 f"{name} lacks {missing} configurations that {other_name} has at "
                 f'{inputs_text}; it claims "{claim}"',
                 Kind.CONTRADICTION if is_contradiction else Kind.SHORT,
             )
 
 
-def place_of(q):
+def describe_inputs(q):
     """Return inputs in words, in degrees."""
     return "inputs " + ", ".join(f"{x:.6f}" for x in np.degrees(q)) + " deg"
 
@@ -87,28 +88,35 @@ def run_and_curves(evidence, notes):
     """Compare the rows of some samples with the points of curves at the same input.
 
     Configuration curves are followed independently of samples, over the whole range of the
-    only input.
+    only input. Mechanisms with several inputs have no such curves.
+
+    Parameters
+    ----------
+    evidence, notes
+        The results of the mechanism, and the notes to which findings are added.
     """
-    if not evidence.single:
+    if not evidence.has_one_input:
         return
-    position_analysis = evidence.tracer
+    position_analysis = evidence.position_analysis
     curves = evidence.configurations
-    # Wheels in mesh return to the same input in another configuration, so the curves may
-    # have more configurations at an input than the run.
+    # With wheels in mesh, another configuration can follow after a revolution of the input.
+    # The curves continue over several revolutions, so they may have more configurations at
+    # an input than the run. The run is then not compared with its claim of completeness.
     has_wheels = any(pair.type == "Cr" for pair in position_analysis.mechanism.pairs)
     run_claim = None if has_wheels else position_analysis.claim
     variable = position_analysis.solver.input_variable
-    for sample in asked_inputs(evidence):
-        inputs, values = at_sample(evidence, sample)
+    for sample in choose_samples(evidence):
+        inputs, values = read_sample(evidence, sample)
         points = []
         for item in curves.curves:
+            # Arc lengths at which the curve has this input.
             for s in item.curve.find_value(variable, float(inputs[0])).places:
                 points.append(item.curve.at(s).values)
-        on_curves = placed(position_analysis, np.array(points))
-        in_run = placed(position_analysis, values)
+        on_curves = well_conditioned_orientations(position_analysis, np.array(points))
+        in_run = well_conditioned_orientations(position_analysis, values)
         compare(
             notes,
-            place_of(inputs),
+            describe_inputs(inputs),
             ("the set of curves", on_curves, curves.claim),
             ("a run", in_run, run_claim),
         )
@@ -116,18 +124,29 @@ def run_and_curves(evidence, notes):
 
 @check("run and forward", "forward kinematics finds the modes that a run has")
 def run_and_forward(evidence, notes):
-    """Compare the rows of three samples with all configurations found at each input."""
-    position_analysis = evidence.tracer
-    for sample in asked_inputs(evidence, 3):
-        inputs, values = at_sample(evidence, sample)
+    """Compare the rows of three samples with all configurations found at each input.
+
+    Forward kinematics solves for all configurations at the inputs of a single sample,
+    whereas a run follows assembly modes from sample to sample.
+
+    Parameters
+    ----------
+    evidence, notes
+        The results of the mechanism, and the notes to which findings are added.
+    """
+    position_analysis = evidence.position_analysis
+    for sample in choose_samples(evidence, 3):
+        inputs, values = read_sample(evidence, sample)
         assemblies = enumerate_assemblies(position_analysis.solver, inputs)
         guarantee = Guarantee.COMPLETE if assemblies.is_complete else Guarantee.SAMPLED
         claim = Completeness(guarantee, "forward kinematics")
-        by_forward_kinematics = placed(position_analysis, assemblies.values)
-        in_run = placed(position_analysis, values)
+        by_forward_kinematics = well_conditioned_orientations(
+            position_analysis, assemblies.values
+        )
+        in_run = well_conditioned_orientations(position_analysis, values)
         compare(
             notes,
-            place_of(inputs),
+            describe_inputs(inputs),
             ("forward kinematics", by_forward_kinematics, claim),
             ("a run", in_run, position_analysis.claim),
         )
@@ -135,12 +154,21 @@ def run_and_forward(evidence, notes):
 
 @check("whole turns", "a range a whole turn on has the same modes, without wheels in mesh")
 def whole_turns(evidence, notes):
-    """Compare the rows of three samples with those of the range moved by a turn."""
+    """Compare the rows of three samples with those of the range moved by a turn.
+
+    Without wheels the configurations at an input repeat after a whole turn. Rolling
+    contacts (Cr) can have rolled on by then, so such mechanisms are left out.
+
+    Parameters
+    ----------
+    evidence, notes
+        The results of the mechanism, and the notes to which findings are added.
+    """
     if any(pair.type == "Cr" for pair in evidence.mechanism.pairs):
         return
     motion = evidence.motion
-    position_analysis = evidence.tracer
-    samples = asked_inputs(evidence, 3)
+    position_analysis = evidence.position_analysis
+    samples = choose_samples(evidence, 3)
     moved_inputs = tuple(
         replace(item, start=item.start + 2.0 * np.pi, stop=item.stop + 2.0 * np.pi)
         for item in position_analysis.mechanism.inputs
@@ -150,14 +178,16 @@ def whole_turns(evidence, notes):
     moved_motion = moved_analysis.motion()
     assert motion.samples == moved_motion.samples
     for sample in samples:
-        inputs, values = at_sample(evidence, sample)
+        inputs, values = read_sample(evidence, sample)
         rows = (moved_motion.sample == sample) & (moved_motion.status == Status.OK)
-        # Both are placed by the same position analysis, in whose variables they are given.
-        a_turn_on = placed(position_analysis, moved_motion.values[rows])
-        in_run = placed(position_analysis, values)
+        # The orientations of both follow from the pair variables, by the same analysis.
+        a_turn_on = well_conditioned_orientations(
+            position_analysis, moved_motion.values[rows]
+        )
+        in_run = well_conditioned_orientations(position_analysis, values)
         compare(
             notes,
-            place_of(inputs),
+            describe_inputs(inputs),
             ("a run a turn on", a_turn_on, moved_analysis.claim),
             ("a run", in_run, position_analysis.claim),
         )

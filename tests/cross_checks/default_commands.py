@@ -31,8 +31,16 @@ def _register_default_command(analysis):
         "where the status is OK, no empty table without a word, counts as printed",
     )
     def check_default_command(evidence, notes):
-        run = evidence.ran(analysis)
-        if not answered(run, analysis, notes):
+        """Run the analysis without options, and check its answer, tables and counts.
+
+        Parameters
+        ----------
+        evidence, notes
+            The results of the mechanism, and the notes to which findings are added.
+        """
+        # A mechanism may be refused with a message. Then there are no tables.
+        run = evidence.run_analysis(analysis)
+        if not has_answered(run, analysis, notes):
             return
         for name, frame in run.tables.items():
             judge_rows(evidence, name, frame, notes)
@@ -40,15 +48,15 @@ def _register_default_command(analysis):
         judge_counts(run, notes)
 
 
-def answered(ran, analysis, notes):
+def has_answered(result, analysis, notes):
     """Return whether there are tables; a refusal has to be one paragraph of words."""
-    notes.judged()
-    if ran.status == 0:
+    notes.count_comparisons()
+    if result.status == 0:
         return True
-    words = ran.err.strip()
-    if ran.status == 1 and words.startswith("spherekit: ") and "Traceback" not in words:
+    words = result.err.strip()
+    if result.status == 1 and words.startswith("spherekit: ") and "Traceback" not in words:
         return False
-    notes.found(f"exit status {ran.status}: {words[-200:]}", Kind.FAULT)
+    notes.add_finding(f"exit status {result.status}: {words[-200:]}", Kind.FAULT)
     return False
 
 
@@ -73,30 +81,38 @@ def judge_rows(evidence, name, frame, notes):
     for column in FINITE.get(name, ()):
         is_number = np.isfinite(frame[column].to_numpy(dtype=float))
         is_missing = is_ok & ~is_number
-        notes.judged(int(np.sum(is_ok)))
+        notes.count_comparisons(int(np.sum(is_ok)))
         if np.any(is_missing):
             row = int(np.flatnonzero(is_missing)[0])
-            notes.found(
+            notes.add_finding(
                 f"{name}: {column} is {frame[column].iloc[row]} in "
                 f"{int(np.sum(is_missing))} rows that are OK, the first row {row}"
             )
     for column in EMPTY.get(name, ()):
         is_number = np.isfinite(frame[column].to_numpy(dtype=float))
         is_unexpected = is_number & ~is_ok & ~np.isin(status, AT_REST)
-        notes.judged(int(np.sum(~is_ok)))
+        notes.count_comparisons(int(np.sum(~is_ok)))
         if np.any(is_unexpected):
             row = int(np.flatnonzero(is_unexpected)[0])
-            notes.found(
+            notes.add_finding(
                 f"{name}: {column} is {frame[column].iloc[row]} in a row that is "
                 f"{status[row]}, row {row}"
             )
 
 
 def _note_rows_out_of_range(evidence, name, frame, notes):
-    """Note rows outside the ranges of the inputs that do not say so.
+    """Note rows outside the ranges of the inputs that are not marked as such.
 
-    Tables with a column `inside` may have such rows, if they say so. Tables of given poses
-    (workspace, inverse kinematics, equivalent rotation) have no range of inputs.
+    Tables with a column `inside` may have such rows if the column has the text "no" there.
+    Tables of given poses (workspace, inverse kinematics, equivalent rotation) have no range
+    of inputs.
+
+    Parameters
+    ----------
+    evidence, notes
+        The results of the mechanism, and the notes to which findings are added.
+    name, frame
+        Name of a table, and its rows as a data frame.
     """
     inputs = evidence.mechanism.inputs
     columns = ["q"] if len(inputs) == 1 else [f"q_{item.pair}" for item in inputs]
@@ -107,35 +123,36 @@ def _note_rows_out_of_range(evidence, name, frame, notes):
     ends = np.array([sorted((item.start, item.stop)) for item in inputs])
     # Distance (rad) beyond the nearest end of the range, negative inside.
     beyond = np.max(np.maximum(ends[:, 0] - q, q - ends[:, 1]), axis=1)
-    says_outside = np.zeros(len(frame), dtype=bool)
+    is_marked_outside = np.zeros(len(frame), dtype=bool)
     if "inside" in frame:
-        says_outside = frame["inside"].to_numpy() == "no"
+        is_marked_outside = frame["inside"].to_numpy() == "no"
     is_number = np.isfinite(beyond)
-    notes.judged(int(np.sum(is_number)))
-    is_silent = is_number & (beyond > OFF_RANGE) & ~says_outside
-    is_false = is_number & (beyond < -OFF_RANGE) & says_outside
+    notes.count_comparisons(int(np.sum(is_number)))
+    # Rows within rounding (OFF_RANGE) of the end of a range may be marked or not.
+    is_unmarked = is_number & (beyond > OFF_RANGE) & ~is_marked_outside
+    is_false = is_number & (beyond < -OFF_RANGE) & is_marked_outside
     for is_wrong, words in (
-        (is_silent, "outside the range and do not say so"),
+        (is_unmarked, "outside the range and do not say so"),
         (is_false, "inside the range and say they are not"),
     ):
         if np.any(is_wrong):
             row = int(np.flatnonzero(is_wrong)[0])
-            notes.found(
+            notes.add_finding(
                 f"{name}: {int(np.sum(is_wrong))} of {len(q)} rows are {words}, the first "
                 f"at {q[row].round(6).tolist()} rad"
             )
 
 
-def judge_main(ran, analysis, notes):
+def judge_main(result, analysis, notes):
     """Note a main table without rows of which nothing is said."""
-    frame = ran.tables.get(analysis)
-    notes.judged()
+    frame = result.tables.get(analysis)
+    notes.count_comparisons()
     if frame is None:
-        notes.found(f"there is no table {analysis}", Kind.SILENT)
+        notes.add_finding(f"there is no table {analysis}", Kind.SILENT)
         return
-    own = [line for line in ran.said.splitlines() if f"{analysis}:" in line]
+    own = [line for line in result.printed.splitlines() if f"{analysis}:" in line]
     if not len(frame) and not any(word in line for line in own for word in NOTHING):
-        notes.found(
+        notes.add_finding(
             f"the table {analysis} is empty, and of that it says: {own or 'nothing'}",
             Kind.SILENT,
         )
@@ -154,7 +171,7 @@ def judge_counts(run, notes):
             statuses = motion["status"][motion["assembly_mode"] == number]
             table_counts = statuses.value_counts().to_dict()
             summary_counts = {k: v for k, v in assembly_mode["status"].items() if v}
-            notes.contradiction(
+            notes.add_contradiction_if(
                 table_counts != summary_counts,
                 f"assembly mode {number}: the summary counts {summary_counts}, the table "
                 f"{table_counts}",
@@ -170,7 +187,7 @@ def judge_counts(run, notes):
         is_inside = singularities["inside"] == "yes"
         counts = singularities[is_inside]["kind"].value_counts().to_dict()
         table_counts = {kind: count for kind, count in counts.items() if count}
-        notes.contradiction(
+        notes.add_contradiction_if(
             table_counts != summary_counts,
             f"the summary counts {summary_counts}, the table {table_counts}",
         )

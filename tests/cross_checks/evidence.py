@@ -1,4 +1,8 @@
-"""What a mechanism's analyses say, each run once by its command, and what is noted."""
+"""Results of a mechanism's analyses, each run once, and the notes of a check of them.
+
+A cross-check compares results of independent methods for one mechanism. It is a function of
+`Evidence`, from which it reads the results, and `Notes`, to which it adds its findings.
+"""
 
 import io
 import json
@@ -47,8 +51,8 @@ class Notes:
     Attributes
     ----------
     compared
-        Number of comparisons, so that a check that compares nothing is noticed. `judged`
-        and `contradiction` count them, `found` does not.
+        Number of comparisons, so that a check that compares nothing is noticed.
+        `count_comparisons` and `add_contradiction_if` count them, `add_finding` does not.
     findings
         Kind and words of each finding.
     """
@@ -56,19 +60,19 @@ class Notes:
     compared: int = 0
     findings: list = field(default_factory=list)
 
-    def judged(self, count=1):
+    def count_comparisons(self, count=1):
         """Count comparisons, with or without a finding."""
         self.compared += int(count)
 
-    def found(self, words, kind=Kind.CONTRADICTION):
+    def add_finding(self, words, kind=Kind.CONTRADICTION):
         """Add a finding, whose comparison is counted elsewhere."""
         self.findings.append((kind, words))
 
-    def contradiction(self, is_wrong, words):
+    def add_contradiction_if(self, is_wrong, words):
         """Count a comparison, and add a contradiction if it is wrong."""
-        self.judged()
+        self.count_comparisons()
         if is_wrong:
-            self.found(words)
+            self.add_finding(words)
 
     @property
     def wrong(self):
@@ -96,7 +100,7 @@ def check(name, text):
 
 
 @dataclass(frozen=True)
-class Ran:
+class CommandResult:
     """What a command left: exit status, what it printed, its tables and its summary."""
 
     status: int
@@ -106,80 +110,101 @@ class Ran:
     summary: dict
 
     @property
-    def said(self):
+    def printed(self):
         """All that it printed."""
         return f"{self.out}\n{self.err}"
 
 
 class Evidence:
-    """A mechanism, and what its analyses say of it, each asked once."""
+    """A mechanism, and the results of its analyses, each of which is run once.
 
-    def __init__(self, suspect, folder):
-        self.suspect, self.folder = suspect, folder
-        self.mechanism: sk.Mechanism = suspect.mechanism
-        self._ran: dict[tuple[str, ...], Ran] = {}
-        self.begin("")
+    Attributes
+    ----------
+    subject, folder
+        The mechanism with its name and number of samples, and the folder for results.
+    mechanism
+        The mechanism.
+    random
+        Random numbers for the present check.
+    """
 
-    def numbers(self, what):
+    def __init__(self, subject, folder):
+        self.subject, self.folder = subject, folder
+        self.mechanism: sk.Mechanism = subject.mechanism
+        self._results: dict[tuple[str, ...], CommandResult] = {}
+        self.begin_check("")
+
+    def random_generator(self, what):
         """Return random numbers that are always the same for this mechanism and word."""
-        return np.random.default_rng(crc32(f"{self.suspect.name} {what}".encode()))
+        return np.random.default_rng(crc32(f"{self.subject.name} {what}".encode()))
 
-    def begin(self, check):
+    def begin_check(self, check):
         """Draw `random` anew for a check, so that it does not depend on those before."""
-        self.random = self.numbers(check)
+        self.random = self.random_generator(check)
 
     @cached_property
     def samples(self):
         """How many samples its runs have."""
-        return self.suspect.samples or DEFAULT_SAMPLES
+        return self.subject.samples or DEFAULT_SAMPLES
 
     @cached_property
     def path(self):
         """The shipped mechanism's name, or a file of a random one."""
-        if self.suspect.kind == "shipped":
-            return Path(self.suspect.name)
-        path = self.folder / f"{self.suspect.name}.toml"
+        if self.subject.kind == "shipped":
+            return Path(self.subject.name)
+        path = self.folder / f"{self.subject.name}.toml"
         sk.dump(self.mechanism, path)
         return path
 
     @property
-    def single(self):
+    def has_one_input(self):
         """Whether it has one input."""
         return len(self.mechanism.inputs) == 1
 
     @cached_property
-    def tracer(self):
+    def position_analysis(self):
         """Its assembly modes at the samples of its runs."""
         return PositionAnalysis(self.mechanism, samples=self.samples)
 
     @cached_property
     def motion(self):
         """Its configurations at these samples."""
-        return self.tracer.motion()
+        return self.position_analysis.motion()
 
     @cached_property
     def configurations(self):
         """Its configuration curves, with one input."""
-        return self.tracer.configurations
+        return self.position_analysis.configurations
 
-    def ran(self, analysis, *words):
-        """Return what `spherekit run FILE -a ANALYSIS WORDS` leaves.
+    def run_analysis(self, analysis, *words):
+        """Return the result of ``spherekit run FILE -a ANALYSIS WORDS``, run once.
 
-        Those of random mechanisms have fewer samples, and less time for singular curves.
+        Runs of random mechanisms have fewer samples, and less time for singular curves.
         """
-        if self.suspect.samples and analysis == "singularities" and not self.single:
+        if self.subject.samples and analysis == "singularities" and not self.has_one_input:
             analysis = f"singularities:seconds={SECONDS:g}"
         key = (analysis, *words)
-        if key not in self._ran:
-            self._ran[key] = self._run(analysis, words)
-        return self._ran[key]
+        if key not in self._results:
+            self._results[key] = self._run(analysis, words)
+        return self._results[key]
 
     def _run(self, analysis, words):
-        """Run the command in this process and return its output, tables and summary."""
-        folder = self.folder / f"ran_{len(self._ran)}"
+        """Run ``spherekit run`` in this process; return its output, tables and summary.
+
+        Parameters
+        ----------
+        analysis
+            Name of the analysis, perhaps with parameters.
+        words
+            Further words of the command line.
+        """
+        # Each result has a folder of its own.
+        folder = self.folder / f"ran_{len(self._results)}"
         command = ["run", str(self.path), "-a", analysis, "-o", str(folder), *words]
-        if self.suspect.samples and "--samples" not in words:
-            command += ["--samples", str(self.suspect.samples)]
+        # The subject is the mechanism with its name and number of samples. A number of None
+        # leaves the choice to the command.
+        if self.subject.samples and "--samples" not in words:
+            command += ["--samples", str(self.subject.samples)]
         command += ["--format", "parquet"]
         out = io.StringIO()
         err = io.StringIO()
@@ -191,10 +216,12 @@ class Evidence:
         tables = {}
         for path in sorted(folder.glob("*.parquet")):
             frame = read_parquet(path)
+            # All columns that are not numeric become texts, whatever type they have in the
+            # file.
             for name, column in frame.items():
                 if not is_numeric_dtype(column):
                     frame[name] = column.astype(str)
             tables[path.stem] = frame
         summary_path = folder / "summary.json"
         summary = json.loads(summary_path.read_text()) if summary_path.exists() else {}
-        return Ran(status, out.getvalue(), err.getvalue(), tables, summary)
+        return CommandResult(status, out.getvalue(), err.getvalue(), tables, summary)

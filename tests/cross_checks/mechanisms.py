@@ -51,10 +51,11 @@ def shipped_subjects(names=()):
 
 
 def random_subject(seed):
-    """Return the random mechanism of a seed as a `Subject` with 91 samples.
+    """Return the random mechanism of a seed, with its name, kind and number of samples.
 
-    The kind changes with the seed. Mechanisms are drawn until one can be assembled; those
-    given by sizes have their assembly modes searched for that.
+    The kind changes with the seed. Mechanisms are drawn until one can be assembled. If a
+    mechanism is given by its sizes, assembly modes have to be searched to find that out.
+    One that is given in a reference pose is assembled there.
     """
     kind = tuple(KINDS)[seed % len(KINDS)]
     random = np.random.default_rng([seed, 20])

@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from cross_checks.assembly_modes import place_of
+from cross_checks.assembly_modes import describe_inputs
 from cross_checks.evidence import Kind, check
 
 from spherekit.completeness import Guarantee
@@ -25,10 +25,10 @@ LEADS = 1e-5
 
 def listed(evidence, notes):
     """Return the tables of singularities by their default command, if there are any."""
-    ran = evidence.ran("singularities")
-    if ran.status:
+    result = evidence.run_analysis("singularities")
+    if result.status:
         return None
-    return ran.tables
+    return result.tables
 
 
 INPUT_RESTS = ("II", "III", "self-motion")
@@ -43,7 +43,7 @@ def places_are_singular(evidence, notes):
         return
     points = tables["singularities"]
     points = points[points["kind"].isin(INPUT_RESTS)]
-    if evidence.single:
+    if evidence.has_one_input:
         _on_curves(evidence, points, notes)
     else:
         _at_inputs(evidence, points, notes)
@@ -52,19 +52,27 @@ def places_are_singular(evidence, notes):
 def _on_curves(evidence, points, notes):
     """Check listed singularities of a mechanism with one input.
 
-    Each must lie on its configuration curve at its input, and there the mechanism with its
-    input locked must be ill-conditioned (above `SINGULAR`). Only singularities that are
-    certain and have a curve parameter `s` are checked.
+    Each must be on its configuration curve at its input. There the conditioning of the
+    mechanism with its input locked, a condition number, must exceed `SINGULAR`. Only
+    singularities that are certain and have an arc length `s` on a curve are checked.
+
+    Parameters
+    ----------
+    evidence, notes
+        The results of the mechanism, and the notes to which findings are added.
+    points
+        The table of singularities at which the input can rest while links move.
     """
     curves = evidence.configurations.curves
-    position_analysis = evidence.tracer
+    position_analysis = evidence.position_analysis
     input_variable = position_analysis.solver.input_variable
     points = points[points["s"].notna() & (points["certain"] == "yes")]
     row: Any
+    # A few singularities of each mechanism are enough.
     for row in points.head(MOST).itertuples():
         values = curves[row.curve].curve.at(row.s).values.reshape(1, -1)
         conditioning = float(position_analysis.given(values).conditioning[0])
-        notes.contradiction(
+        notes.add_contradiction_if(
             not conditioning > SINGULAR,
             f"{row.kind} of {row.output} at q = {np.degrees(row.q):.9g} deg (curve "
             f"{row.curve}, s = {row.s:.9g}): the locked mechanism has the conditioning "
@@ -76,7 +84,7 @@ def _on_curves(evidence, points, notes):
             continue
         gap = abs(values[0, input_variable] - row.q)
         gap = abs(gap - 2.0 * np.pi * round(gap / (2.0 * np.pi)))
-        notes.contradiction(
+        notes.add_contradiction_if(
             not gap < AGREE,
             f"{row.kind} of {row.output}: the curve is at {gap:.2e} rad from q = "
             f"{row.q:.9g}",
@@ -88,14 +96,24 @@ def _at_inputs(evidence, points, notes):
 
     A small distance (`NEAR`) from the listed inputs, in the direction of each input and
     against it, all configurations are enumerated. Two of them meet at a singularity of type
-    II or III, so at least one must be nearly singular there.
+    II or III. At least one must therefore be nearly singular there: the largest
+    conditioning (a condition number of the mechanism with locked inputs) must be at least
+    `NEARLY`.
+
+    Parameters
+    ----------
+    evidence, notes
+        The results of the mechanism, and the notes to which findings are added.
+    points
+        The table of singularities.
     """
-    position_analysis = evidence.tracer
+    position_analysis = evidence.position_analysis
     names = [f"q_{name}" for name in position_analysis.inputs]
     places = points[names].to_numpy(dtype=float)
     chosen = evidence.random.permutation(len(places))[:MOST]
     directions = np.concatenate([np.eye(len(names)), -np.eye(len(names))])
     for place in places[chosen]:
+        # The largest conditioning of all configurations beside the singularity.
         worst = 0.0
         for direction in directions:
             inputs = place + NEAR * direction
@@ -104,9 +122,9 @@ def _at_inputs(evidence, points, notes):
                 conditioning = position_analysis.given(values).conditioning
                 worst = max(worst, float(np.nanmax(conditioning)))
         # Nothing is said if no configuration exists at any of the inputs.
-        notes.contradiction(
+        notes.add_contradiction_if(
             0.0 < worst < NEARLY,
-            f"type II or III at {place_of(place)}: {NEAR:g} rad beside it the worst "
+            f"type II or III at {describe_inputs(place)}: {NEAR:g} rad beside it the worst "
             f"conditioning of all modes is {worst:.3g}",
         )
 
@@ -118,10 +136,18 @@ def _at_inputs(evidence, points, notes):
 def assembly_modes_end_at_places(evidence, notes):
     """Require a listed singularity wherever an assembly mode ends between two samples.
 
-    An assembly mode ends where one sample is OK and the next is out of reach. If the
-    configurations were only searched by samples, a missing singularity is no contradiction.
+    An assembly mode ends where one sample is OK and the next is out of reach, or the other
+    way round. There two modes meet, and the input is at a singularity of type II or III.
+    If the configurations were only searched by samples, a missing singularity is no
+    contradiction, but a result that the search did not find (`Kind.SHORT`). Only mechanisms
+    with one input are checked.
+
+    Parameters
+    ----------
+    evidence, notes
+        The results of the mechanism, and the notes to which findings are added.
     """
-    tables = listed(evidence, notes) if evidence.single else None
+    tables = listed(evidence, notes) if evidence.has_one_input else None
     if tables is None:
         return
     points = tables["singularities"]
@@ -144,11 +170,12 @@ def assembly_modes_end_at_places(evidence, notes):
                 dtype=bool,
             )
             listed_q = points.loc[is_end & is_of_mode, "q"].to_numpy(dtype=float)
-            listed_q = both_ends(evidence, listed_q)
+            # Both ends of a range of whole turns are one configuration, listed once.
+            listed_q = add_opposite_ends(evidence, listed_q)
             is_between = (listed_q >= low - AGREE) & (listed_q <= high + AGREE)
-            notes.judged()
+            notes.count_comparisons()
             if not (is_between.any() or (is_end & is_of_mode & is_whole_curve).any()):
-                notes.found(
+                notes.add_finding(
                     f"assembly mode {assembly_mode} ends between q = "
                     f"{np.degrees(low):.6f} and "
                     f"{np.degrees(high):.6f} deg, and no type II or III of it is listed",
@@ -156,14 +183,14 @@ def assembly_modes_end_at_places(evidence, notes):
                 )
 
 
-def both_ends(evidence, q):
+def add_opposite_ends(evidence, q):
     """Return inputs (n,) rad; those at one end of a range of whole turns also at the other.
 
     Both ends of such a range are the same configurations, listed once.
     """
-    (item,) = evidence.tracer.mechanism.inputs
+    (item,) = evidence.position_analysis.mechanism.inputs
     low, high = sorted((item.start, item.stop))
-    (period,) = evidence.tracer.solver.periods
+    (period,) = evidence.position_analysis.solver.periods
     if not whole_periods(low, high, period):
         return q
     candidates = np.concatenate([q, q + (high - low), q - (high - low)])
@@ -181,8 +208,14 @@ def singular_rows_are_listed(evidence, notes):
     """Require a listed singularity within 1e-3 rad of every row that is AT_SINGULARITY.
 
     It is not required if the run says that the mechanism is singular everywhere, or if a
-    whole configuration curve is listed as singular. With several inputs the list has points
-    of surfaces only, so distances are counted but prove nothing.
+    whole configuration curve is listed as singular. With several inputs the singular
+    configurations are curves or surfaces, of which the list has only some points. The
+    distances are then computed, but a large one is no contradiction.
+
+    Parameters
+    ----------
+    evidence, notes
+        The results of the mechanism, and the notes to which findings are added.
     """
     tables = listed(evidence, notes)
     if tables is None:
@@ -192,25 +225,27 @@ def singular_rows_are_listed(evidence, notes):
     rows = motion[motion["status"] == "AT_SINGULARITY"]
     if not len(rows):
         return
-    run = evidence.ran("singularities")
-    is_everywhere = "everywhere" in run.said or "in every configuration" in run.said
-    if evidence.single:
+    run = evidence.run_analysis("singularities")
+    is_everywhere = "everywhere" in run.printed or "in every configuration" in run.printed
+    if evidence.has_one_input:
         names = ["q"]
         listed_q = points["q"].to_numpy(dtype=float)
-        places = both_ends(evidence, listed_q)[:, None]
+        # Both ends of a range of whole turns are one configuration, listed once.
+        places = add_opposite_ends(evidence, listed_q)[:, None]
+        # A row without an arc length `s` is a whole singular curve.
         has_whole_curve = bool(points["s"].isna().any())
     else:
         if not len(points):
             return  # the default command does not follow singular surfaces
-        names = [f"q_{name}" for name in evidence.tracer.inputs]
+        names = [f"q_{name}" for name in evidence.position_analysis.inputs]
         places = points[names].to_numpy(dtype=float)
         has_whole_curve = False
     for q in rows[names].to_numpy()[:MOST]:
         gap = np.min(np.max(np.abs(places - q), axis=1), initial=np.inf)
-        is_excused = has_whole_curve or is_everywhere or not evidence.single
+        is_excused = has_whole_curve or is_everywhere or not evidence.has_one_input
         is_listed = gap < 1e-3
-        notes.contradiction(
+        notes.add_contradiction_if(
             not is_listed and not is_excused,
-            f"a row at {place_of(q)} is AT_SINGULARITY, the nearest place listed is "
+            f"a row at {describe_inputs(q)} is AT_SINGULARITY, the nearest place listed is "
             f"{gap:.2e} rad off",
         )

@@ -40,14 +40,16 @@ TIMES = []
 
 @dataclass(frozen=True, kw_only=True)
 class Sound(AbstractAnalysis):
-    """A plugin without a mistake: angular velocity and speed of the last pair's link.
+    """A sound plugin, without a mistake: angular velocity and speed of one link.
 
-    Its table has one row per sample and assembly mode, and its scene a plot of the speed.
+    The link is the second one of the last pair. The table has one row per sample and
+    assembly mode, and the scene a plot of the speed.
     """
 
     name: ClassVar = "sound"
     version: ClassVar = "1"
     summary: ClassVar = "an angular velocity"
+    # Each row of the tables follows from the same row of the batch alone.
     rowwise: ClassVar = True
     tables: ClassVar = (TABLE,)
 
@@ -78,11 +80,14 @@ class Sound(AbstractAnalysis):
         return {"rows": self.columns(batch)}
 
     def scene(self, batch):
+        """Return one page for each assembly mode, with the curve of the speed."""
         speed = np.linalg.norm(self.rate(batch), axis=1)
-        return tuple(
-            Scene(number, (Series("plots/speed", "speed", "speed", speed[rows]),))
-            for number, rows in batch.assembly_mode_rows().items()
-        )
+        pages = []
+        for number, rows in batch.assembly_mode_rows().items():
+            # Its path in the recording, its label, and the quantity that the plot shows.
+            curve = Series("plots/speed", "speed", "speed", speed[rows])
+            pages.append(Scene(number, (curve,)))
+        return tuple(pages)
 
 
 def changed(change):

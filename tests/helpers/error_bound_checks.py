@@ -44,27 +44,28 @@ class ErrorComparison:
     error, bound
         Per kind of `KINDS` a list of arrays, with one error and one bound per number.
     rows
-        Rows with status OK; one row is a configuration and the input that moves in it.
-    numbers
-        Rows times poles.
-    marked
-        Rows with another status than OK, which are not compared.
-    unknown
-        Rows for which the reference was not computed.
-    many
-        Rows whose reference was computed in 50 digits.
-    silent
-        Numbers that are NaN although their row is OK.
+        Number of rows with status OK; one row is a configuration and the input that moves
+        in it.
+    pole_rows
+        Number of these rows times number of poles.
+    failed_rows
+        Number of rows with another status than OK, which are not compared.
+    rows_without_reference
+        Number of rows for which the reference could not be computed.
+    rows_in_50_digits
+        Number of rows whose reference was computed in 50 digits.
+    missing_numbers
+        Number of coefficients and bounds that are NaN although their row is OK.
     """
 
     error: dict[str, list[Floats]] = field(default_factory=lambda: {k: [] for k in KINDS})
     bound: dict[str, list[Floats]] = field(default_factory=lambda: {k: [] for k in KINDS})
     rows: int = 0
-    numbers: int = 0
-    marked: int = 0
-    unknown: int = 0
-    many: int = 0
-    silent: int = 0
+    pole_rows: int = 0
+    failed_rows: int = 0
+    rows_without_reference: int = 0
+    rows_in_50_digits: int = 0
+    missing_numbers: int = 0
 
     def errors_and_bounds(self, kind):
         """Return the errors (n,) and the bounds (n,) of a kind."""
@@ -76,6 +77,7 @@ class ErrorComparison:
     def error_ratios(self, kind):
         """Return (n,) errors divided by their bounds; at most 1 if the bounds are right."""
         errors, bounds = self.errors_and_bounds(kind)
+        # A bound of 0 is replaced by a tiny number, so that nothing is divided by zero.
         return errors / np.maximum(bounds, TINY)
 
     def add(self, comparison):
@@ -83,7 +85,14 @@ class ErrorComparison:
         for kind in KINDS:
             self.error[kind] += comparison.error[kind]
             self.bound[kind] += comparison.bound[kind]
-        for name in ("rows", "numbers", "marked", "unknown", "many", "silent"):
+        for name in (
+            "rows",
+            "pole_rows",
+            "failed_rows",
+            "rows_without_reference",
+            "rows_in_50_digits",
+            "missing_numbers",
+        ):
             setattr(self, name, getattr(self, name) + getattr(comparison, name))
 
 
@@ -110,8 +119,8 @@ def judge_bounds(mechanism, path, **options):
         return ErrorComparison()
     with np.errstate(all="ignore"):
         comparison = compare_errors_with_bounds(position_analysis, **options)
-    assert comparison.silent == 0
-    assert comparison.unknown == 0
+    assert comparison.missing_numbers == 0
+    assert comparison.rows_without_reference == 0
     for kind in KINDS:
         assert np.all(comparison.error_ratios(kind) <= 1.0), kind
     return comparison
@@ -120,10 +129,13 @@ def judge_bounds(mechanism, path, **options):
 def compare_special_mechanism(seed):
     """Compare errors and bounds for the special mechanism of a seed.
 
+    It is a four-bar, perhaps with dyads, whose geometry is special or nearly so, such as
+    equal arcs. One of 50 rows is compared with 50 digits in any case.
+
     Returns
     -------
     family
-        Words for the special geometry, see `special_mechanism`.
+        Number of links and kind of the special geometry, in words.
     comparison
         `ErrorComparison`; empty if the loops close nowhere.
     """
@@ -150,7 +162,9 @@ def compare_errors_with_bounds(position_analysis, as_written=False, every=0):
         Whether rows are also compared with the mechanism whose sizes are the decimal
         numbers of the file, without rounding to float64.
     every
-        One of this many rows has a reference in 50 digits in any case; 0 for none.
+        The reference has few digits at first, and 50 digits in rows in which these might
+        not decide. With a number k, one of k rows has 50 digits even if it is not needed; 0
+        for none.
 
     Returns
     -------
@@ -162,21 +176,23 @@ def compare_errors_with_bounds(position_analysis, as_written=False, every=0):
     poles = all_poles(len(mechanism.links))
     comparison = ErrorComparison()
     for moving_input in motion.assembly.inputs:
+        # Directions and velocity coefficients of all poles. `by_rank` says that the
+        # mobility follows from the rank of the velocity equations, not from counting.
         pole_request = request(
             mechanism,
             mechanism.pairs[moving_input].name,
-            poles,
-            poles,
+            poles=poles,
+            rates=poles,
             by_rank=position_analysis.by_rank,
         )
         field = evaluate(motion, pole_request)
         is_ok = field.status == Status.OK
-        comparison.marked += int(np.sum(~is_ok))
-        comparison.silent += _count_missing_numbers(field, is_ok)
+        comparison.failed_rows += int(np.sum(~is_ok))
+        comparison.missing_numbers += _count_missing_numbers(field, is_ok)
         if not np.any(is_ok):
             continue
         comparison.rows += int(np.sum(is_ok))
-        comparison.numbers += int(np.sum(is_ok)) * len(poles)
+        comparison.pole_rows += int(np.sum(is_ok)) * len(poles)
         for is_decimal in (False, True):
             # A row computed from the decimal numbers of the file is not a row of the
             # float64 numbers, so it is compared with the decimal reference only.
@@ -245,16 +261,19 @@ def _compare_rows(
     is_decimal
         Whether the reference has the decimal sizes of the file.
     every
-        As in `compare_errors_with_bounds`.
+        One of this many rows is compared in 50 digits even if it is not needed; 0 for none.
     """
     errors, bounds, has_reference = _errors_of_rows(
         motion, field, pole_request, rows, moving_input, is_decimal, Digits(MIN_DIGITS)
     )
     is_doubtful = ~has_reference
     for kind in KINDS:
+        # (n,) or (poles, n). One number that is close to its bound makes a row doubtful.
         is_close_to_bound = errors[kind] > 0.5 * bounds[kind]
         is_doubtful |= np.any(is_close_to_bound.reshape(-1, len(is_doubtful)), axis=0)
     if every:
+        # The first row varies from call to call, so that not always the same samples of a
+        # motion are chosen.
         first = (comparison.rows + int(is_decimal)) % every
         is_doubtful[first::every] = True
     if np.any(is_doubtful):
@@ -266,8 +285,8 @@ def _compare_rows(
         for kind in KINDS:
             errors[kind][..., is_doubtful] = better_errors[kind]
         has_reference[is_doubtful] = has_better_reference
-        comparison.many += int(np.sum(is_doubtful))
-    comparison.unknown += int(np.sum(~has_reference))
+        comparison.rows_in_50_digits += int(np.sum(is_doubtful))
+    comparison.rows_without_reference += int(np.sum(~has_reference))
     for kind in KINDS:
         is_comparable = has_reference & np.isfinite(errors[kind]) & ~np.isnan(bounds[kind])
         comparison.error[kind].append(errors[kind][is_comparable])
@@ -277,7 +296,19 @@ def _compare_rows(
 def _errors_of_rows(motion, field, pole_request, rows, moving_input, is_decimal, digits):
     """Return errors and bounds of some rows against a reference in so many digits.
 
-    Parameters as in `_compare_rows`; `digits` is the arithmetic of the reference.
+    Parameters
+    ----------
+    motion, field, pole_request
+        Motion, its poles, and the request that the poles were evaluated for.
+    rows
+        (n,) True for the rows that are compared.
+    moving_input
+        Number of the input pair that moves.
+    is_decimal
+        Whether the reference has the decimal sizes of the file, and not these sizes rounded
+        to float64.
+    digits
+        The arithmetic of the reference, with its number of digits.
 
     Returns
     -------
@@ -321,7 +352,9 @@ def _errors_of_rows(motion, field, pole_request, rows, moving_input, is_decimal,
     ]
     bounds["direction derivatives"] = [evaluated.direction_dq_error[p] for p in poles]
 
-    # The reference is rounded too; the squared condition number scales its rounding.
+    # The reference is rounded too. Rates depend on the inverse of the velocity equations,
+    # and their derivatives on its square, so the rounding may grow with the square of the
+    # condition number. The factor 10 leaves room for several such errors.
     reference_rounding = 10.0 * digits.eps * exact.condition**2
     errors = {
         kind: np.maximum(np.array(values) - reference_rounding, 0.0)

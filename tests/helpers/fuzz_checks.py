@@ -34,7 +34,7 @@ SPREAD = 10.0
 """A value may deviate by this multiple of its change in a perturbed configuration."""
 DETERMINED = 1e-13
 """Below this ratio of smallest to largest singular value the motion is not determined."""
-LIMBER = 1e-3
+NEARLY_SINGULAR = 1e-3
 """Below this ratio of singular values a perturbed configuration is evaluated too."""
 CLOSED = 1e-10
 """Largest gap (rad) of a pair in a closed loop."""
@@ -84,13 +84,23 @@ def check_random_mechanisms(seeds):
 def _check_seed(seed, tally):
     """Evaluate the mechanism of a seed for each of its inputs, and add its faults.
 
-    A warning of NumPy is an error. A mechanism may be refused with a `SpherekitError`.
+    A mechanism may be refused with a `SpherekitError`, which is no fault.
+
+    Parameters
+    ----------
+    seed
+        Seed of the random mechanism.
+    tally
+        `Tally` that counts mechanisms by their outcome, and collects faults.
     """
     _, mechanism = random_mechanism(seed)
     fields = {}
     try:
+        # If counting links and pairs gives too few degrees of freedom, the position
+        # analysis examines the rank of the velocity equations, which takes long for many
+        # links. This call raises a `CountError` for such mechanisms.
         if len(mechanism.links) > MOST_LINKS_BY_RANK:
-            plan_assembly(mechanism)  # refuses where the count of freedoms does
+            plan_assembly(mechanism)
         with warnings.catch_warnings():
             # A warning of NumPy (division by zero, invalid value) is an error.
             warnings.simplefilter("error", RuntimeWarning)
@@ -143,9 +153,12 @@ def find_faults(motion, field, moving_input, tally):
     if not np.any(is_evaluated):
         return faults
     rows = np.flatnonzero(is_evaluated)
+    # The reference: angular velocities of all links by the velocity equations.
+    # `free_matrix` are these equations without those of the moving input.
     w, dw, singular_values, residuals, free_matrix, gaps = link_rates(
         mechanism, motion.rotations[is_evaluated], motion.assembly.inputs, moving_input
     )
+    # The negated comparison also reports gaps that are NaN.
     for k in np.flatnonzero(~(gaps < CLOSED)).tolist():
         faults.append(f"row {rows[k]}: a pair misses by {gaps[k]:.1e}")
     faults += _find_wrong_inputs(motion, rows)
@@ -154,20 +167,24 @@ def find_faults(motion, field, moving_input, tally):
             faults += _find_wrong_directions(field, row, free_matrix[k], tally)
             continue
         arguments = (field, row, w[k], dw[k], singular_values[k], residuals[k])
+        # At first no deviation of w and of dw is allowed for an uncertain configuration.
         row_faults = _find_faults_of_row(*arguments, spread=(0.0, 0.0), tally=tally)
-        if row_faults and singular_values[k, -1] < LIMBER * singular_values[k, 0]:
+        if row_faults and singular_values[k, -1] < NEARLY_SINGULAR * singular_values[k, 0]:
             # Badly conditioned rows may deviate as much as the configuration allows.
-            spread = _spread(motion, row, moving_input)
+            spread = _find_spread(motion, row, moving_input)
             row_faults = _find_faults_of_row(*arguments, spread=spread, tally=tally)
         faults += row_faults
     return faults
 
 
-def _spread(motion, row, moving_input):
+def _find_spread(motion, row, moving_input):
     """Return how much w and dw change if the links of a row turn by the position error.
 
-    The configuration is known only up to this error, whatever is computed from it. Rows in
-    quad precision close the loops further before they evaluate poles.
+    w and dw are the angular velocities of the links and their derivatives by the input. The
+    configuration is known only up to the position error, and w and dw can be no more
+    accurate than this allows. Rows that spherekit evaluates in quad precision close their
+    loops further first, so that their w and dw belong to a slightly different configuration
+    than the one that the motion has.
 
     Returns
     -------
@@ -183,6 +200,8 @@ def _spread(motion, row, moving_input):
     small_turns = error_rad * random.normal(size=(8, *rotations.shape[1:2], 3))
     small_turns[0] = 0.0  # the first configuration is the unperturbed one
     small_turns[:, 0] = 0.0  # the ground stays
+    # A small rotation changes each column of a rotation matrix by its cross product. The
+    # columns are put into the last but one axis, and back again.
     columns = np.swapaxes(rotations, 2, 3)
     changes = np.cross(small_turns[:, :, None], columns).swapaxes(2, 3)
     w, dw, *_ = link_rates(
@@ -256,7 +275,7 @@ def _find_faults_of_row(field, row, w, dw, singular_values, residual, *, spread,
     residual
         Residual of their least-squares solution.
     spread
-        Uncertainty of w and of dw by the configuration (see `_spread`).
+        Uncertainty of w and of dw by the configuration (see `_find_spread`).
     tally
         `Tally` that counts statuses and deviations.
     """
@@ -331,13 +350,16 @@ def _find_wrong_directions(field, row, free_matrix, tally):
     Parameters
     ----------
     field, row
-        Pole field, and number of a row with another status than OK.
+        Pole field, and number of a row. Its status is not OK, because the input does not
+        determine the rates, but directions of poles may be given.
     free_matrix
         (rows, 3 links - 3) velocity equations without those of the moving input.
     tally
         `Tally` that counts the poles.
     """
     _, singular_values, right_vectors = np.linalg.svd(free_matrix)
+    # With fewer equations than unknowns there are fewer singular values than unknowns. The
+    # gap of 0 then makes the limit so large that no direction is reported.
     has_all_values = len(singular_values) == free_matrix.shape[1]
     # The last value is zero if there is a motion, the last but one if there are two.
     gap = singular_values[-2] / singular_values[0] if has_all_values else 0.0
@@ -352,6 +374,8 @@ def _find_wrong_directions(field, row, free_matrix, tally):
             continue
         relative_w = w[pole[1]] - w[pole[0]]
         tally.poles["direction alone"] += 1
+        # The limits apply to the cross product of the direction with the relative angular
+        # velocity. The factors only have to be large enough for rounding.
         limit = max(TOLERANCE, CONDITIONED * EPS / max(gap, EPS), SPREAD * motion_misfit)
         limit = max(limit, BOUND * field.direction_error[pole][row] * _length(relative_w))
         deviation = _length(np.cross(direction, relative_w))

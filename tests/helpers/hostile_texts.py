@@ -58,14 +58,30 @@ def find_text_fields(kind="mechanism"):
     sorts = {}
 
     def visit(node, path, visited_definitions):
+        """Add the fields for text in a part of the schema to `sorts`, by their paths.
+
+        Parameters
+        ----------
+        node
+            The part of the schema.
+        path
+            Keys that lead to the values that it declares; ``*`` stands for any key or
+            index.
+        visited_definitions
+            Names of the definitions that contain this part. A definition may refer to
+            itself, and is then not visited again.
+        """
         if "$ref" in node:
             name = node["$ref"].removeprefix("#/$defs/")
+            # Names have a restricted spelling, and expressions are parsed.
             if name in ("name", "expression"):
                 sorts[path] = NAMED if name == "name" else PARSED
             elif name not in visited_definitions:
                 definition = whole_schema["$defs"][name]
                 visit(definition, path, (*visited_definitions, name))
             return
+        # The type is a word or a list of words. A text is one of several given words, or it
+        # is free.
         if "string" in str(node.get("type", "")):
             is_restricted = "enum" in node or "const" in node
             sorts[path] = PLACED if is_restricted else FREE
@@ -82,6 +98,7 @@ def find_text_fields(kind="mechanism"):
         for key in ("additionalProperties", "items"):
             if isinstance(node.get(key), dict):
                 visit(node[key], (*path, "*"), visited_definitions)
+        # A table without any declared keys may contain anything, such as free texts.
         is_open = node.get("type") == "object" and "additionalProperties" not in node
         if is_open and not node.get("properties"):
             sorts[path] = FREE
