@@ -37,6 +37,7 @@ def paper():
 
 @pytest.fixture(scope="module")
 def form(paper):
+    """Return the architecture in which base and end effector mirror each other."""
     return sk.mid_plane_form(paper)
 
 
@@ -44,19 +45,23 @@ def random_reachable_normals(form, count, seed, margin=0.0):
     """Return random normals (count, 3) of mid-planes that all three legs reach.
 
     The mid-plane mirrors the fixed platform onto the moving one (Chen et al. 2021,
-    section 3). Driven legs are folded by at least 10 degrees, and no leg is stretched;
-    `margin` (rad) is the distance from both limits.
+    section 3). The opening angle of a leg is that between its axes at both platforms. A leg
+    is folded at 0 and stretched at twice the arc of its links. Driven legs are opened by at
+    least 10 degrees, and no leg is stretched; `margin` (rad) is the distance from both
+    limits. As in the paper, the angle phi of the mid-plane is positive.
     """
     random = np.random.default_rng(seed)
+    # Far more than `count`, because only a part of them is within reach.
     normals = random.normal(size=(100 * count, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     normals[:, 2] = np.abs(normals[:, 2])
-    folds = fold_angles(form.plane, normals)
-    driven_folds = folds[:, list(form.plane.driven)]
-    is_folded = np.all(driven_folds - np.radians(10.0) > margin, axis=1)
-    is_within_reach = np.all(2.0 * form.plane.arcs - folds > margin, axis=1)
-    chosen = is_folded & is_within_reach & (normals[:, 0] < 0.0)
-    return normals[chosen][:count]
+    opening_angles = fold_angles(form.plane, normals)
+    driven_angles = opening_angles[:, list(form.plane.driven)]
+    is_opened = np.all(driven_angles - np.radians(10.0) > margin, axis=1)
+    is_within_reach = np.all(2.0 * form.plane.arcs - opening_angles > margin, axis=1)
+    # The x component of the normal is -sin(phi / 2).
+    has_positive_phi = normals[:, 0] < 0.0
+    return normals[is_opened & is_within_reach & has_positive_phi][:count]
 
 
 @pytest.mark.parametrize("angle", [1e-6, 1e-3, 0.4, 2.0, np.pi - 1e-3, np.pi - 1e-9])
@@ -81,16 +86,20 @@ def test_axis_and_angle_of_a_rotation(angle):
 def test_mirror_angles_satisfy_the_equations_of_the_paper():
     """The angles phi, gamma and omega of a mid-plane obey eqs. (2) and (5) of the paper.
 
-    The point P = (cos phi, sin phi sin omega, sin phi cos omega) is the mirror image of
-    Q = (1, 0, 0) (Chen et al. 2021).
+    A mid-plane is a mirror plane through the centre of the sphere. Its unit normal is
+    (-sin(phi / 2), sin(gamma / 2), n_z) with n_z >= 0. The point
+    P = (cos phi, sin phi sin omega, sin phi cos omega) is the mirror image of Q = (1, 0, 0)
+    (Chen et al. 2021).
     """
     random = np.random.default_rng(4)
     phi = np.radians(random.uniform(1.0, 120.0, 300))
     gamma = np.radians(random.uniform(-60.0, 60.0, 300))
+    # Otherwise no unit normal has these components.
     exists = np.sin(phi / 2) ** 2 + np.sin(gamma / 2) ** 2 < 1.0
     phi = phi[exists]
     gamma = gamma[exists]
     normals = normals_of(phi, gamma)
+    # The opposite normal belongs to the same plane, so the angles are the same.
     phi_again, gamma_again, omega = mirror_angles(-normals)
     assert np.max(np.abs(phi_again - phi)) < 1e-14
     assert np.max(np.abs(gamma_again - gamma)) < 1e-14
@@ -145,16 +154,20 @@ def test_poses_of_table_1(form, initial_inputs):
 def test_four_sets_of_driving_angles_lead_to_one_pose(form):
     """Each pose has four sets of driving angles (Chen et al. 2021, Fig. 5).
 
-    The driving angles obey eqs. (12) and (13): sin(theta) is the height of a leg's elbow
-    over sin(arc of the driving link). Elbows keep their arcs from the base axes.
+    Base and end effector mirror each other in a mid-plane, whose normal is a pose. The
+    driving angles obey eqs. (12) and (13): sin(theta) is the z component of the elbow, the
+    axis between the two links of a leg, divided by sin(arc of the driving link). Elbows
+    keep their arcs from the base axes.
     """
     normals = random_reachable_normals(form, 50, 6)
     solutions = form.plane.solutions(normals)
     assert len(solutions) == 4
+    # The first two legs are driven. A mode is their signs, which choose the elbows.
     for modes, inputs in solutions.items():
         assert np.max(np.abs(form.plane.normals(inputs) - normals)) < 1e-13
         assert np.all(form.plane.modes(inputs) == modes)
-        elbows, _ = form.plane.elbows(normals, (*modes, 1))
+        third_leg_sign = 1  # either sign is possible
+        elbows, _ = form.plane.elbows(normals, (*modes, third_leg_sign))
         sines = elbows[:, :2, 2] / np.sin(form.plane.arcs[:2])
         assert np.max(np.abs(np.sin(inputs) - sines)) < 1e-14
         arc_cosines = np.vecdot(elbows, form.plane.axes)
@@ -164,8 +177,10 @@ def test_four_sets_of_driving_angles_lead_to_one_pose(form):
 def test_mid_plane_form_satisfies_the_loop_closure_of_all_links(paper, form):
     """Positions by mirroring in the mid-plane close all loops of the 11 links.
 
-    They are compared with Newton's method on the loop closure of all 14 pairs, which is
-    started 1e-4 rad away and knows nothing of mid-planes.
+    Base and end effector of the paper's mechanism mirror each other in this plane, whose
+    normal and a sign for each of three legs determine a configuration. The configurations
+    are compared with Newton's method on the loop closure of all 14 pairs, which is started
+    1e-4 rad away and knows nothing of mid-planes.
     """
     assert (len(paper.links), len(paper.pairs)) == (11, 14)
     deviation, freedoms = form.proof()
@@ -176,8 +191,9 @@ def test_mid_plane_form_satisfies_the_loop_closure_of_all_links(paper, form):
     frames = revolute_frames(paper)
     driven = driven_variables(form)
     passive = [variable for variable in range(14) if variable not in driven]
-    for third_leg_mode in (1, -1):
-        modes = (-1, 1, third_leg_mode)
+    driven_signs = (-1, 1)
+    for third_leg_sign in (1, -1):
+        modes = (*driven_signs, third_leg_sign)
         rotations = form.place(normals, modes)
         values, _ = form.values(rotations)
         assert closure_gap(paper, rotations, frames) < 1e-14
@@ -185,6 +201,7 @@ def test_mid_plane_form_satisfies_the_loop_closure_of_all_links(paper, form):
 
         start = values.copy()
         start[:, passive] += np.random.default_rng(2).uniform(-1e-4, 1e-4, (len(start), 12))
+        # Near a singularity, where the determinant is 0, rounding errors are enlarged.
         is_regular = singularity_determinant(form, normals, modes) > 3e-3
         solved = closure.solve(start[is_regular], driven)
         assert np.max(solved.closure_residual) < 1e-14
@@ -192,7 +209,7 @@ def test_mid_plane_form_satisfies_the_loop_closure_of_all_links(paper, form):
         effector_rotations = closure.linearise(solved.values).rotations[:, form.effector]
         expected = form.orientations(normals[is_regular])
         assert np.max(np.abs(effector_rotations - expected)) < 1e-11
-        driving_angles = form.plane.solutions(normals)[-1, 1]
+        driving_angles = form.plane.solutions(normals)[driven_signs]
         assert np.max(np.abs(values[:, driven] - driving_angles)) < 1e-14
 
 
@@ -223,10 +240,12 @@ def test_any_symmetric_arcs_have_the_form():
 
 @pytest.mark.parametrize("pairs", [12, pytest.param(1000, marks=pytest.mark.long)])
 def test_axis_stays_fixed_between_random_pairs_of_poses(form, pairs):
-    """Between two poses the end effector turns about an axis fixed to 1e-12 rad.
+    """Between two poses the end effector turns about an axis that moves by less than 1e-12.
 
-    `pairs` pairs of random poses are joined. The axis is fixed in the end effector as well:
-    its coordinates there are computed from the orientations alone.
+    `pairs` pairs of random poses are joined. A pose is the normal of the plane in which
+    base and end effector mirror each other. The axis is fixed in the end effector as well:
+    its coordinates there are computed from the orientations alone. A leg may be unable to
+    reach poses on the way, but most pairs of poses are joined.
     """
     starts = random_reachable_normals(form, pairs, 21)
     stops = random_reachable_normals(form, pairs, 22)
@@ -260,8 +279,10 @@ def statuses_with_one_singular(count, singular):
 def test_a_rotation_passes_the_home_pose_in_which_all_legs_are_folded(form):
     """A rotation from phi = 30 to -30 deg passes phi = 0, a type II singularity.
 
-    There all legs are folded and the loops do not determine the motion, but the mid-plane
-    does: phi changes linearly with the angle of rotation, and rates stay finite.
+    Base and end effector of the paper's mechanism mirror each other in the mid-plane with
+    the angles phi and gamma. At phi = 0 all legs are folded, and the loops do not determine
+    the motion. The mid-plane does: phi changes linearly with the angle of rotation, and
+    rates stay finite. The singular configuration is stepped over by a leap.
     """
     rotation = rotate(30.0, 0.0, -30.0, 0.0)
     half_angle = 0.5 * rotation.angle
@@ -299,17 +320,22 @@ def check_rates_by_differences(rotation, theta, rate_tolerance, second_tolerance
 
     Parameters
     ----------
+    rotation
+        A rotation of an output link about a fixed axis, which is sampled at angles theta.
+    theta
+        The angle.
     rate_tolerance
         Relative tolerance of the rates dq/dtheta.
     second_tolerance
-        Tolerance of the second rates, relative to the largest or 1; None if there are none.
+        Tolerance of the second rates d2q/dtheta2. It is relative to the largest of them or
+        to 1, whichever is larger. None if the rotation has no second rates.
 
     Returns
     -------
     rows
         Five samples of the rotation around theta.
     """
-    h = 1e-3
+    h = 1e-3  # rad
     rows = rotation.at(theta + h * np.arange(-2, 3))
     rates = derivative_at_middle(rows.inputs, h)
     assert rates == pytest.approx(rows.rates[2], rel=rate_tolerance)
@@ -324,7 +350,9 @@ def check_rates_by_differences(rotation, theta, rate_tolerance, second_tolerance
 def test_three_inputs_turn_the_output_about_any_axis(name):
     """With three inputs the output turns exactly about axes that were chosen freely.
 
-    The expected orientation is the start turned by Rodrigues' formula.
+    The expected orientation is the start turned by Rodrigues' formula. A rotation by 0.3
+    rad is asked for; the mechanism may reach less (`reached`). The drift is the angle from
+    the axis about which the link turns at the moment to the chosen one.
     """
     mechanism, values = configuration(name)
     closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
@@ -341,15 +369,19 @@ def test_three_inputs_turn_the_output_about_any_axis(name):
         assert np.max(np.abs(closed.rotations[:, output] - expected)) < 1e-12
         assert np.max(rows.orientation_error) < 1e-13
         assert np.max(rows.drift) < 1e-12
-        check_rates_by_differences(rotation, 0.5 * theta[-1], 1e-8, 1e-7)
+        check_rates_by_differences(
+            rotation, 0.5 * theta[-1], rate_tolerance=1e-8, second_tolerance=1e-7
+        )
 
 
 def test_two_inputs_follow_an_axis_with_the_least_orientation_error():
     """A five-bar cannot turn its output about any axis, and stays as near as possible.
 
-    The least angle between wanted and real orientation is compared with a mesh of 3 x 3
-    inputs, 2e-4 rad apart, about those found. The positions there come from the dyad's
-    closed form: the middle is the best, and a fitted plane through the squares is level.
+    The orientation error is the angle between the wanted and the real orientation. It is
+    least at the inputs of the rotation. It is computed for a mesh of 3 x 3 inputs, 2e-4 rad
+    apart, around these, with positions from the dyad's closed form. The error in the middle
+    is the smallest. A plane that is fitted to the squares of the nine errors is level, so
+    their gradient is 0.
     """
     mechanism, values = configuration("five_bar")
     output = mechanism.link_number["3"]
@@ -372,8 +404,8 @@ def test_two_inputs_follow_an_axis_with_the_least_orientation_error():
         assert errors[middle] == pytest.approx(rows.orientation_error[k], abs=1e-13)
         plane = np.column_stack([np.ones(9), mesh])
         gradient = np.linalg.lstsq(plane, errors**2, rcond=None)[0][1:]
-        assert np.max(np.abs(gradient)) < 1e-6
-    check_rates_by_differences(rotation, 0.3, 1e-9, 1e-9)
+        assert np.max(np.abs(gradient)) < 1e-6  # rad^2 per rad
+    check_rates_by_differences(rotation, 0.3, rate_tolerance=1e-9, second_tolerance=1e-9)
     # Second rates at the start, by one-sided differences of fourth order
     h = 1e-3
     first_rows = rotation.at(h * np.arange(5))
@@ -424,10 +456,12 @@ def test_a_wrist_passes_its_gimbal_pose():
     """A wrist turns about the axis of its middle pair b through b = 0 (a singularity).
 
     There a and c turn about one axis. By hand: b falls from 0.5 rad with rate -1, and a and
-    c stand still.
+    c stand still. The singular configuration, at theta = 0.5 rad, is stepped over (a leap).
     """
-    axis_of_b = [np.sin(0.3), -np.cos(0.3), 0.0]  # negative, for a = 0.3 rad
-    rotation = sk.follow_rotation(wrist(), [0.3, 0.5, 0.2], axis_of_b, 0.9)
+    a = 0.3  # rad
+    # The opposite direction of the axis of b, so that b falls.
+    negative_axis_of_b = [np.sin(a), -np.cos(a), 0.0]
+    rotation = sk.follow_rotation(wrist(), [a, 0.5, 0.2], negative_axis_of_b, 0.9)
     assert rotation.end == sk.Status.OK
     assert rotation.leaps == pytest.approx([0.5], abs=1e-9)
     rows = rotation.at([0.0, 0.2, 0.5, 0.7, 0.9])
@@ -440,26 +474,35 @@ def test_a_wrist_passes_its_gimbal_pose():
 def test_a_mechanism_with_a_cam_follows_an_axis():
     """The lever of a roller cam turns exactly about its pivot, and nearly about others.
 
-    Rates are checked by finite differences. Second rates of a departing output would need
-    third derivatives of the contact, and are not given.
+    Rates are checked by finite differences. If the lever cannot turn exactly about the
+    axis, the nearest orientation is followed. Its second rates would need third derivatives
+    of the contact, and are not given.
     """
     mechanism = sk.load("roller_cam")
     motion = sk.trace(mechanism, samples=9)
+    # A row in the middle of the motion.
     row = int(np.flatnonzero(motion.status == sk.Status.OK)[3])
     pivot = motion.axes[row, mechanism.pair_number["follower_pivot"]]
     exact = sk.follow_rotation(mechanism, motion.values[row], pivot, 0.02)
-    rows = check_rates_by_differences(exact, 0.01, 1e-7, 1e-5)
+    rows = check_rates_by_differences(
+        exact, 0.01, rate_tolerance=1e-7, second_tolerance=1e-5
+    )
     assert np.max(rows.orientation_error) < 1e-13
     tilted_axis = pivot + [0.0, 0.2, 0.1]
-    departing = sk.follow_rotation(mechanism, motion.values[row], tilted_axis, 0.02)
-    rows = check_rates_by_differences(departing, 0.01, 1e-7, None)
+    inexact = sk.follow_rotation(mechanism, motion.values[row], tilted_axis, 0.02)
+    rows = check_rates_by_differences(
+        inexact, 0.01, rate_tolerance=1e-7, second_tolerance=None
+    )
     assert np.all(rows.orientation_error > 1e-5)
     assert np.all(np.isnan(rows.second_rates))
 
 
 @dataclass(frozen=True)
 class LinearRotation:
-    """A stand-in for a followed rotation whose inputs are q = slope * theta."""
+    """A stand-in for a followed rotation whose inputs are q = slope * theta.
+
+    `slope` (inputs,) is the rate of each input by the angle of rotation.
+    """
 
     axis: np.ndarray
     angle: float
@@ -471,20 +514,17 @@ class LinearRotation:
         theta = np.atleast_1d(theta)
         n = len(theta)
         rates = np.tile(self.slope, (n, 1))
-        no_rates = 0.0 * rates
-        orientations = np.tile(np.eye(3), (n, 1, 1))
-        zero = np.zeros(n)
         return RotationSamples(
-            theta,
-            theta[:, None] * self.slope,
-            rates,
-            no_rates,
-            no_rates,
-            orientations,
-            zero,
-            zero,
-            zero + 1.0,
-            zero.astype(np.int8),
+            theta=theta,
+            inputs=theta[:, None] * self.slope,
+            rates=rates,
+            second_rates=np.zeros_like(rates),
+            values=np.zeros_like(rates),
+            orientation=np.tile(np.eye(3), (n, 1, 1)),
+            orientation_error=np.zeros(n),
+            drift=np.zeros(n),
+            type_2=np.ones(n),
+            status=np.full(n, sk.Status.OK, dtype=np.int8),
         )
 
 

@@ -68,8 +68,11 @@ def table_3(listener):
 def test_rotation_of_table_3_of_the_paper(table_3):
     """Poses and driving angles are those of Chen et al. 2021, Table 3 (degrees).
 
-    The sign of gamma of the third configuration is missing in print. The rows between the
-    ends show the rounding of the paper: up to 6.2e-4 degrees.
+    Base and platform mirror each other in a plane with the angles phi and gamma. The sign
+    of gamma of the third configuration is missing in print. In the first row all printed
+    digits are correct. Later rows differ by up to 6.2e-4 degrees from rounding in the
+    paper. The axis is printed in the axes x0, y0, z0 of the paper (mirror axes). The drift
+    is the angle from the momentary axis to the fixed one.
     """
     # phi, gamma, driving angles at the pairs 21 and 61
     printed = [
@@ -106,7 +109,8 @@ def test_messages_of_the_rotation_of_table_3(table_3):
 def test_schedule_reaches_one_limit_and_exceeds_none(table_3):
     """The schedule is as fast as the limits of 30 deg/s and 70 deg/s2 allow.
 
-    The speed of the input 61 reaches its limit; no speed or acceleration exceeds one.
+    The speed of the input 61 reaches its limit; no speed or acceleration exceeds one. The
+    table has 41 rows, as was asked for.
     """
     frame = schedule(table_3)
     units = frame.attrs["units"]
@@ -120,16 +124,19 @@ def test_schedule_reaches_one_limit_and_exceeds_none(table_3):
     assert np.degrees(max(speeds)) == pytest.approx(30.0, abs=1e-9)
     assert len(frame) == 41
     assert frame["t"].iloc[-1] == pytest.approx(timing["duration_s"])
-    assert frame["dq_61"].abs().max() <= 30.0 + 1e-9
-    assert frame["ddq_21"].abs().max() <= 70.0 + 1e-9
+    for pair in ("21", "61"):
+        assert frame[f"dq_{pair}"].abs().max() <= 30.0 + 1e-9
+        assert frame[f"ddq_{pair}"].abs().max() <= 70.0 + 1e-9
 
 
 @pytest.mark.slow
 def test_schedule_in_cycles_of_a_controller():
-    """With `cycle` the table has a row per cycle (s) and ends after a whole number.
+    """With `cycle` (s) the table has a row per cycle and ends after a whole number of them.
 
     The duration exceeds the shortest one by less than a cycle, so that no limit is passed.
+    If there would be too many rows, the table is empty.
     """
+    # Start and end are mid-planes, given by their angles phi and gamma in degrees.
     parameters = "start=phi=75+gamma=-20,end=phi=70+gamma=20,speed=30,samples=5"
     shortest = findings(run_rotation("two_dof_spm", parameters))["schedule"]["duration_s"]
     result = run_rotation("two_dof_spm", f"{parameters},cycle=0.004")
@@ -143,8 +150,8 @@ def test_schedule_in_cycles_of_a_controller():
     speeds = table[["dq_21", "dq_61"]].abs()
     assert speeds.to_numpy().max() <= 30.0
     assert speeds.iloc[-1].max() < 1e-9
-    # Too many rows are not written; a seventh of the duration gives eight.
     assert schedule(run_rotation("two_dof_spm", f"{parameters},cycle=1e-9")).empty
+    # Seven cycles have eight ends.
     cycle = repr(shortest / 7)
     assert len(schedule(run_rotation("two_dof_spm", f"{parameters},cycle={cycle}"))) == 8
 
@@ -178,9 +185,12 @@ def test_modes_of_the_start_are_listed_and_chosen():
 
 
 def test_a_pose_can_be_given_in_five_ways():
-    """Inputs, quaternion, tilt and torsion, or a turn give the rotation of mid-planes.
+    """A rotation is the same whichever of five descriptions of its ends is used.
 
-    The other terms are computed from the orientations of the two mid-planes.
+    They are angles of mid-planes (phi, gamma), inputs, a quaternion, tilt and torsion, and
+    (for the end) the axis and angle of the rotation. Base and platform mirror each other in
+    a mid-plane. The rotation of Table 3 of Chen et al. 2021 has its ends in angles of
+    mid-planes; the other descriptions are computed from these.
     """
     mechanism = sk.load("two_dof_spm")
     form = mid_plane_form(mechanism)
@@ -205,8 +215,10 @@ def test_a_pose_can_be_given_in_five_ways():
 def test_the_nearest_reachable_mid_plane_is_found():
     """No reachable mid-plane of a dense sample of the sphere is nearer than the result.
 
-    The legs reach a mid-plane if |axis . normal| <= sin(arc) for each base axis. Wanted
-    poses are phi and gamma in degrees.
+    Base and platform mirror each other in a mid-plane. A normal and its opposite are the
+    same plane, so absolute cosines are compared. The legs reach a mid-plane if
+    ``|axis . normal| <= sin(arc)`` for each base axis. Wanted mid-planes are given by their
+    angles phi and gamma in degrees.
     """
     plane = mid_plane_form(sk.load("two_dof_spm")).plane
     directions = spiral_directions(200_000)
@@ -240,8 +252,10 @@ def test_the_message_offers_a_pose_that_is_reached():
 def test_a_rotation_ends_where_a_leg_reaches_no_farther():
     """The closed form of the reachable angle agrees with 4001 samples, for random axes.
 
-    Independent of it, the normal of the mid-plane is turned by half the angle and the
-    elbows of the legs are computed at each sample: they are NaN beyond the reach.
+    The platform is the mirror image of the base in the mid-plane. If this plane turns by
+    half an angle about an axis in itself, the platform turns by the whole angle. At each
+    sample its normal is turned, and the elbows (axes between the two links of each leg) are
+    computed. They are NaN beyond the reach.
     """
     form = mid_plane_form(sk.load("two_dof_spm"))
     largest_angle = 3.0
@@ -249,11 +263,14 @@ def test_a_rotation_ends_where_a_leg_reaches_no_farther():
     step = largest_angle / 4000
     ended = 0
     for first, second in np.random.default_rng(7).normal(size=(8, 2, 3)):
+        # The normal at the start, which must be well within reach of all legs.
         start = first / np.linalg.norm(first)
         if np.any(np.abs(form.plane.axes @ start) > np.sin(form.plane.arcs) - 1e-3):
             continue
+        # An axis in the mid-plane, in axes of the base.
         axis = np.cross(first, second)
         axis_in_ground = form.frame @ (axis / np.linalg.norm(axis))
+        # The reach does not depend on the signs of the legs, which choose their elbows.
         rotation = form.rotation_about(start, axis_in_ground, largest_angle, np.ones(3))
         turned = rotation_about_axis(form.frame.T @ axis_in_ground, 0.5 * theta) @ start
         elbows, _ = form.plane.elbows(turned, (1, 1, 1))
@@ -272,8 +289,11 @@ def pose_text(names, values):
 def test_an_output_with_two_freedoms_departs_between_the_ends():
     """A five-bar cannot turn its output about a fixed axis, and the run says so.
 
-    The ends (inputs in degrees) are exact. phi exists for mid-planes only.
+    At both ends the orientation is exact. Between them it departs from the one turned
+    exactly. The column phi is NaN, because a five-bar has no plane in which base and output
+    link mirror each other.
     """
+    # Start and end are given by the angles of the inputs 21 and 51 in degrees.
     parameters = "start=21=60+51=100,end=21=75+51=75,samples=21,speed=60"
     result = run_rotation("five_bar", parameters)
     rotation = findings(result)
@@ -304,9 +324,11 @@ def test_a_direction_as_the_end():
 def test_all_configurations_at_a_direction_are_those_of_inverse_kinematics():
     """The eight configurations at one direction agree with inverse kinematics.
 
-    One mid-plane mirrors the pointer into the direction, in closed form. The inverse
-    kinematics of all links knows nothing of mid-planes. The home direction belongs to
-    every mid-plane and is refused.
+    Base and platform mirror each other in a mid-plane. The output points in the mirror
+    image of a constant direction, the home direction. One mid-plane gives the requested
+    direction, in closed form. The inverse kinematics of all links knows nothing of
+    mid-planes. The home direction itself is refused, because every plane through it mirrors
+    it into itself.
     """
     mechanism = sk.load("two_dof_spm")
     output = mechanism.outputs[0]
@@ -323,8 +345,10 @@ def test_all_configurations_at_a_direction_are_those_of_inverse_kinematics():
         angle_gap = np.angle(np.exp(1j * (solutions.values - values)))
         gap += np.abs(angle_gap).max(axis=1)
         assert np.min(gap) < 1e-10
+    # In the axes of the base.
+    home_direction = finder.form.frame @ finder.form.home
     with pytest.raises(SolveError, match="in every mid-plane"):
-        finder.candidates(AtDirection(finder.form.frame @ finder.form.home))
+        finder.candidates(AtDirection(home_direction))
 
 
 def test_one_input_turns_a_rocker_about_its_axis():
@@ -381,9 +405,16 @@ def test_more_than_three_inputs_are_refused():
 def rotation_from_the_border_of_the_reach(distance):
     """Return parameters of a rotation of three_rrr from beside its border to well within.
 
-    Of 400 sampled orientations the one with the largest margin (distance to the nearest
-    dead centre of a leg) is the end. The border is the zero of the margin on the line of
-    quaternions to the one with the least; the start is `distance` inside it.
+    The margin of an orientation is its distance to the nearest dead centre of a leg. Of 400
+    sampled orientations, `inner` has the largest margin and `outer` the least, which is
+    negative. Quaternions on the straight line between both are normalised. The border is
+    the point of this line at which the margin is 0. The rotation leads from near the border
+    to `inner`.
+
+    Parameters
+    ----------
+    distance
+        Distance of the start from the border, as a part of the line.
     """
     kinematics = closed_kinematics(sk.load("three_rrr"))
     signs = kinematics.modes[0]
@@ -435,12 +466,16 @@ def test_a_dead_centre_at_the_start_is_named():
 def test_page_of_a_rotation_draws_axis_path_and_mid_planes(table_3, listener):
     """The scene has links, axis, pointer path, mid-planes and the singularity.
 
-    The path about a fixed axis keeps its distance from it, and every mid-plane contains the
-    axis.
+    It shows the rotation of Table 3 of Chen et al. 2021 at four angles. The path about a
+    fixed axis keeps its distance from it. Base and platform mirror each other in a
+    mid-plane, and every mid-plane contains the axis. The type II singularity, where the
+    inputs do not hold the platform, is marked on the path (``lost``), on the axis of theta
+    (``marks/lost``) and in the text (``words``), at the angle of the warning.
     """
     scene, row_count = listener.last_scene("Equivalent rotation")
     assert len(scene.over[0].values) == row_count == 4
     primitives = {primitive.path: primitive for primitive in scene.primitives}
+    # All links but the ground.
     assert sum(path.startswith("link/") for path in primitives) == 10
     axis = primitives["axis"].directions
     assert np.max(np.abs(axis - findings(table_3)["axis"])) < 1e-15
@@ -458,7 +493,9 @@ def test_page_of_a_rotation_draws_axis_path_and_mid_planes(table_3, listener):
     ):
         (circle,) = primitives[f"mid_plane/{name}"].curves
         assert np.max(np.abs(circle @ normal)) < 1e-14
-    assert len(primitives["lost"].marks) == 1  # the type II singularity
+    assert len(primitives["lost"].marks) == 1
+    (warning,) = table_3.summary["warnings"]
+    assert "theta = 30.9007 deg" in warning
     assert np.degrees(primitives["marks/lost"].inputs) == pytest.approx(30.9007, abs=1e-4)
     assert "30.9007" in primitives["words"].markdown
 
