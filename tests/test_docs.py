@@ -369,10 +369,14 @@ def is_declared(name, names):
 
 
 def test_columns_and_keys_that_pages_name_are_declared(declared):
-    """Quoted names after "column", "key" or "parameter", and those that tables list.
+    """Names of columns, keys and parameters in the pages exist in the program.
 
-    `NAMING` are the heads of such tables; the names stand in their first column.
+    Names are words in backquotes. Checked are those that follow "column", "key" or
+    "parameter" in a sentence, and those in tables of a page. If a table has "table" as the
+    head of its first column, all its cells have names of tables and columns. If this head
+    is another word of `NAMING`, only the first column has names.
     """
+    # One or more words in backquotes, with "," or "and" or "or" between them.
     quoted_names = r"((?:`\w+`(?:,\s|\sand\s|\sor\s)?)+)"
     unknown = []
     for page, text in PAGES.items():
@@ -417,8 +421,9 @@ def test_names_in_pages_exist_in_the_sources(declared):
     """Every name in backquotes in the text of a page is one of the following.
 
     It is declared (see `declared`), listed in `OTHERS`, a word of a source file or of a
-    code block of a page, or the name of a source file or shipped mechanism. Quoted words
-    that begin with a capital or end with a digit are not checked.
+    code block of a page, or the name of a source file or shipped mechanism. `OTHERS` has
+    names of other programs. Quoted words that begin with a capital (classes, statuses and
+    placeholders such as PAIR) or end with a digit are not checked.
     """
     permitted_names = declared | OTHERS
     permitted_names |= {path.name.split(".")[0] for path in MECHANISMS.iterdir()}

@@ -45,12 +45,20 @@ DRIVING = "10*sin(2*t)"
 
 @pytest.fixture(scope="module")
 def exact():
-    """Return the exact columns (121, 13) of the four-bar of Di Gregorio by mode p, 0 and 1.
+    """Return exact quantities of the four-bar of Di Gregorio (2024), by mode p = 0 and 1.
 
-    Columns are theta41, u31 (three), w31, w41, their derivatives by q (two), B, dB/dq, the
-    generalized forces of both loads, and the torque tau = dB/dq / 2 - sum of the forces at
-    the rate 1 rad/s. The closed forms are evaluated in 60 digits; derivatives are central
-    differences with a step of 1e-18, whose error is about 1e-36.
+    For each mode they are a table (121, 13) with a row for each input angle q of `TURN`.
+    The columns are:
+
+    - 0: theta41, the angle of the rocker;
+    - 1 to 3: u31, the pole axis of coupler and ground; 4, 5: the velocity coefficients w31
+      and w41; 6, 7: the derivatives of w31 and w41 by q;
+    - 8, 9: the equivalent inertia B and dB/dq;
+    - 10, 11: the generalized forces of both loads of the file, torques on the crank and on
+      the rocker; 12: the driving torque tau = dB/dq / 2 - sum of the forces.
+
+    The input has the rate 1 rad/s. The closed forms are evaluated in 60 digits; derivatives
+    are central differences with a step of 1e-18, whose error is about 1e-36.
     """
     columns = {}
     with mp.workdps(60):
@@ -73,6 +81,8 @@ def exact():
                 dw31, dw41, inertia_dq = (
                     (after[k] - before[k]) / (2 * h) for k in (2, 3, 4)
                 )
+                # The file states the torques -sin(theta_21) - 2 dtheta_21 at the crank and
+                # -5 sin(theta_41) - 2 dtheta_41 at the rocker, whose rate is w41.
                 force_on_crank = -mp.sin(q) - 2
                 force_on_rocker = w41 * (-5 * mp.sin(theta) - 2 * w41)
                 tau = inertia_dq / 2 - force_on_crank - force_on_rocker
@@ -88,7 +98,7 @@ def four_bar():
 
 
 @pytest.fixture(scope="module")
-def tabled(four_bar):
+def four_bar_run(four_bar):
     return sk.run(four_bar, ["poles:only=31+41", Eksergian()], samples=121)
 
 
@@ -104,22 +114,24 @@ def mode_of(exact, theta41):
 
 
 @pytest.mark.parametrize("assembly_mode", [0, 1])
-def test_tables_1_and_2_of_the_source(tabled, exact, assembly_mode):
+def test_tables_1_and_2_of_the_source(four_bar_run, exact, assembly_mode):
     """All columns of a run of 121 samples are those of the closed forms, to 1e-12.
 
-    The sign of a pole direction is arbitrary, and the coefficients of the pole 31 change
-    their sign with it.
+    The source is Di Gregorio (2024), whose Tables 1 and 2 have these quantities. The sign
+    of a pole direction is arbitrary, and the coefficients of the pole 31 change their sign
+    with it.
     """
     tolerance = 1e-12
-    motion = rows_of(tabled.frame("motion"), assembly_mode)
+    motion = rows_of(four_bar_run.frame("motion"), assembly_mode)
     theta = motion["theta_41"].to_numpy()
+    # One row for each of the 13 columns of `exact`.
     reference = exact[mode_of(exact, theta[0])].T
     theta41 = reference[0]
     u31 = reference[1:4].T
     w31, w41, dw31, dw41, inertia, inertia_dq, on_crank, on_rocker, tau = reference[4:]
     assert np.max(np.abs(np.sin(0.5 * (theta - theta41)))) < tolerance
 
-    poles = tabled.frame("poles")
+    poles = four_bar_run.frame("poles")
     pole_31 = rows_of(poles, assembly_mode, link="3")
     pole_41 = rows_of(poles, assembly_mode, link="4")
     direction = pole_31[["ux", "uy", "uz"]].to_numpy()
@@ -132,7 +144,7 @@ def test_tables_1_and_2_of_the_source(tabled, exact, assembly_mode):
         assert np.max(np.abs(pole_31[name].to_numpy() * sign - exact_31)) < tolerance
         assert np.max(np.abs(pole_41[name].to_numpy() - exact_41)) < tolerance
 
-    rows = rows_of(tabled.frame("eksergian"), assembly_mode)
+    rows = rows_of(four_bar_run.frame("eksergian"), assembly_mode)
     for name, values in (
         ("B", inertia),
         ("dB_dq", inertia_dq),
@@ -140,11 +152,11 @@ def test_tables_1_and_2_of_the_source(tabled, exact, assembly_mode):
         ("tau", tau),
     ):
         assert np.max(np.abs(rows[name].to_numpy() - values)) < tolerance
-    loads = rows_of(tabled.frame("eksergian", "loads"), assembly_mode)
+    loads = rows_of(four_bar_run.frame("eksergian", "loads"), assembly_mode)
     for name, values in (("on_crank", on_crank), ("on_rocker", on_rocker)):
         force = loads[loads["load"] == name]["Q"].to_numpy()
         assert np.max(np.abs(force - values)) < tolerance
-    parts = rows_of(tabled.frame("eksergian", "inertia"), assembly_mode)
+    parts = rows_of(four_bar_run.frame("eksergian", "inertia"), assembly_mode)
     sum_of_links = parts.groupby("sample")["B"].sum().to_numpy()
     assert np.max(np.abs(sum_of_links - inertia)) < tolerance
 
@@ -163,12 +175,14 @@ def test_torque_at_another_pair_does_the_same_work(four_bar):
 def test_a_reduced_model_moves_as_the_mechanism(four_bar):
     """A reduced model stores the equation of motion of one input, sampled along its range.
 
-    Its simulation has the tolerance of the model beside one of the mechanism itself.
+    Its simulation deviates from a simulation of the mechanism itself by no more than the
+    tolerance that is asked for.
     """
     t = np.linspace(0.0, 10.0, 101)
     simulation = simulate(four_bar, Start(0.3, 1.0), 10.0, torque=DRIVING, tolerance=1e-11)
     history = simulation.at(t)
     model = sk.reduced_model(four_bar, poles=()).with_torque(DRIVING)
+    # The crank turns fully, so the functions of the model depend on its angle q.
     assert model.heading.by == ("q",)
     for tolerance in (1e-7, 1e-9):
         reduced = sk.simulate_reduced(model, t, 0.3, 1.0, tolerance)
@@ -181,8 +195,9 @@ def test_a_reduced_model_moves_as_the_mechanism(four_bar):
 def test_a_loaded_reduced_model_has_all_loads_and_ends_at_a_joint_limit(tmp_path):
     """The four-bar has a load of every kind, a table of torques, and a limit of its crank.
 
-    Its motion does not turn fully, so the model is a function of arc length s. It is saved
-    and loaded, and moves as the mechanism does until the crank reaches its limit.
+    The crank does not turn fully, so the functions of the model depend on the arc length s
+    of the configuration curve. The model is written to a file and read from it. It moves as
+    the mechanism does until the crank reaches its limit. Later rows are NaN.
     """
     mechanism, joint = with_masses_and_loads("four_bar", np.random.default_rng(8))
     table = sk.TorqueTable("motor_table", joint, (0.0, 0.4, 0.5), (3.0, -1.0, 3.0), True)
@@ -199,6 +214,8 @@ def test_a_loaded_reduced_model_has_all_loads_and_ends_at_a_joint_limit(tmp_path
     model = sk.load_reduced(tmp_path / "loads.npz")
     assert model.heading.by == ("s",)
     assert not model.heading.periodic
+    # The arc length at the start. The angle is stated a revolution later, which is the same
+    # configuration.
     (s,) = model.places("theta_21", 0.3 + 2.0 * np.pi)
     s_rate = 4.0 / model.value("d(theta_21)/ds", s)
     t = np.linspace(0.0, 2.0, 81)
@@ -206,6 +223,7 @@ def test_a_loaded_reduced_model_has_all_loads_and_ends_at_a_joint_limit(tmp_path
     is_before_end = t < simulation.end.t
     q = simulation.at(t[is_before_end]).q
     assert np.max(np.abs(reduced.q[is_before_end] - q)) < 1e-8
+    # Both simulations may reach the limit at slightly different times.
     assert np.all(np.isnan(reduced.q[t > simulation.end.t + 0.1]))
     assert "the curve ends" in reduced.message
 
@@ -295,9 +313,10 @@ def rocker_driven(four_bar, crank_driven):
 
 @pytest.mark.slow
 def test_a_motion_by_the_rocker_is_that_by_the_crank(crank_driven, rocker_driven):
-    """The motion passes the dead centres of the rocker, where its rate is zero.
+    """The same motion is simulated twice: with the crank and with the rocker as input.
 
-    They are events of the simulation by the rocker, about two in a turn of the crank.
+    It passes the dead centres of the rocker, where the rate of the rocker is zero. They are
+    events of the simulation with the rocker as input, two in each turn of the crank.
     """
     t = np.linspace(0.0, 5.0, 101)
     gap = rocker_driven.at(t).values - crank_driven.at(t).values
@@ -307,9 +326,12 @@ def test_a_motion_by_the_rocker_is_that_by_the_crank(crank_driven, rocker_driven
         return [event.t for event in simulation.events if event.kind == "dead_centre"]
 
     times = dead_centre_times(rocker_driven)
+    # The crank starts at 0.3 rad. The first and the last turn may be incomplete, so the
+    # number of dead centres can deviate by 2.
     crank_turns = (crank_driven.at([5.0]).q[0] - 0.3) / (2.0 * np.pi)
     assert abs(len(times) - 2.0 * crank_turns) <= 2.0
-    assert np.max(np.abs(rocker_driven.at(times).dq)) < 1e-7
+    rocker_rates = rocker_driven.at(times).dq  # the input of this simulation
+    assert np.max(np.abs(rocker_rates)) < 1e-7
     assert dead_centre_times(crank_driven) == []
 
 
@@ -317,8 +339,9 @@ def test_a_motion_by_the_rocker_is_that_by_the_crank(crank_driven, rocker_driven
 def test_a_start_at_a_dead_centre_needs_the_rate_of_another_pair(four_bar, rocker_driven):
     """At a dead centre of the rocker (41), its rate says nothing about the motion.
 
-    A start by the rate of the rocker is refused. By the rate of the crank (21) the motion
-    continues from there to the same end, although the rocker is the input.
+    The rocker is the input of both simulations here, whose coordinate is the arc length of
+    the configuration curve. A start that states the rate of the rocker is refused. A start
+    that states the rate of the crank (21) continues the motion from there to the same end.
     """
     free = replace(four_bar, loads=())
     time = next(event.t for event in rocker_driven.events if event.kind == "dead_centre")
@@ -328,7 +351,7 @@ def test_a_start_at_a_dead_centre_needs_the_rate_of_another_pair(four_bar, rocke
         simulate(free, PoseStart(pose, "41", 1.0), 1.0, input_pair="41")
 
     crank_rate = float(at_dead_centre.value_rates[0, free.angles["21"]])
-    remaining = 5.0 - time
+    remaining = 5.0 - time  # `rocker_driven` takes 5 s
     continued = simulate(
         free, PoseStart(pose, "21", crank_rate), remaining, input_pair="41"
     )
@@ -349,11 +372,12 @@ def test_steps_begin_anew_where_a_torque_table_has_kinks(four_bar):
 def test_a_simulation_ends_where_a_contact_leaves_its_profile():
     """A cam with an open profile turns at 2 rad/s until its roller reaches the end.
 
-    The last input at which a run with equally spaced inputs closes is reached up to
-    0.01 rad, and the kinetic energy stays constant.
+    The end is not before the last sample at which the mechanism closes, up to 0.01 rad.
+    The samples are equally spaced inputs. The kinetic energy stays constant.
     """
     tensor = (0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.15)
     cam = replace(example_mechanisms.open_cam(), masses=(Mass("2", tensor),))
+    # The configurations at the samples; the torques are not used.
     solution = sk.inverse_dynamics(
         cam, ConstantSpeed(1.0), TURN[::2], assembly_mode=0, search=False
     )
@@ -361,6 +385,7 @@ def test_a_simulation_ends_where_a_contact_leaves_its_profile():
     start = PoseStart(solution.values[is_ok][0], "12", 2.0)
     simulation = forward_dynamics.simulate(cam, start, 20.0, tolerance=1e-7)
     assert simulation.end.kind == "off_profile"
+    # The compiled engine has no profiles through points, so NumPy is used.
     assert simulation.engine.name == "numpy"
     assert "points" in simulation.engine.reason
     history = simulation.at(np.linspace(0.0, simulation.end.t, 9))
@@ -411,9 +436,11 @@ def test_a_crossing_of_curves_ends_a_simulation_unless_it_may_be_passed():
 def test_simulations_tell_curves_that_avoid_each_other_from_crossing_ones(engine, off, end):
     """One arc of a parallelogram is longer by `off` (rad), so its curves do not cross.
 
-    They miss each other by about the root of `off`. Below the resolution, the simulation
-    ends as at a crossing (or passes one, if it may). Otherwise it stays on the
-    configuration curve that it started on, and without loads it keeps its energy.
+    Near the crossing of a parallelogram, configurations satisfy a quadratic equation. A
+    change `off` of its constant term moves the two curves apart by about the root of `off`.
+    With a gap of 1e-6 rad the simulation ends as at a crossing (or passes one, if it may).
+    With 3e-5 rad it stays on the configuration curve that it started on, and without loads
+    it keeps its energy.
     """
     arcs = FLAT + [0.0, 0.0, off, 0.0]
     mechanism = replace(example_mechanisms.four_bar(arcs), loads=())
@@ -425,6 +452,7 @@ def test_simulations_tell_curves_that_avoid_each_other_from_crossing_ones(engine
     if end == "time":
         history = simulation.at(np.linspace(0.0, simulation.end.t, 25))
         items = PositionAnalysis(mechanism).configurations.curves
+        # `find` returns NaN for a configuration that is not on the curve.
         is_on_curve = [
             np.all(np.isfinite(item.curve.find(history.values))) for item in items
         ]

@@ -127,13 +127,16 @@ def test_inverse_dynamics_of_a_planned_rotation_drives_the_same_motion():
     """The torques of a planned motion are functions of time that drive a simulation.
 
     The plan is the rotation of the end effector (link 4) between two poses of Chen et al.
-    2021, Table 3, in shortest time under limits of rate and acceleration. On the way two
-    sets of configurations cross, which the simulation may pass. Its inputs at four times
-    and the rotation of the end effector are those of the plan.
+    2021, Table 3, in shortest time under limits of rate and acceleration. Base and end
+    effector of this mechanism are mirror images of each other, so a pose is given by the
+    normal of the mirror plane (`normal_at`). On the way, at 0.6423 of the duration, the
+    configurations cross another set of configurations, which the simulation may pass. Its
+    inputs at four times and the rotation of the end effector are those of the plan.
     """
     mechanism = with_point_masses("two_dof_spm")
     start, stop = (normal_at(*np.radians(pose)) for pose in [(75, -20), (70, 20)])
     form = sk.mid_plane_form(mechanism)
+    # `modes` are the signs of the legs: each can be assembled in two ways.
     rotation_path = form.rotation_between(start, stop, modes=(-1, 1, 1))
     plan = sk.time_optimal(rotation_path, speed=0.5, acceleration=1.3)
     duration = plan.duration
@@ -165,6 +168,7 @@ def test_inverse_dynamics_of_a_planned_rotation_drives_the_same_motion():
     assert simulation.end.kind == "time"
     assert simulation.checks.energy < 1e-12
     assert [event.kind for event in simulation.events] == ["crossing"]
+    # Before the crossing, immediately after it, and later.
     times = np.array([0.6, 0.643, 0.7, 1.0]) * duration
     assert simulation.at(times).inputs == pytest.approx(plan.at(times).inputs, abs=1e-10)
 

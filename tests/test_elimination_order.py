@@ -45,10 +45,15 @@ FIRST_SEEDS = [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in ra
 def miura_sheet(rows=2, columns=2, driven_pair="z00", range_deg=(10.0, 170.0)):
     """Return a folded Miura-ori sheet as a spherical mechanism.
 
+    Rotations of rigid facets depend on the directions of the creases only. If all creases
+    are moved to one point, the sheet is a spherical mechanism with a loop for each vertex.
+
     The sheet has `rows` times `columns` vertices. Facet (i, j) is the link `fij`. Crease
     `zij` joins it to the next facet of its row, crease `hij` to the next of its column.
-    The directions of creases repeat in every other row and column, and fold angles change
-    sign from crease to crease. One fold angle is driven through `range_deg`.
+    The directions of creases repeat in every other row and column. The fold angles of
+    creases z alternate in sign along a row, those of creases h along rows and columns. One
+    fold angle is driven through `range_deg`. In the reference pose, creases z have fold
+    angles of 60 deg, as in the file.
     """
     sheet_of_four = sk.load(MIURA)
     axes = {}
@@ -92,17 +97,20 @@ def four_bar_with_two_equal_couplers(random):
 
 
 def check_rates_against_null_space(mechanism, samples=9):
-    """Compare the angular velocities of all links with the null space; count the rows.
+    """Compare the angular velocities of all links with those of another method.
 
     The reference is the null space of the velocity equations (one equation for each pair,
     without elimination), scaled to a rate of 1 rad/rad of the driven pair. A row must have
     the status AT_SINGULARITY exactly if the closure Jacobian with the input locked has a
-    singular value below `LEAST_SINGULAR_VALUE`. The result is the number of compared rows.
+    singular value below `LEAST_SINGULAR_VALUE`. The result is the number of configurations
+    (rows) in which the velocities were compared.
     """
     position_analysis = PositionAnalysis(mechanism, samples=samples)
     motion = position_analysis.motion()
     poles = all_poles(len(mechanism.links))
     (driven_pair,) = mechanism.input_pairs
+    # The mechanisms have redundant loops, so the number of degrees of freedom may be known
+    # by the rank of the equations only (`by_rank`), and not by counting.
     pole_request = request(
         mechanism, driven_pair, poles, rates=poles, by_rank=position_analysis.by_rank
     )
@@ -212,15 +220,18 @@ def test_rates_of_mechanisms_without_redundant_loops_match_the_null_space(seed):
 def test_evaluating_one_configuration_uses_the_order_of_its_own_mode():
     """The velocity coefficient of f12/f00 equals that of the null space in modes 1 and 4.
 
-    Both modes are singular in the order of the other modes. Links are numbered as in the
-    file: 0 is f00 (ground), 1 is f01 (driven about pair 0), 5 is f12.
+    The velocity equations are solved by elimination. In the order of elimination that suits
+    the other modes, these two modes have zero pivots. Links are numbered as in the file: 0
+    is f00 (ground), 1 is f01 (driven about pair 0), 5 is f12.
     """
     mechanism = sk.load(MIURA)
     input_rad = 0.9
     for mode in (1, 4):
         configuration = sk.evaluate(mechanism, input_rad, assembly_mode=mode)
+        # At one input the motion has one row for each mode.
         motion = PositionAnalysis(mechanism).at(np.array([input_rad])).rows([mode])
-        w, _ = null_space(9, mechanism.ends, motion.axes[0])
+        link_count = len(mechanism.links)
+        w, _ = null_space(link_count, mechanism.ends, motion.axes[0])
         w /= (w[1] - w[0]) @ motion.axes[0, 0]
         expected = np.linalg.norm(w[5])
         coefficient = abs(configuration.velocity_coefficient("f12/f00"))
@@ -228,10 +239,11 @@ def test_evaluating_one_configuration_uses_the_order_of_its_own_mode():
 
 
 def test_each_configuration_gets_an_order_that_is_regular_at_it():
-    """Every configuration is assigned one order, and elimination amplifies little with it.
+    """Every configuration gets one order of elimination that amplifies errors little.
 
-    The measure is the norm of the inverse by elimination, which may exceed that of the
-    pseudo-inverse by the factor `MAX_AMPLIFICATION` at most.
+    Elimination gives an inverse of the closure Jacobian's columns of the passive variables.
+    The pseudo-inverse of these columns has the smallest norm. The norm of the inverse by
+    elimination may be larger by the factor `MAX_AMPLIFICATION` at most.
     """
     motion = PositionAnalysis(sk.load(MIURA), samples=17).motion()
     jacobians = motion.linearisation.jacobian
@@ -240,6 +252,7 @@ def test_each_configuration_gets_an_order_that_is_regular_at_it():
     assert np.array_equal(all_rows, np.arange(len(jacobians)))
     assert len(assigned) > 1
     for order, rows in assigned:
+        # The order has the numbers of passive variables among all columns of the Jacobian.
         sizes = eliminated_inverse_sizes(jacobians[rows], order)
         least_sizes = inverse_sizes(motion.passive_jacobian[rows])
         assert np.all(sizes <= MAX_AMPLIFICATION * least_sizes)
@@ -271,8 +284,10 @@ def miura_jacobians():
 def test_singular_configurations_do_not_change_the_orders_of_regular_ones(position, kind):
     """Regular configurations get the same orders with and without singular ones.
 
-    The number of orders is limited, so none may be spent on a singular configuration. As
-    many singular Jacobians as regular ones are placed before, between or after them.
+    An order says in which order variables are eliminated from the velocity equations. The
+    number of orders is limited, because each needs functions of its own, so none may be
+    spent on a singular configuration. As many singular Jacobians as regular ones are placed
+    before, between or after them.
     """
     jacobians, passive_variables = miura_jacobians()
     expected = assign_elimination_orders(jacobians, passive_variables)

@@ -46,6 +46,8 @@ def evaluate_with_numpy(mechanism, motion):
 
     The inertia felt at the input is B = sum over links of w^T J w, where w is the angular
     velocity of the link at unit input speed and J its inertia tensor in the ground frame.
+    The tensor turns with the link, so dJ/dq has terms with w x, whose products with w are
+    zero. Therefore dB/dq = sum of 2 (dw/dq)^T J w.
 
     Returns
     -------
@@ -54,8 +56,10 @@ def evaluate_with_numpy(mechanism, motion):
     inertia, inertia_rate
         (n,) B and its derivative dB/dq by the input, for each row of the motion.
     """
-    every = all_poles(len(mechanism.links))
-    field = evaluate(motion, request(mechanism, mechanism.inputs[0].pair, every, every))
+    # Directions and velocity coefficients of all pairs of links.
+    poles = all_poles(len(mechanism.links))
+    pole_request = request(mechanism, mechanism.inputs[0].pair, poles, rates=poles)
+    field = evaluate(motion, pole_request)
     inertia = np.zeros(len(motion))
     inertia_rate = np.zeros(len(motion))
     for mass in mechanism.masses:
@@ -78,16 +82,18 @@ def assert_expressions_agree(values, field, inertia, inertia_rate, tolerance):
     ----------
     values
         Quantities of `expression_values`.
+    field, inertia, inertia_rate
+        Results of `evaluate_with_numpy`.
     tolerance
-        Largest error relative to 1 + size. The reported bound of a pole's direction is
-        added, because long chains of intersections multiply rounding errors.
+        Largest error relative to 1 + size. Forty times the reported bound of a pole's
+        direction is added, because long chains of intersections multiply rounding errors.
     """
     for pole, direction in field.direction.items():
         velocity = field.velocity_coefficient[pole]
         acceleration = field.acceleration_coefficient[pole]
         expression_velocity = values["velocity_coefficient"][pole]
         expression_direction = values["direction"][pole]
-        moves = np.abs(velocity) > 1e-6
+        moves = np.abs(velocity) > 1e-6  # otherwise there is no direction
         allowed = tolerance + 40.0 * np.nan_to_num(field.direction_error[pole])
 
         expression_vector = expression_direction * expression_velocity[:, None]
@@ -167,7 +173,7 @@ def test_expressions_of_joint_angles_equal_numpy(name, engine):
     start, stop = position_analysis.range
     motion = position_analysis.at(np.linspace(start + 0.1, stop - 0.2, 24))
     assert not np.any(motion.failed)
-    values = expression_values(mechanism, motion.values.T, False, engine)
+    values = expression_values(mechanism, motion.values.T, closed_form=False, engine=engine)
     expected = evaluate_with_numpy(mechanism, motion)
     assert_expressions_agree(values, *expected, tolerance=2e-14)
 
@@ -176,9 +182,10 @@ def test_expressions_of_joint_angles_equal_numpy(name, engine):
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("name", ["four_bar", "stephenson", "watt", "eight_bar_01"])
 def test_expressions_in_closed_form_equal_numpy_in_every_mode(name, engine):
-    """Expressions of the input and the signs of dyads equal solved positions.
+    """Quantities by expressions of the input and the signs of dyads equal those by NumPy.
 
-    Each assembly mode of these chains of dyads has one sign (+1 or -1) per dyad.
+    Each assembly mode of these chains of dyads has one sign (+1 or -1) per dyad. The inputs
+    are inside of the range, away from its ends.
     """
     mechanism = with_masses(load(name))
     position_analysis = PositionAnalysis(mechanism)
@@ -187,7 +194,10 @@ def test_expressions_in_closed_form_equal_numpy_in_every_mode(name, engine):
     for assembly_mode in position_analysis.assembly_modes:
         motion = PositionAnalysis(mechanism, assembly_mode=assembly_mode.number).at(q)
         signs = [np.full(len(q), float(sign)) for sign in assembly_mode.signs]
-        values = expression_values(mechanism, np.vstack([q, *signs]), True, engine)
+        inputs_and_signs = np.vstack([q, *signs])
+        values = expression_values(
+            mechanism, inputs_and_signs, closed_form=True, engine=engine
+        )
         expected = evaluate_with_numpy(mechanism, motion)
         assert_expressions_agree(values, *expected, tolerance=2e-14)
 
@@ -197,7 +207,7 @@ def test_positions_beyond_reach_are_nan(engine):
     """In closed form, an input (rad) at which the loop cannot close gives NaN."""
     mechanism = with_masses(rocker())
     rows = np.array([[0.0, 2.0], [1.0, 1.0]])
-    values = expression_values(mechanism, rows, True, engine)
+    values = expression_values(mechanism, rows, closed_form=True, engine=engine)
     rates = [values["B"], values["dB_dq"], *values["velocity_coefficient"].values()]
     assert all(np.isnan(rate[0]) and np.isfinite(rate[1]) for rate in rates)
 
@@ -299,7 +309,9 @@ def test_a_simulation_ends_where_curves_cross_at_any_tolerance(arcs, assembly_mo
     """Both engines stop at the change point, where the motion is not determined.
 
     The sums of opposite arcs (deg) are equal or the arcs are equal in pairs, so that the
-    linkage is flat at q = pi, where its two branches cross.
+    linkage is flat at q = pi. There the curves of configurations of its two assembly modes
+    cross. All simulations end within 0.01 rad of it, and the compiled ones nearer, whatever
+    their tolerance.
     """
     mechanism = load_free_four_bar(*arcs)
     coarse, fine, numpy_result = (
@@ -352,9 +364,11 @@ def rocker():
 def test_a_rocker_swings_over_its_dead_centre_1000_times():
     """Dead centres stay exact and energy is conserved over 400 s of swinging.
 
-    By spherical trigonometry, at a dead centre of the input coupler (70 deg) and rocker
-    (40 deg) form one arc of 70 - 40 or 70 + 40 degrees from the crank's end to the
-    rocker's axis. Ground and crank are 60 and 55 degrees.
+    A torque at the rocker (pair 41), like that of a pendulum, makes the linkage swing. The
+    input is the crank (pair 21), which swings, too. It turns back at its dead centres,
+    where the coupler (70 deg) and the rocker (40 deg) are in one plane. They form one arc
+    of 70 - 40 or 70 + 40 degrees there, from the crank's end to the rocker's axis. By
+    spherical trigonometry with ground and crank (60 and 55 degrees), the input follows.
     """
     mechanism = with_torque(rocker(), "41", "-5*sin(theta_41)")
     start = PoseStart(configuration_at(mechanism, 2.0), "41", 5.0)
@@ -439,7 +453,10 @@ def test_a_load_without_a_value_ends_the_motion(text, engine):
 def geared_five_bar():
     """Return a five-bar whose cranks a and b carry equal wheels in mesh.
 
-    The mesh adds a loop, and one of all closure equations is redundant.
+    The mesh ("Cr", a rolling contact) adds a loop. The three equations of this loop and the
+    three of the five-bar have one equation too many, which follows from the others. The
+    axes are arbitrary. That of the second crank is in the plane of x and z; its wheels
+    touch in the middle of the arc between both cranks' axes.
     """
     pair_links = {"left": "ga", "right": "gb", "ac": "ac", "cd": "cd", "bd": "bd"}
     ground_axes = np.array([[0, 0, 1], [0.846889512904878, 0, 0.531768890526456]])
@@ -467,8 +484,11 @@ def test_dependent_equations_of_a_redundant_loop_are_no_crossing(monkeypatch):
     With a redundant loop, equations that are independent at one pose can be dependent at
     another although the mechanism is regular: the axes of the outer three pairs never come
     into one plane here. Then curves do not cross, the compiled engine says that it cannot
-    go on, and NumPy takes over. This is so only if nothing is said about the wheels, which
-    the patched function ensures.
+    go on, and NumPy takes over.
+
+    Usually the engine knows that wheels on a common carrier have a constant ratio, and
+    needs no loop for them. The function that finds such wheels is replaced by one that
+    finds none, so that there is a redundant loop.
     """
     monkeypatch.setattr(
         "spherekit.planning.assembly_plan.find_carried_contacts",
@@ -489,6 +509,7 @@ def test_dependent_equations_of_a_redundant_loop_are_no_crossing(monkeypatch):
         sk.simulate(mechanism, start, duration, engine="compiled", torque=torque)
     automatic = sk.simulate(mechanism, start, duration, tolerance=1e-9, torque=torque)
     assert automatic.end.kind == "time"
+    # The choice has been made already, so the reason does not advise to make it.
     assert "use NumPy" not in automatic.engine.reason
     assert np.max(np.abs(automatic.at(times).values - expected_values)) < 1e-8
 
