@@ -37,8 +37,20 @@ def _from_the_first_row(monkeypatch):
 
 
 def compare_kernel_with_reference(mechanism, same_signs=True, **options):
-    """Assert that a row kernel gives the statuses and, within bounds, the numbers of a run
-    without a kernel.
+    """Assert that a run with and without a row kernel has the same statuses and numbers.
+
+    A row kernel is a set of compiled functions that compute many rows at once. It certifies
+    a row if the error bounds of the row are small; other rows are computed without it.
+    Numbers may differ by the sum of their error bounds.
+
+    Parameters
+    ----------
+    mechanism
+        Mechanism that is moved.
+    same_signs
+        Whether pole directions must also have the same sign.
+    options
+        Further fields of a study, such as `samples`.
 
     Returns
     -------
@@ -110,9 +122,9 @@ def test_signs_of_pole_directions_continue_through_slices_as_without_a_kernel(
 ):
     """Pole directions are continuous along a mode, although their sign is arbitrary.
 
-    The kernel continues signs slice by slice. Slices are as long as usual, and of one row,
-    so that signs also continue from slice to slice. The test is worth something only if
-    signs do change within the motion.
+    A kernel (compiled functions for many rows) continues signs slice by slice. Slices are
+    as long as usual, and of one row, so that signs also continue from slice to slice. The
+    test is worth something only if signs do change within the motion.
     """
     if available():
         monkeypatch.setattr(batch_runner, "MIN_COMPILED_ROWS", 0)
@@ -123,16 +135,20 @@ def test_signs_of_pole_directions_continue_through_slices_as_without_a_kernel(
         return sign_functions[-1]
 
     monkeypatch.setattr(batch_runner, "continue_signs", recorded_continue_signs)
+    # With 1, a slice has the smallest possible number of rows, `SLICE_ROWS`.
     monkeypatch.setattr(batch_runner, "SLICE_NUMBERS", 1)
     for slice_rows in (batch_runner.SLICE_ROWS, 1):
         monkeypatch.setattr(batch_runner, "SLICE_ROWS", slice_rows)
         evaluations = evaluate_both_ways(sk.load(name), samples=300)
         differences = find_differences(evaluations)
         assert differences.are_none, differences
-        # Two of the six modes of `three_rrr` close at 20 of the 300 samples only, so rows
-        # that are OK are counted: 0.689 of all, and 0.687 are by the kernel.
+        # Most rows have to be computed by the kernel. Only rows that are OK are counted,
+        # because two of the six modes of `three_rrr` close at 20 of the 300 samples only:
+        # 0.689 of all rows are OK there, and 0.687 are by the kernel.
         is_ok = evaluations.reference_motion.status == Status.OK
         assert differences.share > 0.7 * np.mean(is_ok)
+    # Arguments of a sign function: directions, rows and modes. Only the rows matter here,
+    # and all are asked for. The result is (poles, rows).
     signs = [sign_function(None, slice(None), None) for sign_function in sign_functions]
     assert sum(np.count_nonzero(np.diff(x)) for x in signs) > 10
 
@@ -181,11 +197,13 @@ def test_columns_that_are_computed_when_read_equal_those_computed_at_once(
     The same run is done with columns that are cut from complete arrays. A pickled copy of a
     table that was not read yet must also have the same columns.
     """
-    options = {"samples": samples, "block": 130}
+    options = {"samples": samples, "block": 130}  # several blocks, the last one shorter
     lazy_tables = _tables_of(sk.run(name, **options))
     blocks = [block for table in lazy_tables for block in table._blocks]
     columns = [column for block in blocks for column in block.values()]
+    # A column of several inputs or modes consists of parts.
     parts = [part for column in columns for part in getattr(column, "parts", [column])]
+    # The test is worth something only if many columns are lazy.
     assert sum(isinstance(part, LazyColumn) for part in parts) > 100
     pickled_table = pickle.loads(pickle.dumps(lazy_tables[-1]))
 
@@ -217,9 +235,10 @@ def _assert_equal_columns(first, second, name):
 def test_rows_do_not_depend_on_the_size_of_blocks(name, block, monkeypatch):
     """One mode is evaluated in one block, in blocks, and without a kernel.
 
-    Columns of whole numbers and statuses are equal, pole directions (with their signs,
-    which continue over gaps) and coefficients up to rounding. About half of the rows of the
-    five-bar are gaps: they are out of reach.
+    A kernel is a set of compiled functions that compute many rows at once. Columns of whole
+    numbers and statuses are equal. Pole directions and velocity coefficients are equal up
+    to rounding. The signs of directions are equal too: they continue from block to block,
+    and over gaps. About half of the rows of the five-bar are gaps: they are out of reach.
     """
     options = {"samples": 2900, "assembly_mode": 0}
     whole = sk.run(name, **options)
@@ -239,6 +258,7 @@ def test_rows_do_not_depend_on_the_size_of_blocks(name, block, monkeypatch):
             assert np.array_equal(has_gap, np.isnan(same_table[column]))
             assert np.nanmax(gap) < tolerance
     if name == "stephenson":
+        # The share of the rows that the kernel computed.
         assert whole.summary["errors_reached"]["fraction_by_kernel"] > 0.99
     else:
         assert 0.4 < np.mean(np.isnan(table["ux"])) < 0.6

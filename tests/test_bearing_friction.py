@@ -11,11 +11,15 @@ import spherekit as sk
 def unbalanced_wheel(friction_per_moment, positions=(0.2, 0.7)):
     """Return a wheel out of balance that turns about z on two bearings, or on one.
 
+    A moment M (N m) across the axis loads two bearings at the distance d with M / d each.
+    The friction torque is the sum of the forces times coefficient and radius, 2 c r M / d.
+    With d = 0.5 m, c = 1 and r = 0.25 g it is g M. A single bearing at 0.25 m, with the
+    centre of the sphere as second support, carries M / 0.25, which is the same sum.
+
     Parameters
     ----------
     friction_per_moment
-        Friction torque per moment across the axis, g below. The bearings are 0.5 m apart
-        and have the radius 0.25 g m and the coefficient 1, so two of them give g.
+        The factor g: friction torque (N m) per moment across the axis (N m).
     positions
         Positions of the bearings on the axis, m.
     """
@@ -26,7 +30,7 @@ def unbalanced_wheel(friction_per_moment, positions=(0.2, 0.7)):
         positions,
         radius=0.25 * friction_per_moment,
         coefficient=1.0,
-        speed=1e-3,
+        speed=1e-3,  # rad/s below which the jump of Coulomb's law is smoothed
     )
     return one_link_mechanism(tensor, bearings, axis=(0.0, 0.0, 1.0))
 
@@ -36,9 +40,11 @@ def test_an_unbalanced_wheel_is_slowed_by_the_friction_of_its_bearings(positions
     """The motion has a closed form.
 
     With the products of inertia P (0.5 kg m^2), the rate w and the acceleration a, the
-    moment across the axis is M with M^2 = P^2 (a^2 + w^4). The friction C a = -g M, with
-    the moment of inertia C, gives a = -k w^2 with k = g P / sqrt(C^2 - g^2 P^2). So the
-    angle is log(1 + k w0 t) / k and the rate w0 / (1 + k w0 t).
+    moment across the axis is M with M^2 = P^2 (a^2 + w^4). The friction torque is g M, with
+    the factor g of `unbalanced_wheel`. The equation of motion C a = -g M, with the moment
+    of inertia C, gives a = -k w^2 with k = g P / sqrt(C^2 - g^2 P^2). So the angle is
+    log(1 + k w0 t) / k and the rate w0 / (1 + k w0 t). This holds for two bearings at
+    `positions` (m) on the axis, and for one.
     """
     friction_per_moment = 0.4
     initial_rate = 5.0
@@ -106,9 +112,12 @@ def test_inverse_dynamics_with_friction_recovers_the_torque_of_a_simulation():
     """A crank is driven by 5 sin(2 t) N m against a bearing with friction.
 
     The inverse problem finds the friction together with the torque, since friction follows
-    from reactions and reactions from the torque.
+    from reactions and reactions from the torque. Two analyses solve it: one by the equation
+    of Eksergian for a single input, the other for any number of inputs.
     """
-    bearings = sk.Bearings("rub", "41", (0.4, 0.9), 0.1, 0.8, speed=0.05)
+    bearings = sk.Bearings(
+        "rub", "41", positions=(0.4, 0.9), radius=0.1, coefficient=0.8, speed=0.05
+    )
     run = sk.run(
         moving("four_bar").with_loads(bearings),
         ["eksergian", "dynamics"],
@@ -157,12 +166,13 @@ def test_simulations_with_bearing_friction_satisfy_euler_s_equations(name):
     def driving_torques(t, rates):
         return [5.0 * np.sin(2.0 * t) - 0.5 * rates[0], *[0.0] * (len(inputs) - 1)]
 
-    # Each of two bearings carries the moment across the axis over their distance.
+    # A moment M across the axis loads each of the two bearings with M / (0.5 m). The
+    # friction torque is coefficient times radius times the sum of both forces.
     friction_per_moment = 2 * coefficient * radius / 0.5
     check_simulated_motion(
         simulation,
         driving_torques,
         grips=dict.fromkeys(friction_pairs, friction_per_moment),
-        speed=0.05,
+        speed=0.05,  # that of the bearings, below which friction is smoothed
         within=1e-9,
     )

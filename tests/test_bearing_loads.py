@@ -48,11 +48,13 @@ def mechanism_on_bearings(name, seed=3, distance=0.7):
 
     Returns
     -------
-    mechanism, joint
-        As in `with_masses_and_loads`.
+    mechanism
+        Mechanism with masses on all links, one load of every kind, and bearings.
+    joint
+        Name of the R pair with motor, spring, damper and friction.
     """
     mechanism, joint = with_masses_and_loads(name, np.random.default_rng(seed))
-    # Inputs become declared ones, if they are not declared in the file.
+    # A file without inputs has a default input. It is declared here like any other.
     mechanism = mechanism.with_inputs(*[item.pair for item in mechanism.inputs])
     pairs = []
     for pair in mechanism.pairs:
@@ -62,7 +64,9 @@ def mechanism_on_bearings(name, seed=3, distance=0.7):
         pairs.append(pair)
     mechanism = replace(mechanism, pairs=tuple(pairs))
 
-    # All forces are determined if the pairs in `floating` let their links slide.
+    # What the file would have to state to determine all forces. It is enough that the pairs
+    # in `floating` let their links slide along the axis. Centres of mass and distances of
+    # contacts are all stated.
     lacking = reactions(
         motion_by_polynomial_laws(mechanism, STARTS[name], [0.0, 0.2])
     ).lacking
@@ -161,9 +165,10 @@ def test_a_vertical_shaft_stands_on_its_fixed_bearing(speed, tmp_path):
 
 
 def test_the_command_reports_axial_loads_and_bearings_that_hold_nothing(tmp_path, capsys):
-    """The shaft above: a run prints and writes its axial load of 98.1 N.
+    """A vertical shaft of 10 kg: a run prints and writes its axial load of 98.1 N.
 
-    If both bearings float, the run says that nothing holds the shaft along its axis.
+    The file of the shaft has two bearings, of which the first is fixed. If both float, the
+    run says that nothing holds the link "shaft" along its axis.
     """
     path = tmp_path / "shaft.toml"
     path.write_text(SHAFT)
@@ -171,7 +176,7 @@ def test_the_command_reports_axial_loads_and_bearings_that_hold_nothing(tmp_path
     assert main([*command, "--out", str(tmp_path / "out")]) == 0
     assert "largest axial load of a bearing: 98.1 N" in capsys.readouterr().out
     rows = (tmp_path / "out" / "reactions_bearings.csv").read_text().splitlines()
-    assert len(rows) == 7
+    assert len(rows) == 1 + 3 * 2  # a heading, then two bearings at each of three samples
     assert "radial,axial,status" in rows[0]
 
     path.write_text(SHAFT.replace("axial = [1, 0]", "axial = [0, 0]"))
@@ -202,7 +207,15 @@ def test_a_spinning_shaft_is_slowed_by_its_weight_on_the_fixed_bearing():
     the simulation is refused.
     """
     weight = sk.Gravity("weight", (0.0, 0.0, -10.0))
-    bearings = sk.Bearings("rub", "12", (0.2, 0.7), 0.05, 0.4, 1e-3, axial=(1.0, 0.0))
+    bearings = sk.Bearings(
+        "rub",
+        "12",
+        positions=(0.2, 0.7),
+        radius=0.05,
+        coefficient=0.4,
+        speed=1e-3,  # rad/s below which the jump of Coulomb's law is smoothed
+        axial=(1.0, 0.0),  # the first bearing is fixed, the second one floats
+    )
     shaft = one_link_mechanism(
         np.diag([0.5, 0.5, 0.2]),
         weight,
@@ -246,6 +259,7 @@ def test_bearing_friction_equals_a_load_of_the_same_torque():
     )
 
     torques = with_friction.torques
+    # `rates` (rows, inputs, variables) are rates of variables per unit rate of each input.
     rate = torques.rates[0, :, mechanism.angles[pair]] @ torques.input_rates[0]
     on_bearings = with_friction.on_bearings[bearings.name][0]
     total_force = np.sum(np.linalg.norm(on_bearings, axis=1))
@@ -265,19 +279,21 @@ def test_bearing_friction_equals_a_load_of_the_same_torque():
 def test_reactions_name_what_is_missing_to_determine_forces():
     """A mechanism without gravity, in which one mass has no centre, and without bearings.
 
-    The result and the summary of a run name the link without a centre of mass, and six
-    pairs that have to float along their axes.
+    The result and the summary of a run name the link without a centre of mass. They also
+    name six pairs whose bearings have to float: if all pairs held their links along the
+    axes, these forces could balance each other and would not be determined.
     """
     mechanism, _ = with_masses_and_loads("stephenson", np.random.default_rng(3))
     light = replace(mechanism.masses[2], mass=None, centre=None)
     masses = (*mechanism.masses[:2], light, *mechanism.masses[3:])
-    mechanism = replace(mechanism, masses=masses, loads=mechanism.loads[1:])
+    loads = [load for load in mechanism.loads if not isinstance(load, sk.Gravity)]
+    mechanism = replace(mechanism, masses=masses, loads=tuple(loads))
     computed_reactions = reactions(
         motion_by_polynomial_laws(mechanism, STARTS["stephenson"], [0.0])
     )
     assert computed_reactions.lacking.centres == (light.link,)
     assert len(computed_reactions.lacking.floating) == 6
-    assert np.all(computed_reactions.open_forces)
+    assert np.all(computed_reactions.open_forces)  # no force is determined
 
     run = sk.run(mechanism, "reactions", samples=3)
     (analysis,) = run.summary["analyses"]

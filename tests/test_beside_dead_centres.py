@@ -116,8 +116,10 @@ def _rocker_rates(crank_angle):
 def test_a_folding_four_bar_has_rates_beside_its_dead_centre(distance):
     """Rates of the rocker at a distance (rad) before its dead centre, against 90 digits.
 
-    Both modes meet where coupler and rocker are in line, with a diagonal of 30 + 40
-    degrees. Beyond that crank angle there is no configuration.
+    Both modes meet where coupler (30 degrees) and rocker (40 degrees) are in line. The arc
+    from the end of the crank to the pair of rocker and frame, the diagonal, is then 70
+    degrees. Beyond that crank angle there is no configuration. The largest bound is used
+    for all rates, because the order of the modes is lost by sorting.
     """
     with mp.workdps(90):
         frame, crank, *_ = (mp.radians(mp.mpf(arc)) for arc in FOLDING)
@@ -135,7 +137,8 @@ def test_a_folding_four_bar_has_rates_beside_its_dead_centre(distance):
     bounds = rows.velocity_coefficient_error_bound("4/1")[is_ok]
     assert np.all(np.abs(np.subtract(rates, exact_rates)) <= np.max(bounds))
     if distance < 5e-13:
-        # Here rows are computed from the decimal sizes of the file, with a small bound.
+        # Float64 sizes would leave too few digits so close to the dead centre. The rows are
+        # therefore computed from the decimal sizes (30 degrees), with a small bound.
         assert np.max(bounds) < 1e-10 * exact_rates[0]
 
 
@@ -143,17 +146,21 @@ def test_a_folding_four_bar_has_rates_beside_its_dead_centre(distance):
 def test_a_followed_group_has_rows_up_to_its_dead_centre():
     """Bounds are right 1e-12 and 1e-14 rad beside the end of a mode of a triad.
 
-    The modes of a triad are followed as curves, whose nodes do not come as near.
+    The modes of a triad are followed as curves. Their nodes, the configurations that are
+    computed on the way, do not come as near to the end.
     """
     random = np.random.default_rng(2)
-    mechanism = grow_dyad_chain(random, 8, True)
+    mechanism = grow_dyad_chain(random, links=8, triads=True)
     mechanism = replace(mechanism, inputs=(Input(mechanism.inputs[0].pair, -1.5, 1.5),))
     modes = PositionAnalysis(mechanism, samples=5).assembly_modes
+    # The guide of a mode is the curve along which it is followed. Here are the inputs (rad)
+    # at which curves begin because the mechanism is out of reach before.
     guides = [mode.guide for mode in modes]
     ends = [guide.inputs[0] for guide in guides if guide.ends[0] == Status.OUT_OF_REACH]
     distances = np.array([1e-12, 1e-14])
     path = np.unique(ends[0] + np.concatenate([distances, -distances]))
     comparison = judge_bounds(mechanism, path[:, None])
+    # At most half of the rows have another status than OK and are not compared.
     assert comparison.failed_rows <= comparison.rows
 
 

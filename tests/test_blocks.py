@@ -88,9 +88,10 @@ def test_angles_of_inputs_are_the_inputs_themselves():
 
 
 def test_angles_on_a_grid_grow_as_along_a_fine_path():
-    """From one corner of a grid of two inputs to the other, angles grow by the same.
+    """Angles grow from one corner of a grid of two inputs to the other as along a path.
 
-    The path between the corners has 400 samples, so `np.unwrap` counts its turns.
+    The path between the corners has 400 samples, so `np.unwrap` counts its turns. The
+    mechanism has two assembly modes.
     """
     five_bar = sk.load("five_bar")
     inputs = tuple(
@@ -105,6 +106,7 @@ def test_angles_on_a_grid_grow_as_along_a_fine_path():
     fine_motion = PositionAnalysis(mechanism, path=path).motion()
     for name in names:
         variable = fine_motion.mechanism.angles[name]
+        # (modes, samples); growths are compared by their size.
         fine = np.unwrap(fine_motion.values[:, variable].reshape(2, -1), axis=1)
         growth_on_path = np.ptp(fine[:, [0, -1]], axis=1)
         growth_on_grid = np.ptp(angles[name].reshape(2, -1)[:, [0, -1]], axis=1)
@@ -131,10 +133,13 @@ def data_of(result, name):
 @pytest.mark.many
 @pytest.mark.parametrize("course", RUN_OPTIONS)
 def test_eksergian_gives_the_same_tables_and_findings_in_blocks(course):
-    """The four-bar has springs at three pairs, whose torques depend on total angles.
+    """The analysis "eksergian" computes driving torques, in one block and in blocks.
 
-    Tables and findings of a run in blocks of 7 samples equal those of one block, up to the
-    rounding of a motion that is evaluated in other blocks.
+    The four-bar has springs at three pairs, whose torques depend on total angles. Tables
+    and findings of a run in blocks of 7 samples equal those of one block, up to the
+    rounding of a motion that is evaluated in other blocks. `course` chooses how the
+    mechanism moves (`RUN_OPTIONS`). The findings are the largest conditioning of the loop
+    equations, with the mode and the input at which it occurs.
     """
     mechanism = four_bar_with_springs("21", "32", "43")
     options = RUN_OPTIONS[course]
@@ -232,10 +237,11 @@ def test_findings_that_differ_between_blocks_need_a_way_to_join_them():
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Apart(MinimalAnalysis):
-    """An analysis that reads no samples: three rows of its own, and a page of four.
+class SampleFreeAnalysis(MinimalAnalysis):
+    """An analysis that reads no samples. Its table has three rows, and its page four.
 
-    `calls` lists the first sample of each batch that it was called with.
+    The page has a plot of a series over the row number. `calls` lists the first sample of
+    each batch that the analysis was called with.
     """
 
     name: ClassVar = "apart"
@@ -248,29 +254,30 @@ class Apart(MinimalAnalysis):
         return {"apart": {"x": np.arange(3.0)}}
 
     def findings(self, batch):
-        return Findings({"third": 3.0}, (), ("Three.",))
+        return Findings(figures={"third": 3.0}, warnings=(), remarks=("Three.",))
 
     def scene(self, batch):
-        return (Scene("Apart", (Series("s", "s", "g", np.arange(4.0)),), (OWN,)),)
+        series = Series("s", "s", "g", np.arange(4.0))
+        return (Scene("Apart", (series,), (ROW_AXIS,)),)
 
 
-OWN = Axis("row", "", np.arange(4.0))
+ROW_AXIS = Axis("row", "", np.arange(4.0))
 
 
 def test_an_analysis_that_reads_no_samples_is_computed_once():
-    """`Apart` is called once in a run of seven blocks, and shows its page once.
+    """The analysis is called once in a run of seven blocks, and shows its page once.
 
-    The four rows of its page are spread over the range of the input, 0 to 270 degrees in
-    steps of 90, or over the duration of a run in time.
+    Its table has three rows. The four rows of its page are spread over the range of the
+    input, 0 to 270 degrees in steps of 90, or over the duration of a run in time.
     """
     mechanism = sk.load("four_bar")
     listener = SceneListener()
-    Apart.calls.clear()
-    analyses = [Apart(), "poles"]
+    SampleFreeAnalysis.calls.clear()
+    analyses = [SampleFreeAnalysis(), "poles"]
     result = sk.run(mechanism, analyses, samples=25, block=4, recorder=listener)
-    assert Apart.calls == [0]
+    assert SampleFreeAnalysis.calls == [0]  # one call, with a batch from sample 0 on
     assert result.summary["samples_in_a_block"] == 4
-    assert result.frame("apart")["x"].tolist() == [0.0, 1.0, 2.0]
+    assert result.frame("apart")["x"].tolist() == [0.0, 1.0, 2.0]  # its own three rows
 
     # Pages with a name are logged once; the others are pages of assembly modes.
     logged = [entry for entry in listener.logged if isinstance(entry[0], str)]
@@ -283,7 +290,7 @@ def test_an_analysis_that_reads_no_samples_is_computed_once():
 
     timed_listener = SceneListener()
     options = {"samples": 25, "block": 4, "duration": 2.0}
-    sk.run(mechanism, Apart(), **options, recorder=timed_listener)
+    sk.run(mechanism, SampleFreeAnalysis(), **options, recorder=timed_listener)
     (entry,) = (entry for entry in timed_listener.logged if isinstance(entry[0], str))
     _, _, inputs, times = entry
     assert inputs is None
@@ -321,20 +328,23 @@ def test_no_motion_is_computed_for_analyses_that_read_no_samples(request_text, m
 
 
 def test_an_analysis_that_reads_no_samples_is_not_repeated_in_a_resumed_run(tmp_path):
-    """A run is interrupted after two blocks and resumed: `Apart` is called once in all."""
+    """A run is interrupted after two blocks and resumed: the analysis is called once.
+
+    The resumed run has its three rows, its finding and its remark from the first part.
+    """
 
     def interrupt_after_eight_samples(done, total):
         if done == 8:
             raise KeyboardInterrupt
 
     mechanism = sk.load("four_bar")
-    Apart.calls.clear()
-    analyses = [Apart(), "poles"]
+    SampleFreeAnalysis.calls.clear()
+    analyses = [SampleFreeAnalysis(), "poles"]
     options = {"samples": 25, "block": 4, "folder": tmp_path}
     with pytest.raises(KeyboardInterrupt):
         sk.run(mechanism, analyses, **options, progress=interrupt_after_eight_samples)
     result = sk.run(mechanism, analyses, **options, unfinished="resume")
-    assert Apart.calls == [0]
+    assert SampleFreeAnalysis.calls == [0]  # one call, with a batch from sample 0 on
     assert len(result.frame("apart")) == 3
     assert result.summary["remarks"] == ["apart: Three."]
     assert result.summary["analyses"][0]["findings"] == {"third": 3.0}
