@@ -82,7 +82,7 @@ def find_contradictions(text, low, high):
     for named in named_inputs:
         if not any(abs(named - q) < SAME_INPUT_RAD for q, _ in saddles):
             messages.append(f"no curves cross at {named}")
-    all_inputs = np.concatenate([turning_points.places, named_inputs])
+    all_inputs = np.concatenate([turning_points.turning_inputs, named_inputs])
     for q in proven.turning_points:
         is_listed = np.any(np.abs(all_inputs - q) < SAME_INPUT_RAD)
         if not (is_listed or is_doubtful(q)):
