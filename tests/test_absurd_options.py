@@ -17,7 +17,7 @@ from spherekit.cli.main import main
 
 FILES = Path(__file__).parent / "files"
 ANALYSIS = ["-a", "poles:only=4/1", "--samples", "3"]
-BASES = {
+BASE_ARGUMENTS = {
     "new": ["mechanism", "fresh"],
     "validate": ["four_bar"],
     "plan": ["four_bar"],
@@ -61,8 +61,10 @@ QUICK = ("99999999999999999999", "nan")
 SLOW = ("", "-1", "text", "folder", *QUICK)
 """Values that slow tests try, the others are for long ones."""
 
-OPENS_A_WINDOW = {"--help", "--version", "--view", "--web", "--serve"}
-NAMES_A_FILE = {"--output", "--out"}
+OPTIONS_LEFT_OUT = {"--help", "--version", "--view", "--web", "--serve"}
+"""Options that are not tried: those with which no command is executed, and those that open
+a window or serve a page."""
+OUTPUT_OPTIONS = {"--output", "--out"}
 """These take any text, and write to a file or folder of that name."""
 
 MEANINGFUL = {
@@ -104,7 +106,7 @@ def cases():
     for command in COMMANDS:
         for action in options_of(command):
             names = [name for name in action.option_strings if name.startswith("--")]
-            if set(names) & OPENS_A_WINDOW or not names:
+            if set(names) & OPTIONS_LEFT_OUT or not names:
                 continue
             name = names[0]
             if action.nargs == 0:
@@ -158,6 +160,9 @@ def test_absurd_options_are_refused_in_a_sentence(
 
     Values that mean something for the option (`MEANINGFUL`) must be accepted. Options that
     name an output file accept any text, and a flag given twice may be accepted.
+
+    A folder and a file that no command can read exist, because their names are among the
+    absurd values.
     """
     if option == "--traceback" and command in ("view", "synthesize"):
         pytest.skip("shows the trace of an error, as it says")
@@ -172,18 +177,20 @@ def test_absurd_options_are_refused_in_a_sentence(
         added = [option, *[value] * action.nargs]
     else:
         added = [f"{option}={value}"]
-    status, errors = run_command([command, *BASES[command], *added])
+    status, errors = run_command([command, *BASE_ARGUMENTS[command], *added])
 
+    # All exit statuses from 0, success, to 4. Python itself would return others.
     assert status in range(5)
     assert "Traceback" not in errors
     assert not re.search(r"Warning\b|\.py:\d", errors)
     assert "this was not expected" not in errors, errors
     assert "\u202e" not in errors  # the value is escaped where it is quoted
-    if value is None or option in NAMES_A_FILE:
+    if value is None or option in OUTPUT_OPTIONS:
         return
     if value in MEANINGFUL.get((command, option), ()):
         assert status == 0, errors
         return
+    # A file or argument does not allow the command (1), or the parser refuses it (2).
     assert status in (1, 2), (status, errors)
     assert errors.startswith("spherekit"), errors
 
@@ -198,7 +205,7 @@ def test_a_synthesis_that_reads_no_configuration_ends(more, tmp_path, monkeypatc
 
 
 def test_every_command_has_a_line_to_start_from():
-    assert set(BASES) == set(COMMANDS)
+    assert set(BASE_ARGUMENTS) == set(COMMANDS)
 
 
 @pytest.mark.parametrize("shows_source", [False, True])
@@ -218,7 +225,8 @@ def test_a_repeated_warning_of_numpy_is_printed_once_in_one_sentence(
 ):
     """A command that evaluates an expression three times prints its warning once.
 
-    The file in which the warning arose is named with the option --traceback only.
+    The file in which the warning arose is named with the option --traceback only. If the
+    warning arises in the expression itself, which is no file, the name is "<string>".
     """
     import numpy as np
 
@@ -240,9 +248,11 @@ def test_a_repeated_warning_of_numpy_is_printed_once_in_one_sentence(
     assert len(lines) == 1, errors
     (line,) = lines
     assert line.startswith("spherekit: warning: ")
+    # The sentence names the library in which the warning arose, and says that it "reports".
     assert "reports" in line
     assert ("it arose in" in line) == shows_source
-    assert (".py" in errors) == shows_source or "<string>" in errors
+    names_python_file = ".py" in errors
+    assert names_python_file == shows_source or "<string>" in errors
 
 
 @pytest.mark.parametrize(

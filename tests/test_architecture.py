@@ -293,12 +293,16 @@ def test_only_these_classes_are_inherited_from():
 
 
 MODULE_ATTRIBUTES = {"EXAMPLES"}
-"""Constants that other code reads from each of several modules: the examples of a
-subcommand."""
+"""Constants that each of several modules has with a value of its own, because other code
+reads them from a module by this name. `EXAMPLES` are the examples of a subcommand."""
 
 
 def test_no_constant_name_has_two_values():
-    """A name in capitals stands for one value, so that a reader may search for it."""
+    """A name in capitals stands for one value, so that a reader may search for it.
+
+    Only the names in `MODULE_ATTRIBUTES`, which other code reads from each of several
+    modules, may have several values.
+    """
     values: dict[str, dict[str, str]] = {}
     for path in FILES:
         for node in tree_of(path).body:

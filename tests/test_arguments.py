@@ -20,13 +20,13 @@ from spherekit.errors import SpherekitError
 from spherekit.mechanism.load import Load
 from spherekit.type_checks import has_type
 
-FRONT = ("spherekit", "spherekit.display")
-COMPUTED = (
+PUBLIC_PACKAGES = ("spherekit", "spherekit.display")
+RESULT_CLASSES = (
     *("Kinematics", "Mechanism", "Motion"),
     *("Plan", "RunResult", "Simulation"),
 )
 """Classes of the front whose objects functions of ours make."""
-INSIDE = {
+INTERNAL_METHODS = {
     "Bearings": "supported_loads",
     "ContactFriction": "supported_loads",
     "Digits": "within",
@@ -41,15 +41,17 @@ INSIDE = {
 }
 """Methods by which parts of the library ask each other, as do all of `Load`."""
 FOUR_BAR = sk.load("four_bar")
-READY = {
+OBJECT_BY_CLASS = {
     sk.Mechanism: FOUR_BAR,
     sk.Start: sk.Start(0.3, 1.0),
 }
-"""Objects of classes that judge by what they have."""
-ANYTHING = object()
-"""Something that no type allows but those that allow anything."""
-PLAIN = {bool: True, int: 1, float: 1.0, str: "x", NoneType: None}
-HOLDERS = {tuple: (), Mapping: {}, dict: {}, frozenset: frozenset(), set: set()}
+"""Valid objects of classes whose methods read their attributes."""
+WRONG_OBJECT = object()
+"""An object that no type hint allows, except for those that allow anything."""
+VALUE_BY_TYPE = {bool: True, int: 1, float: 1.0, str: "x", NoneType: None}
+"""A value of each built-in type."""
+EMPTY_BY_COLLECTION = {tuple: (), Mapping: {}, dict: {}, frozenset: frozenset(), set: set()}
+"""An empty collection of each type."""
 
 
 class AnyAttributes:
@@ -62,12 +64,14 @@ class AnyAttributes:
 def allowed(hint):
     """Return some value that a type hint allows.
 
-    The value need not make sense: it only has to pass the check of types.
+    The value need not make sense: it only has to pass the check of types. Kinds of hints
+    are tried in turn. Arrays come before unions, because the hint of an array (`ArrayLike`)
+    is a union of many types, and functions need an array for it.
     """
     origin = get_origin(hint)
     arguments = get_args(hint)
-    if hint in PLAIN or hint in READY:
-        return (PLAIN | READY)[hint]
+    if hint in VALUE_BY_TYPE or hint in OBJECT_BY_CLASS:
+        return (VALUE_BY_TYPE | OBJECT_BY_CLASS)[hint]
     if origin is Literal:
         return arguments[0]
     if has_type(np.zeros(1), hint):
@@ -75,13 +79,15 @@ def allowed(hint):
     if has_type(np.array(["x"]), hint):
         return np.array(["x"])
     if origin in (Union, UnionType):
-        return allowed(next((part for part in arguments if part in READY), arguments[0]))
+        return allowed(
+            next((part for part in arguments if part in OBJECT_BY_CLASS), arguments[0])
+        )
     if origin is tuple and arguments[1:] != (...,):
         return tuple(allowed(item) for item in arguments)
     if origin in (Sequence, Iterable, list):
         return []
-    if origin in HOLDERS:
-        return HOLDERS[origin]
+    if origin in EMPTY_BY_COLLECTION:
+        return EMPTY_BY_COLLECTION[origin]
     if origin is os.PathLike:
         return os.devnull
     if origin is Callable:
@@ -95,12 +101,13 @@ def allowed(hint):
         hint.__abstractmethods__ = frozenset()
     if issubclass(hint, Enum):
         return next(iter(hint))
-    # An instance without attributes: `__init__` is not called.
-    return (tuple if issubclass(hint, tuple) else object).__new__(hint)
+    # An instance of a class without attributes: `__init__` is not called.
+    base = tuple if issubclass(hint, tuple) else object
+    return base.__new__(hint)
 
 
 def public_methods(cls):
-    """Yield the public methods of a class with the arguments that they are bound to.
+    """Yield the public methods of a class as plain functions, with their first arguments.
 
     Yields
     ------
@@ -108,14 +115,17 @@ def public_methods(cls):
         Name and plain function of a method. Abstract methods are left out: plugins define
         them, and spherekit calls them.
     bound
-        () for static methods, else the class or an instance in a tuple.
+        Tuple with the argument that Python passes first: the class for a class method, an
+        object for a method (``self``), nothing for a static method. The object is a valid
+        one only for the classes of `OBJECT_BY_CLASS`.
     """
     for name in dir(cls):
         if name.startswith("_") and name != "__call__":
             continue
         attribute = inspect.getattr_static(cls, name)
+        # Static methods and class methods contain a plain function.
         function = getattr(attribute, "__func__", attribute)
-        if not inspect.isfunction(function) or isinstance(attribute, property):
+        if not inspect.isfunction(function):
             continue
         if getattr(function, "__isabstractmethod__", False):
             continue
@@ -124,17 +134,26 @@ def public_methods(cls):
         elif isinstance(attribute, classmethod):
             bound = (cls,)
         else:
-            bound = (READY.get(cls, ANYTHING),)
+            bound = (OBJECT_BY_CLASS.get(cls, WRONG_OBJECT),)
         yield name, function, bound
 
 
 def callables():
-    """Yield every public function, constructor and method, as in `public_methods`.
+    """Yield every public function, constructor and method of `PUBLIC_PACKAGES`.
 
-    Left out are exceptions, enumerations, protocols, constructors of results (`COMPUTED`),
-    and methods that only spherekit calls (`INSIDE`, and all methods of `Load`).
+    Left out are exceptions, enumerations, protocols, constructors of results
+    (`RESULT_CLASSES`), and methods that only spherekit calls (`INTERNAL_METHODS`, and all
+    methods of `Load`).
+
+    Yields
+    ------
+    name, function
+        Name and plain function.
+    bound
+        Tuple with the first argument of a method (``self`` or the class) or constructor
+        (an object without attributes). Empty for functions and static methods.
     """
-    for package in map(importlib.import_module, FRONT):
+    for package in map(importlib.import_module, PUBLIC_PACKAGES):
         for name in package.__all__:
             value = getattr(package, name)
             if inspect.isfunction(value):
@@ -144,9 +163,9 @@ def callables():
                 continue
             if getattr(value, "_is_protocol", False):
                 continue
-            if inspect.isfunction(value.__init__) and name not in COMPUTED:
+            if inspect.isfunction(value.__init__) and name not in RESULT_CLASSES:
                 yield name, value.__init__, (allowed(value),)
-            left_out = {*INSIDE.get(name, "").split(), *dir(Load)}
+            left_out = {*INTERNAL_METHODS.get(name, "").split(), *dir(Load)}
             for method, function, bound in public_methods(value):
                 if method not in left_out:
                     yield f"{name}.{method}", function, bound
@@ -160,6 +179,7 @@ def test_every_public_callable_refuses_a_wrong_type_by_the_name_of_the_argument(
     """
     count = 0
     missed = []
+    # `bound` has the first argument of a method (``self`` or the class), if there is one.
     for name, function, bound in callables():
         parameters = list(inspect.signature(function).parameters.values())[len(bound) :]
         hints = {p.name: resolved_annotation(function, p.annotation) for p in parameters}
@@ -167,18 +187,20 @@ def test_every_public_callable_refuses_a_wrong_type_by_the_name_of_the_argument(
             p for p in parameters if p.default is p.empty and p.kind is not p.VAR_POSITIONAL
         ]
         for wrong in parameters:
-            if has_type(ANYTHING, hints[wrong.name]):
+            if has_type(WRONG_OBJECT, hints[wrong.name]):
                 continue
             count += 1
             keywords = {p.name: allowed(hints[p.name]) for p in required}
             positional = [*bound]
             if wrong.kind is wrong.VAR_POSITIONAL:
-                positional.append(ANYTHING)
+                positional.append(WRONG_OBJECT)
             else:
-                keywords[wrong.name] = ANYTHING
+                keywords[wrong.name] = WRONG_OBJECT
             try:
                 function(*positional, **keywords)
             except SpherekitError as error:
+                # The message names the argument and shows the wrong object: 'NAME is
+                # <object ...', or for texts that are names 'is named "<object ...'.
                 if not re.search(f'({wrong.name} is|is named) "?<object', str(error)):
                     missed.append(f"{name}: {wrong.name}: {error}")
             except Exception as error:

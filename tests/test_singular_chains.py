@@ -81,9 +81,9 @@ def check_points_in_50_digits(position_analysis, singularities):
                 position_analysis.mechanism, singularities, point, resting_links
             )
         exact = solution_by_point[key]
-        assert exact.moved < 1e-12
-        assert exact.left < RESTING
-        assert exact.resting < RESTING
+        assert exact.rotation_change < 1e-12
+        assert exact.residual < RESTING
+        assert exact.relative_rate < RESTING
         a, b = singularities.input
         input_rate = np.linalg.norm(exact.rates[a] - exact.rates[b])
         a, b = point.output

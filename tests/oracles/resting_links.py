@@ -19,21 +19,23 @@ root = np.frompyfunc(mp.sqrt, 1, 1)
 class Rest(NamedTuple):
     """Result of Newton's method for a configuration in which two links rest.
 
+    They rest relative to each other while other links move. Rates are angular velocities.
+
     Attributes
     ----------
-    moved
-        Largest change of an element of the rotations from the start.
-    left
+    rotation_change
+        Largest change of an element of the link rotations from the start to the end.
+    residual
         Largest residual of the equations at the end.
-    resting
-        Largest component of the rate between the two links at the end.
+    relative_rate
+        Largest component of the rate of one of the two links relative to the other.
     rates
         (links, 3) rates of all links at the end.
     """
 
-    moved: float
-    left: float
-    resting: float
+    rotation_change: float
+    residual: float
+    relative_rate: float
     rates: np.ndarray
 
 
@@ -107,9 +109,9 @@ def exact_rest(mechanism, rotations, w, links, along):
             step = -(inverse @ (gap / largest_gap).astype(float)) * largest_gap
             turns, rates = take_step(turns, rates, step.reshape(step_shape))
         return Rest(
-            moved=float(np.max(np.abs(turns - start))),
-            left=float(largest_gap),
-            resting=float(np.max(np.abs(rates[link_a] - rates[link_b]))),
+            rotation_change=float(np.max(np.abs(turns - start))),
+            residual=float(largest_gap),
+            relative_rate=float(np.max(np.abs(rates[link_a] - rates[link_b]))),
             rates=rates.astype(float),
         )
 

@@ -1,7 +1,9 @@
 """Velocity equations of all links and what follows from them, by linear algebra.
 
 Unknown are the angular velocities of all links; no pair variable and no pole appears.
-Nothing here calls a solver of spherekit. "Rates" are rad per rad of the moving input.
+Nothing here calls a solver of spherekit. "Rates" are angular velocities, in rad per rad of
+the moving input. An R pair is a revolute pair, a Cr pair a rolling contact and a Cs pair a
+sliding contact.
 """
 
 import numpy as np
@@ -22,15 +24,21 @@ def revolute_frames(mechanism):
 def velocity_equations(ends, axes, types=None, held=()):
     """Return the matrix that takes the rates of all links to what pairs do not allow.
 
-    The rows of a pair say: w_b - w_a has no component across the axis of an R or Cr pair,
-    none along the normal of a Cs pair, and vanishes if the pair is locked.
+    Let w_a and w_b be the angular velocities (rates) of the two links of a pair. The rows
+    of a pair say that w_b - w_a has no component
+
+    - across the axis of a revolute pair (R),
+    - across the line to the contact point of a rolling contact (Cr),
+    - along the normal of a sliding contact (Cs): the normal of the plane that contains the
+      centres of both circles,
+    - in any direction if the pair is locked.
 
     Parameters
     ----------
     ends
         Numbers (a, b) of the two links of each pair.
     axes
-        (pairs, 3) unit vectors: axes, or normals of Cs pairs.
+        (pairs, 3) unit vectors: axes, lines to contact points, or normals of Cs pairs.
     types
         Types of the pairs; all are R pairs by default.
     held
@@ -108,8 +116,10 @@ def closure_gap(mechanism, rotations, frames):
 def least_misfit(ends, axes, locked, link, of, direction=None):
     """Return the least misfit of the pairs if a link has a unit rate relative to another.
 
-    The misfit is the norm of the relative rates that the pairs do not allow. It is divided
-    by the misfit with all pairs locked, which makes it 1 there and 0 if the link can move.
+    The misfit of link rates is the norm of the relative rates that the pairs do not allow,
+    that is of `velocity_equations` times the rates. Its minimum with some pairs locked is
+    divided by the minimum with all pairs locked. The result is 0 if the link can move, and
+    1 if all pairs are locked.
 
     Parameters
     ----------
@@ -124,8 +134,14 @@ def least_misfit(ends, axes, locked, link, of, direction=None):
     """
 
     def inverse_misfit(held):
-        """Return the largest rate of the link for a unit misfit, by singular values."""
+        """Return the largest rate of the link for a unit misfit.
+
+        It is the norm of the rows of the link in the pseudo-inverse of the equations. With
+        the singular value decomposition U S V^T, these rows are V_link S^-1 U^T, and U does
+        not change the norm.
+        """
         equations = velocity_equations(ends, axes, held=held)
+        # The columns of the reference link are left out: it does not move.
         columns = [k for k in range(equations.shape[1]) if k // 3 != of]
         _, singular_values, right_vectors = np.linalg.svd(
             equations[:, columns], full_matrices=False
@@ -147,10 +163,10 @@ def sine_between_lines(direction, vector):
 
 
 def locked_rates(motion, row, moved):
-    """Return the link rates of one row while some inputs move, by least squares.
+    """Return the link rates of one row while some inputs move and the others are locked.
 
-    The velocity equations of R, Cr and Cs pairs are solved with the rate of every input
-    prescribed.
+    The velocity equations of revolute pairs (R), rolling (Cr) and sliding contacts (Cs) are
+    solved by least squares. The rate of every input is prescribed.
 
     Parameters
     ----------
@@ -173,7 +189,10 @@ def locked_rates(motion, row, moved):
     axes = motion.axes[row]
     types = [pair.type for pair in mechanism.pairs]
     inputs = motion.assembly.inputs
+    # The first three columns, of the ground, are left out: it does not move.
     matrix = velocity_equations(mechanism.ends, axes, types, inputs)[:, 3:]
+    # Right-hand sides. The three equations of an input are the components of its relative
+    # rate. All others are zero: one of a sliding contact, and three of other pairs.
     relative_rates = []
     for k, pair_type in enumerate(types):
         if k in inputs:
@@ -301,18 +320,22 @@ def link_rates(mechanism, rotations, inputs, moved):
 
 
 def _line(kind, line):
-    """Return the unit vector (n, 3) of a pair.
+    """Return the unit vector (n, 3) of a pair, for the velocity equations.
 
-    It is the axis of an R pair, the contact point of a Cr pair, and of a Cs pair the normal
-    to the plane of both centres, about which the links do not turn.
+    - Revolute pair (R): the axis.
+    - Rolling contact of circles (Cr): the unit vector to the contact point.
+    - Sliding contact of circles (Cs): the normal of the plane that contains both centres.
+      The relative angular velocity of the links has no component along it.
 
     Parameters
     ----------
     kind
         Type of the pair.
     line
-        Two terms (weight, vector (n, 3), link that carries the vector); the second is None
-        for R pairs.
+        Two terms (weight, vector (n, 3), link that carries the vector). The first term of
+        an R pair is its axis with the weight 1, and the second is None. Terms of contacts
+        are the centres of both circles. The sum of weights times centres is the unit vector
+        to the contact point.
     """
     (first_weight, first_centre, _), second_term = line
     if second_term is None:
