@@ -132,7 +132,8 @@ def assert_compiles(paths, language):
 def code_without_comments(path, language):
     """Return what a language reads of a source: its text or tree without comments.
 
-    The preprocessor of C also warns about signs in comments that look like code.
+    For C and C++ the preprocessor removes the comments. It fails if one of them has signs
+    about which it warns, such as the beginning of another comment.
     """
     if language in ("c", "cpp"):
         words = [*compiler_of(language), "-E", "-P", str(path)]
@@ -142,6 +143,7 @@ def code_without_comments(path, language):
         lines = re.split("\r\n|[\n\r\u2028\u2029]", path.read_text("utf-8"))
         return [line for line in lines if not line.startswith("//")]
     if language == "julia":
+        # `#` begins a comment of one line, but `#=` one of several lines.
         lines = path.read_text("utf-8").split("\n")
         return [line for line in lines if not re.match("#(?!=)", line)]
     source = path.read_bytes()
@@ -161,8 +163,11 @@ def test_hostile_citations_change_only_the_comments_of_sources(
     """Whatever a citation contains, the code of the source stays and it compiles.
 
     `TEXTS` try to end a comment, to hide characters or to change the direction of writing.
-    They are compared with a source with a plain citation; all words can still be read.
+    `EVERY` is all of them in one text. They are compared with the source that `harmless`
+    exports with a plain citation; all words can still be read.
     """
+    # The value of a language is None if its compiler is not installed. Languages without an
+    # entry need none.
     if not NEEDED.get(language, "always"):
         pytest.skip(f"there is no compiler of {language}")
     expected_code = code_without_comments(harmless(language), language)
@@ -172,7 +177,9 @@ def test_hostile_citations_change_only_the_comments_of_sources(
     for number, (title, text) in enumerate(TEXTS.items()):
         path = write_source(tmp_path, text, language, f"printed_{number}")
         path_by_title[title] = path
-    # C sources are equal without comments, so that compiling one of them is enough.
+    # The preprocessor checks the comments of all C sources below, and their code is equal.
+    # Compiling one of them is therefore enough. Comments of JavaScript are cut off by this
+    # test itself, so that all sources are given to Node.
     more_paths = list(path_by_title.values()) if language == "js" else []
     assert_compiles([harmless(language), all_texts_path, *more_paths], language)
     for title, text in TEXTS.items():
@@ -200,7 +207,8 @@ def test_a_module_of_hostile_texts_runs(tmp_path):
 def test_hostile_texts_are_comments_of_models(harmless, tmp_path):
     """A hostile citation changes only the comment of a MuJoCo model.
 
-    XML comments may not contain two hyphens.
+    `harmless` exports the model with a plain citation. XML comments may not contain two
+    hyphens. All words of the citation are still in the comment.
     """
     bare = ElementTree.canonicalize(harmless("mjcf").read_text("utf-8"))
     mechanism, values = find_pose(sk.load("four_bar"), 0, None)
@@ -236,7 +244,8 @@ def test_exports_without_comments_do_not_depend_on_the_citation(
 def test_hostile_texts_come_back_from_files(title, tmp_path):
     """A hostile citation is the same after writing and reading, also from a page.
 
-    The file that a page saves is made of passages of text and numbers of sizes.
+    A page stores the file that it saves as a list: passages of text, and integers for the
+    sizes that a user can vary. Here no size is varied, so an integer is the number itself.
     """
     mechanism = loads(hostile_file(TEXTS[title]), title)
     assert mechanism.source.citation == mechanism.source.assumed == TEXTS[title]
@@ -265,7 +274,10 @@ def test_hostile_files_fill_every_free_text_field():
 @pytest.mark.many
 @pytest.mark.parametrize("title", sorted(TEXTS))
 def test_names_and_expressions_are_refused_in_visible_letters(title, tmp_path, capsys):
-    """Names and expressions take no such text, and the message is safe to print."""
+    """Hostile texts are refused as names and expressions, and the message is safe to print.
+
+    The message has some words, and no hidden characters.
+    """
     text = TEXTS[title]
     quoted = escaping.toml_string(text)
     file = tmp_path / "wrong.toml"
@@ -298,7 +310,10 @@ def test_a_path_with_hidden_characters_is_printed_visibly(tmp_path, capsys):
 
 
 def test_a_citation_on_the_terminal_is_visible(monkeypatch, capsys):
-    """The list of mechanisms prints what packs of others cite."""
+    """The list of mechanisms prints hidden characters of a citation as visible codes.
+
+    Citations can come from packs of mechanisms by other people.
+    """
     hostile = loads(hostile_file(EVERY), "hostile")
     monkeypatch.setattr("spherekit.files.mechanism_reader.load", lambda name: hostile)
     assert main(["mechanisms"]) == 0
@@ -307,7 +322,8 @@ def test_a_citation_on_the_terminal_is_visible(monkeypatch, capsys):
         not escaping.HIDDEN_CHARACTERS.search("".join(lines))
         and "[U+001B][31mred" in lines[0]
     )
-    assert len(lines) == len(sk.mechanisms()) + 2  # a study, and the end
+    # Each mechanism has one line. There is also a line for a study, and an empty last one.
+    assert len(lines) == len(sk.mechanisms()) + 2
     assert main(["mechanisms", "--json"]) == 0
     output = capsys.readouterr().out
     assert not escaping.HIDDEN_CHARACTERS.search(output.replace("\n", ""))
@@ -428,7 +444,12 @@ def test_pages_show_hostile_texts_and_run_none(write_page, browser):
     tab.route(re.compile("^http"), lambda route: events.append(route.request.url))
 
     def open_page(text):
+        """Open the page of a mechanism with a text; return its file and facts about it.
+
+        If the text were executed, it would set `window.HACKED`.
+        """
         file, page = write_page(text)
+        # All pages have the same path, so the tab leaves the last one first.
         tab.goto("about:blank")
         tab.goto(page.as_uri())
         wait_until(tab, "window.spherekit?.timing.pictures > 0")

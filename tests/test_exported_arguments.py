@@ -45,7 +45,7 @@ def keys_of(document):
     return [key for name, table in tables for key in numbers_in(table, (name,))]
 
 
-def changed_file(document, variable, inputs):
+def change_number(document, variable, inputs):
     """Return the mechanism with one number changed a little, and the new number.
 
     Numbers of a file can be whole or have to stay in order, so that several changes are
@@ -108,7 +108,8 @@ def check_argument(mechanism_name, key):
     Returns
     -------
     bool
-        Whether the argument was accepted.
+        Whether the formulas have an argument for the number. False if it is refused or
+        idle.
     """
     document = document_of(mechanism_name)
     try:
@@ -120,7 +121,9 @@ def check_argument(mechanism_name, key):
     is_idle = key in idle_arguments([made])
     if is_idle:
         made = formulas(mechanism_name)
-    changed = changed_file(document, variable, made.mechanism.input_pairs)
+    changed = change_number(document, variable, made.mechanism.input_pairs)
+    # None: no small change of the number leaves the mechanism valid. Nothing can then be
+    # compared.
     if is_idle and changed is None:
         return False
     assert changed is not None, key
@@ -141,7 +144,8 @@ def check_argument(mechanism_name, key):
         assert np.nanmax(gaps, initial=0.0) < TOLERANCE, key
         return False
 
-    # Arguments are in radians, numbers of the file in its own unit.
+    # Arguments are in radians or SI units, numbers of the file in its own unit. Their
+    # quotient is the unit, unless the number is zero.
     if variable.value:
         unit = made.size_values[0, 0] / variable.value
     elif variable.is_angle and document.data["angle_unit"] == "deg":
@@ -264,8 +268,8 @@ CANCELLING = {
 def test_sizes_of_results_that_are_zero_but_for_rounding_are_idle(name, key):
     """Two torques at one pair cancel for all sizes, so that no size is an argument.
 
-    Their sum is zero but for rounding. With a millionth more of one torque, the size has an
-    effect and is an argument.
+    Their sum is zero but for rounding. The size is then idle: no result depends on it. With
+    about a millionth more of one torque, the size has an effect and is an argument.
     """
     one, other = CANCELLING[name]
     loads = (sk.PairTorque("one", "41", one), sk.PairTorque("other", "41", other))
@@ -273,11 +277,13 @@ def test_sizes_of_results_that_are_zero_but_for_rounding_are_idle(name, key):
     cancelling = replace(mechanism, loads=loads, joint_limits=())
     made = formulas(cancelling, ["generalized_force"], vary=[key])
     assert idle_arguments([made]) == (key,)
-    # A millionth more of one torque is an effect.
-    more = f"{one} + {'1' if name == 'large' else '1e-6'}*theta_41"
-    loads = (sk.PairTorque("one", "41", more), loads[1])
-    small = replace(mechanism, loads=loads, joint_limits=())
-    made = formulas(small, ["generalized_force"], vary=[key])
+    # A millionth more of one torque is an effect. The torques of the case "large" have
+    # factors of 1e6, those of the others factors near 1.
+    added_factor = "1" if name == "large" else "1e-6"
+    larger_torque = f"{one} + {added_factor}*theta_41"
+    loads = (sk.PairTorque("one", "41", larger_torque), loads[1])
+    with_small_sum = replace(mechanism, loads=loads, joint_limits=())
+    made = formulas(with_small_sum, ["generalized_force"], vary=[key])
     assert idle_arguments([made]) == ()
 
 

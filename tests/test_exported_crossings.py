@@ -56,12 +56,15 @@ def load_case(name):
 def c_results(path, made, row, q, language):
     """Return the results (results, n) of the C or C++ source at inputs q (n,) in rad.
 
-    `row` is that of the mode in the source's table. C++ functions are wrapped in C ones,
-    and the library is called for each input.
+    `row` is that of the mode in the source's table. Where curves of configurations cross, a
+    mode follows its smooth curve and changes signs of dyads. The function `smooth_mode` of
+    the source returns the signs that a mode has at an input. C++ functions are wrapped in C
+    ones, and the library is called for each input.
     """
     name = made.mechanism.name
     if language == "cpp":
-        header, path = path, path.with_suffix(".cpp")
+        header = path
+        path = header.with_suffix(".cpp")
         calls = f"{name}_formulas::{name}"
         path.write_text(
             f'#include "{header.name}"\nextern "C" {{\n'
@@ -71,12 +74,16 @@ def c_results(path, made, row, q, language):
             f"double *result)\n{{\n    {calls}(q, mode, size, result);\n}}\n}}\n"
         )
     library = compile_shared_library(path, language)
-    smooth, function = library[f"{name}_smooth_mode"], library[name]
+    smooth_mode = library[f"{name}_smooth_mode"]
+    function = library[name]
+    # An array that is long enough for the input, the signs and the sizes. The sources have
+    # no sizes as arguments, so those are not read.
     numbers = ctypes.c_double * 64
     columns = []
     for value in q.tolist():
-        mode, result = numbers(), (ctypes.c_double * len(made.results))()
-        smooth(ctypes.c_int(row), ctypes.c_double(value), mode)
+        mode = numbers()
+        result = (ctypes.c_double * len(made.results))()
+        smooth_mode(ctypes.c_int(row), ctypes.c_double(value), mode)
         function(numbers(value), mode, numbers(), result)
         columns.append([*result])
     return np.array(columns).T
@@ -176,6 +183,9 @@ def distances_from_crossings(smooth, q):
 def compare_sources(mechanism, folder, seed=0, languages=("python",)):
     """Compare joint angles and their rates by sources with `sk.evaluate`, in all modes.
 
+    With `crossings="pass"` a mode follows its smooth curve through crossings. It consists
+    of pieces, on each of which the signs of its dyads stay the same.
+
     Returns
     -------
     compared
@@ -198,6 +208,8 @@ def compare_sources(mechanism, folder, seed=0, languages=("python",)):
         is_accurate = (evaluated.status == sk.Status.OK) & (error < MAX_ERROR_RAD)
         is_out_of_reach = evaluated.status == sk.Status.OUT_OF_REACH
         angle_tolerance = ANGLE_TOLERANCE_RAD + 10.0 * error[is_accurate]
+        # Near a crossing the triple product of a dyad is small, proportional to the
+        # distance from the crossing, and rates lose digits.
         rounding = RATE_ROUNDING / distances_from_crossings(smooth, q)[is_accurate] ** 2
         compared += np.sum(is_accurate)
         for language, results in results_by_language(made, folder, row, q, languages):
@@ -210,7 +222,8 @@ def compare_sources(mechanism, folder, seed=0, languages=("python",)):
                     assert np.all(gap <= angle_tolerance), (language, mode, key)
                 elif pair in made.mechanism.angles:
                     expected = evaluated.variable_coefficient(pair)[is_accurate]
-                    # Errors of angles are multiplied by the rates of the rates.
+                    # A rate differs by the error of the angles times its derivative. The
+                    # derivative is taken as 1e3 times the square of the rate.
                     size = np.maximum(1.0, np.abs(expected)) ** 2
                     gap = np.abs(values[is_accurate] - expected)
                     tolerance = 1e3 * angle_tolerance * size + rounding
@@ -266,9 +279,12 @@ def test_sources_of_several_dyads_that_change_at_once(tmp_path):
 
 @pytest.mark.slow
 def test_an_inner_dyad_at_a_change_point(tmp_path):
-    """A six-bar passes the change point of its inner text-bar (70, 30, 60, 40 deg) as well.
+    """A six-bar passes the change point of its inner four-bar, with all modes compared.
 
-    A further dyad (links s5 and s6) is carried by the rocker s4 of the text-bar.
+    The arcs 70, 30, 60 and 40 deg of the inner four-bar have equal sums of opposite arcs,
+    so that its links can be in line. A further dyad (links s5 and s6) is carried by the
+    rocker s4 of the four-bar. The test compares configurations, and counts the modes whose
+    signs change at the change point.
     """
     text = four_bar_text((70, 30, 60, 40), -170, 190, zero="0")
     further_dyad = (
@@ -340,7 +356,9 @@ def test_signs_are_nan_right_at_a_crossing():
 def test_wrong_signs_beyond_a_crossing_are_noticed(monkeypatch, capsys, tmp_path):
     """An export fails if a mode keeps the signs that it has before a crossing.
 
-    The table is falsified before the export compares it with the mechanism.
+    The table has the signs of a mode (its places) in each interval between crossings. It is
+    falsified before the export compares it with the mechanism: all four intervals get the
+    signs of interval 1.
     """
     from spherekit.exchange import mode_table
 
@@ -358,10 +376,12 @@ def test_wrong_signs_beyond_a_crossing_are_noticed(monkeypatch, capsys, tmp_path
 
 @pytest.mark.slow
 def test_steps_from_the_starts_of_a_triad_lead_to_its_smooth_modes(tmp_path):
-    """From the start of each piece Newton's steps lead to the mode of `sk.evaluate`.
+    """From the stored starts Newton's steps lead to the modes of `sk.evaluate`.
 
-    A triad has no signs. The source has the variables at one input on either side of the
-    crossing; 200 steps of the input (rad), with four iterations each, lead to the goal.
+    The modes of a triad are not given by signs. Instead the source stores, for each mode
+    and each side of the crossing, the variables at one input (rad). From this start the
+    input is changed to a goal in 200 steps, with four iterations each. A smooth mode is one
+    that continues through the crossing along its smooth curve.
     """
     mechanism = replace(six_bar_with_a_flat_loop(), name="flat_loop")
     made = formulas(mechanism, ["theta_*"], crossings="pass")
@@ -378,6 +398,7 @@ def test_steps_from_the_starts_of_a_triad_lead_to_its_smooth_modes(tmp_path):
         if len(smooth.pieces(row)) > 1:
             changing_modes += 1
         for goal in (-0.2, -0.02, 0.02, 0.2):
+            # The stored variables on the side of the goal, and the input at which they are.
             variables, q = start(mode.number, goal)
             evaluated = sk.evaluate(
                 mechanism, goal, poles=[], assembly_mode=mode.number, crossings="pass"
@@ -400,9 +421,11 @@ def test_steps_from_the_starts_of_a_triad_lead_to_its_smooth_modes(tmp_path):
 
 
 def test_turns_are_counted_where_a_smooth_curve_turns_fully():
-    """A spring at the rocker of a parallelogram needs a count of turns, else it does not.
+    """A spring at the rocker of a parallelogram needs a count of turns as an argument.
 
-    With either sign of the dyad the rocker only swings; on both smooth curves it turns.
+    On each smooth curve through the crossings of a parallelogram the rocker rotates fully.
+    (With one sign of the dyad all along, it would only swing.) In the shipped four-bar the
+    rocker only swings, so that no count is needed.
     """
     arcs = {"1": 60.0, "2": 30.0, "3": 60.0, "4": 30.0}
     parallelogram = sk.load("four_bar").with_sizes(angle_unit="deg", arcs=arcs)

@@ -158,6 +158,10 @@ def evaluate_mode(made, mode, q, results_by_name):
 
     Parameters
     ----------
+    made
+        The formulas, with their mechanism and its assembly modes.
+    mode
+        The mode of the formulas that is evaluated.
     q
         (inputs, n) inputs in rad.
     results_by_name
@@ -180,6 +184,7 @@ def evaluate_mode(made, mode, q, results_by_name):
     for pair, variable in mechanism.angles.items():
         angles = results_by_name[f"theta_{pair}"][motion.sample]
         gaps.append(np.abs(np.exp(1j * angles) - np.exp(1j * motion.values[:, variable])))
+    # NaN belongs to configurations that do not close. They are never the nearest.
     distances = np.nan_to_num(np.max(gaps, axis=0), nan=np.inf)
     nearest_rows = []
     for sample in range(q.shape[1]):
@@ -255,7 +260,9 @@ def test_working_modes_of_a_coaxial_wrist(tmp_path):
 def test_a_mode_that_formulas_do_not_give_is_not_written(tmp_path, monkeypatch, capsys):
     """A mode with wrong signs is noticed before the export, left out, and named.
 
-    The sign of mode 1 is falsified. If no other mode is wanted, the export is refused.
+    The formulas of a four-bar select a mode by the sign of its dyad, the only entry of
+    `places`. That of mode 1, -1, is replaced by its absolute value. A page still has mode
+    0. If no other mode is wanted, the export is refused.
     """
     find_candidate = mode_table._find_candidate
 
@@ -271,7 +278,9 @@ def test_a_mode_that_formulas_do_not_give_is_not_written(tmp_path, monkeypatch, 
         "left out: assembly mode 1 (-, p0): the formulas do not give this mode" in message
     )
     text = path.read_text("utf-8")
+    # The table of modes in the source has one row and one column.
     assert "not written: 1 (-, p0)" in text and "four_bar_modes[1][1]" in text
+    # What the page says of its contents.
     assert "0 modes" not in sk.page("four_bar", tmp_path / "x.html").holds
     with pytest.raises(EngineError, match="no assembly mode can be written: 1"):
         sk.export("four_bar", path, assembly_mode=1)

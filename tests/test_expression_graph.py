@@ -174,9 +174,11 @@ def test_substitution_replaces_all_variables_at_once():
 
 
 def test_expressions_with_a_stated_rate_are_differentiated_like_variables():
-    """The rates of s = sin x (3 y) and of y (z) are stated; x outside of s and z rest.
+    """Expressions are differentiated by time, with some rates by time stated.
 
-    The derivatives by hand are compared at x = 0.4, y = 0.7, z = 1.3.
+    The rate of s = sin x is stated as 3 y, and that of y as z. All other variables are
+    constant: z, and also x wherever it is not part of s. The derivatives by hand are
+    compared at x = 0.4, y = 0.7, z = 1.3.
     """
     s = function("sin", X)
     expressions = [s * Y / Z, function("sqrt", s * s + Y), X * s, Z + 2.0]

@@ -85,13 +85,16 @@ def test_the_reference_of_a_four_bar_agrees_with_closed_forms():
     """Rocker angle and velocity coefficient are those of Di Gregorio's formulas in float64.
 
     The crank is at 0.7 rad. The formulas measure the rocker angle from the opposite side,
-    so pi is added. The formulas have two assembly modes; one of them must agree.
+    so pi is added. The formulas have two assembly modes; one of them must agree. The rocker
+    rotates about the z axis.
     """
     crank_angle = 0.7
     arcs = np.radians([60.0, 20.0, 70.0, 40.0])
     mechanism = four_bar(arcs)
     with mp.workdps(DIGITS):
-        reference, point = point_of(mechanism, 0.0, crank_angle)
+        # The configuration `point.near` closes in many digits. The parameter of a case, for
+        # messages, is not used here.
+        reference, point = point_of(mechanism, parameter=0.0, q=crank_angle)
         exact_values = truth(reference, point.near)
         rocker_velocity = exact_values.rates[mechanism.link_number["4"]].astype(float)
         rocker_angle = float(point.near[mechanism.variable_names.index("theta_41")])
