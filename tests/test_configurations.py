@@ -91,23 +91,25 @@ HIDDEN = [
     [0.83, -0.54, 0.11],
     [-0.20, -0.70, -0.68],
 ]
-"""Axes of a six-bar whose curve has four components: one through the reference pose, two
-for inputs of 119 to 141 and of 324.2 to 346.3 deg only."""
+"""Axes of a six-bar whose configurations form four curves. They exist for inputs of 352.9
+to 4.0 (over 0), 101.0 to 112.2, 118.8 to 140.9 and 324.2 to 346.3 deg only."""
 
 
 @pytest.mark.slow
 def test_components_between_five_equally_spaced_inputs_are_found():
-    """A six-bar has two curves that exist only in ranges of the input of 22 degrees.
+    """The four curves of a six-bar exist only in narrow ranges of the input.
 
-    Enumerating configurations at five equally spaced inputs misses them. `configurations`
+    The ranges are 11 and 22 degrees wide. Enumerating configurations at five equally spaced
+    inputs (36, 108, 180, 252 and 324 deg) misses three of the curves. `configurations`
     first finds the inputs at which modes meet (turning points), and claims to be complete.
-    The ends of the ranges are numbers found earlier, in degrees.
+    The ends of the ranges are numbers that were computed earlier, in degrees.
     """
     axes = np.array(HIDDEN) / np.linalg.norm(HIDDEN, axis=1, keepdims=True)
     position_analysis, configurations = with_curves(STEPHENSON, axes, "p5_6")
     solver = position_analysis.solver
     curves = [item.curve for item in configurations.curves]
     assert configurations.guarantee is Guarantee.COMPLETE
+    # Counts of modes at single inputs agree with the curves.
     assert not configurations.mismatches
     pieces = [piece for item in configurations.curves for piece in item.pieces]
     assert sorted(piece.assembly_mode for piece in pieces) == list(range(10))
@@ -120,7 +122,8 @@ def test_components_between_five_equally_spaced_inputs_are_found():
     ranges_deg = sorted(
         np.degrees(turning_inputs(solver, curve)).tolist() for curve in missed_curves
     )
-    assert np.allclose(ranges_deg[0], [4.040, 352.884], atol=2e-3)  # over 0 degrees
+    # The first curve exists from 352.884 over 360 to 4.040 deg; its ends are sorted.
+    assert np.allclose(ranges_deg[0], [4.040, 352.884], atol=2e-3)
     expected_deg = [[118.793, 140.852], [324.223, 346.282]]
     assert np.allclose(ranges_deg[1:], expected_deg, atol=2e-3)
 

@@ -49,17 +49,22 @@ HUMPAGE = mechanism_text("humpage")
 def test_humpages_gear_has_the_speed_ratios_of_its_pitch_cones(tmp_path):
     """In Humpage's gear the sun, the fixed ring, the output and the arm are coaxial.
 
-    The planet on the arm has two wheels. Without slip on the ring, the arm turns by
-    s / (s + r) of the sun, with the sines s and r of the half angles of sun and ring. The
-    output turns by (1 - r sin 25 / (p o)) of the arm, with the sines p of the planet's
-    larger wheel and o of the output wheel.
+    The planet on the arm has two wheels on one axis. Its larger wheel meshes with the sun
+    and the ring, its smaller wheel with the output wheel. The pitch cones have the half
+    angles 18 (sun), 78 (ring), 42 and 25 (planet), 95 deg (output).
+
+    Relative to the arm, two wheels in mesh turn at rates in inverse proportion to the sines
+    of their half angles. With the sines s and r of sun and ring, the arm turns by
+    s / (s + r) of the sun. With the sines p and q of the planet and o of the output, the
+    output turns by (1 - r q / (p o)) of the arm.
     """
     path = tmp_path / "humpage.toml"
     path.write_text(HUMPAGE)
     mechanism = sk.load(path)
     sun, ring, planet, out = np.sin(np.radians([18.0, 78.0, 42.0, 95.0]))
+    smaller_planet = np.sin(np.radians(25.0))
     arm_ratio = sun / (sun + ring)
-    out_ratio = arm_ratio * (1.0 - ring * np.sin(np.radians(25.0)) / (planet * out))
+    out_ratio = arm_ratio * (1.0 - ring * smaller_planet / (planet * out))
     rows = sk.evaluate(mechanism, 0.4)
     assert np.max(np.abs(rows.velocity_coefficient("arm/case") - arm_ratio)) < 1e-13
     out_coefficient = np.abs(rows.velocity_coefficient("out/case"))
@@ -67,7 +72,13 @@ def test_humpages_gear_has_the_speed_ratios_of_its_pitch_cones(tmp_path):
 
 
 def test_humpages_gear_is_kept_in_files_and_certified(tmp_path, capsys):
-    """The certificate prints the ratio of the arm; wheels need coaxial pairs."""
+    """Humpage's gear is read from a file, written again, and its ratio is certified.
+
+    The certificate prints the ratio s / (s + r) of arm and sun, with the sines of the half
+    angles of the pitch cones of sun (18 deg) and ring (78 deg). Wheels in mesh need a
+    common carrier, to which R pairs on their axes join them, if necessary through coaxial
+    pairs. The file is refused if the arm's pair is no longer coaxial with the sun's.
+    """
     path = tmp_path / "humpage.toml"
     path.write_text(HUMPAGE)
     mechanism = sk.load(path)
@@ -78,6 +89,7 @@ def test_humpages_gear_is_kept_in_files_and_certified(tmp_path, capsys):
     assert main(["certify", str(path)]) == 0
     assert f"arm_shaft turns {sun / (sun + ring):+.10f}" in capsys.readouterr().out
 
+    # The arc between the axes of the sun's pair and the arm's pair becomes 10 deg.
     path.write_text(HUMPAGE.replace("arcs = [0.0, 180.0]", "arcs = [10.0, 180.0]"))
     with pytest.raises(sk.SpherekitError, match="nor does a pair coaxial"):
         sk.load(path)
@@ -182,19 +194,24 @@ def test_what_cannot_be_a_contact_is_refused(call):
 
 
 def test_pole_of_two_sliding_contacts_is_where_their_planes_meet():
-    """Case (c) of Di Gregorio: P31 of the shipped example, against the null space.
+    """The pole of two links that touch at two sliding contacts, against the null space.
 
-    A link with two sliding contacts has its pole where the two great circles meet that are
-    normal to the contacts.
+    The pole lies in the plane of each contact, which contains the contact and the normal of
+    the profiles. It is where the great circles of both planes meet. Di Gregorio's lecture
+    calls this case (c): no great circle through known poles is used.
     """
     mechanism = sk.load("two_contacts")
+    # Steps of the plan that give a pole from contacts alone: `via` has the third links k
+    # whose poles with both links are known.
     steps = [s for s in plan(mechanism).steps if getattr(s, "contacts", ()) and not s.via]
     assert [step.case for step in steps] == ["c"]
+    # Only the assembly mode of the reference pose: no other modes are searched.
     motion, field = evaluate_poles_of_motion(mechanism, samples=41, search=False)
     assert np.all(motion.status == sk.Status.OK)
     types = [pair.type for pair in mechanism.pairs]
     for row in range(0, 41, 5):
         rates, _ = null_space(3, mechanism.ends, motion.axes[row], types)
         for i, j in all_poles(3):
+            # `rates` are angular velocities of the three links.
             sine = sine_between_lines(field.direction[i, j][row], rates[j] - rates[i])
             assert sine < 1e-11

@@ -17,6 +17,10 @@ FRAME = 1.1
 """Arc between shaft and hinge, rad."""
 CENTRES = 0.65
 """Arc between the centres of cam and roller, rad."""
+CAM_RADIUS = 0.45
+"""Radius of the cam, an arc on the sphere (rad)."""
+SMOOTHING_SPEED = 0.02
+"""Sliding speed (rad/s) below which the friction is smoothed."""
 
 
 @pytest.fixture
@@ -45,10 +49,12 @@ def turned(vector, axis, angle):
 def by_hand(mechanism, coefficient, rest, t, mode):
     """Return contact forces, driving torque and sliding speed by a hand calculation.
 
-    The contact lies on the great circle through the centres of cam and roller. The follower
-    turns about its hinge by the moments of the spring, of the push along this circle, and
-    of the friction across it. Rates of the follower are central differences of its angle,
-    of order 8, at the constant speed of the shaft.
+    The contact lies on the great circle through the centres of cam and roller. The normal
+    force acts along this circle, the friction at right angles to it. Their moments about
+    the centre of the sphere are the push and the traction (N m). The moments of the spring,
+    of the push and of the traction about the hinge accelerate the follower. Rates of the
+    follower are central differences of its angle, of order 8, at the constant speed of the
+    shaft.
 
     Parameters
     ----------
@@ -85,14 +91,19 @@ def by_hand(mechanism, coefficient, rest, t, mode):
         roller = follower_rotation @ np.array(roller_profile.centre)
         assert np.arccos(cam @ roller) == pytest.approx(CENTRES, abs=1e-12)
         tangent = np.cross(cam, roller) / np.sin(CENTRES)
-        point = turned(cam, tangent, 0.45)  # the radius of the cam, towards the roller
+        # The contact, on the rim of the cam towards the roller. A push has its moment along
+        # `tangent`, a traction along `normal`.
+        point = turned(cam, tangent, CAM_RADIUS)
         normal = np.cross(point, tangent)
 
         relative_rate = rate[row] * hinge_axis - SPEED * shaft_axis
         slip = np.cross(relative_rate, point) @ tangent
-        friction_ratio = -coefficient * np.tanh(slip / 0.02)
+        friction_ratio = -coefficient * np.tanh(slip / SMOOTHING_SPEED)
+        # The moment about the hinge that the contact has to supply.
         needed = INERTIA * acceleration[row] + STIFFNESS * (angle[row, 4] - rest)
-        # Friction follows from the size of the push, so its sign is tried: one is right.
+        # The traction is the friction ratio times the size of the push. With each sign of
+        # the push, the moment about the hinge is `arm` times the push. The sign is right if
+        # the push that follows has it.
         for sign in (1.0, -1.0):
             arm = tangent @ hinge_axis + sign * friction_ratio * (normal @ hinge_axis)
             push = needed / arm
@@ -112,8 +123,10 @@ def test_contact_forces_and_torques_with_friction_are_those_by_hand(
 ):
     """Reactions, loads and driving torques of a run at nine times, against `by_hand`.
 
-    Forces are moments over the distance of the contact, 0.1 m, from the centre. Friction
-    takes power away at all times.
+    The fixture `cam` makes the mechanism with a coefficient of friction and the angle
+    `rest` (rad) at which its spring is free. The contact is 0.1 m from the centre of the
+    sphere, so that its forces (N) are its moments (N m) divided by 0.1 m. Friction takes
+    power away at all times.
     """
     distance = 0.1
     mechanism = cam(coefficient, rest, f"distance = {distance}")

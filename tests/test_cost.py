@@ -23,11 +23,14 @@ from spherekit.runs.registry import create_analysis
 from spherekit.runs.run_cost import count_evaluations
 from spherekit.velocities.pole_evaluation import evaluate
 
-NARROW, WIDE = "poles:only=6/1", "poles"
+ONE_POLE = "poles:only=6/1"
+"""The analysis of the pole of links 6 and 1, the axis of their relative rotation."""
+ALL_POLES = "poles"
+"""The analysis of all poles: 66 of the 12 links of the twelve-bar."""
 
 
 @pytest.fixture(scope="module")
-def twelve():
+def twelve_bar():
     return sk.load("twelve_bar")
 
 
@@ -50,24 +53,25 @@ def test_an_irreducible_part_gives_the_poles_that_are_needed():
         assert np.allclose(alone[name], part[name], rtol=0.0, atol=1e-12)
 
 
-def test_no_derivatives_are_evaluated_if_none_are_needed(twelve):
-    """The poles of one link pair are planned without derivatives.
+def test_no_derivatives_are_evaluated_if_none_are_needed(twelve_bar):
+    """The pole of links 6 and 1 of the twelve-bar is computed without derivatives.
 
-    Fewer than 20 of the 66 poles of the twelve-bar are evaluated for this pair, and rates
-    are the same as with derivatives.
+    It follows from fewer than 20 of all 66 poles, which are evaluated for it. The rates are
+    the same as with derivatives.
     """
-    needs = collect_needs(twelve, [create_analysis(NARROW)])
-    (request,) = plan_requests(twelve, replace(needs, derivatives=False))
+    needs = collect_needs(twelve_bar, [create_analysis(ONE_POLE)])
+    (request,) = plan_requests(twelve_bar, replace(needs, derivatives=False))
     counts = count_evaluations(request)
     assert counts["axis_derivatives"] == counts["rate_derivatives"] == 0
-    narrow = count_evaluations(request_of(twelve, NARROW))
-    wide = count_evaluations(request_of(twelve, WIDE))
+    narrow = count_evaluations(request_of(twelve_bar, ONE_POLE))
+    wide = count_evaluations(request_of(twelve_bar, ALL_POLES))
     assert counts["poles"] == narrow["poles"] == narrow["axis_derivatives"] < 20
     assert wide["poles"] == 66
 
-    motion = sk.trace(twelve, samples=3, assembly_mode=0)
+    motion = sk.trace(twelve_bar, samples=3, assembly_mode=0)
+    # Links are counted from 0 here, so that (0, 5) are links 1 and 6.
     rate = np.abs(evaluate(motion, request).velocity_coefficient[0, 5])
-    frame = sk.run(twelve, NARROW, samples=3, assembly_mode=0).frame()
+    frame = sk.run(twelve_bar, ONE_POLE, samples=3, assembly_mode=0).frame()
     assert np.allclose(rate, np.abs(frame["velocity_coefficient"]), rtol=0.0, atol=1e-12)
 
 
@@ -81,17 +85,20 @@ def logged(path):
 
 
 @pytest.mark.slow
-def test_a_recording_holds_the_requested_poles_only(twelve, tmp_path):
-    """The recording of one pole of the twelve-bar is read back, and that of all 66.
+def test_a_recording_holds_the_requested_poles_only(twelve_bar, tmp_path):
+    """Recordings of one pole of the twelve-bar and of all 66 poles are read back.
 
-    Its size and its numbers of entities and rows are those in the summary of the run.
+    A recording has entities, such as an arrow or a plot, by their paths. The size of the
+    file and its numbers of entities and rows are those in the summary of the run. The
+    recording of one pole has the arrow and the two plots of coefficients of this pole only.
+    It is several times smaller than that of all poles.
     """
     rows = {}
     sizes = {}
-    for name, text in (("narrow", NARROW), ("wide", WIDE)):
+    for name, text in (("narrow", ONE_POLE), ("wide", ALL_POLES)):
         path = tmp_path / f"{name}.rrd"
         with RerunRecorder("twelve_bar", path=path) as recorder:
-            result = sk.run(twelve, text, samples=9, assembly_mode=0, recorder=recorder)
+            result = sk.run(twelve_bar, text, samples=9, assembly_mode=0, recorder=recorder)
         rows[name] = logged(path)
         sizes[name] = path.stat().st_size
         cost = result.summary["cost"]["recording"]
@@ -108,6 +115,8 @@ def test_a_recording_holds_the_requested_poles_only(twelve, tmp_path):
     assert len(poles_of(wide)) == 66
     plots = {x for x in narrow if "/plots/" in x and "/plots/chart/" not in x}
     assert len(plots) == 2
+    # Both show all links. With all poles a page of their construction shows the links
+    # again.
     links = {x for x in narrow if "/link/" in x}
     all_links = {x for x in wide if "/link/" in x}
     assert links == {x for x in all_links if "/construction/" not in x}
@@ -116,16 +125,17 @@ def test_a_recording_holds_the_requested_poles_only(twelve, tmp_path):
 
 
 @pytest.mark.slow
-def test_tables_hold_the_requested_poles_only(twelve, tmp_path):
-    """The table of 66 poles has 66 times the rows of the table of one pole.
+def test_tables_hold_the_requested_poles_only(twelve_bar, tmp_path):
+    """The table of the twelve-bar's 66 poles has 66 times the rows of that of one pole.
 
-    The summary of the run states the rows and bytes of every file as they are.
+    The summary of the run states the rows and bytes of every file as they are. The bytes of
+    a CSV file are roughly in proportion to its rows.
     """
     csv_bytes = {}
     row_counts = {}
-    for name, text in (("narrow", NARROW), ("wide", WIDE)):
+    for name, text in (("narrow", ONE_POLE), ("wide", ALL_POLES)):
         folder = tmp_path / name
-        result = sk.run(twelve, text, samples=40, assembly_mode=0, folder=folder)
+        result = sk.run(twelve_bar, text, samples=40, assembly_mode=0, folder=folder)
         tables = result.summary["cost"]["tables"]
         for stem, table in tables.items():
             assert table["rows"] == len(result.frame(stem))
@@ -140,15 +150,15 @@ def test_tables_hold_the_requested_poles_only(twelve, tmp_path):
     assert 50 < csv_bytes["wide"] / csv_bytes["narrow"] < 90
 
 
-def test_the_needed_part_of_a_mechanism_moves_as_the_whole(twelve):
+def test_the_needed_part_of_a_mechanism_moves_as_the_whole(twelve_bar):
     """With `only_needed`, links 7 to 12 of the twelve-bar are left out for the pole 6/1.
 
     The 32 modes of the whole have only four different motions of the part. They are
     compared as sets of rounded tables: cosines and sines of angles, and the angular
     velocity of the pole.
     """
-    whole = sk.run(twelve, NARROW, samples=13)
-    part = sk.run(twelve, NARROW, samples=13, only_needed=True)
+    whole = sk.run(twelve_bar, ONE_POLE, samples=13)
+    part = sk.run(twelve_bar, ONE_POLE, samples=13, only_needed=True)
     assert len(whole.summary["assembly_modes"]) == 32
     assert len(part.summary["assembly_modes"]) == 4
     assert part.summary["part_of"]["left_out_links"] == ["7", "8", "9", "10", "11", "12"]
@@ -198,29 +208,32 @@ def test_frames_and_zeros_stay_where_sizes_are_given():
             assert np.array_equal(own[name].to_numpy(), same[name].to_numpy()), name
 
 
-def test_only_needed_refuses_what_looks_at_the_whole(twelve):
+def test_only_needed_refuses_what_looks_at_the_whole(twelve_bar):
     with pytest.raises(AnalysisError, match="looks at the whole mechanism"):
         sk.run("four_bar", "reactions", only_needed=True)
     with pytest.raises(AnalysisError, match="follows from loads"):
         start = sk.Start(0.3, 1.0)
-        sk.run(twelve, NARROW, only_needed=True, start=start, duration=1.0)
+        sk.run(twelve_bar, ONE_POLE, only_needed=True, start=start, duration=1.0)
 
 
 @pytest.mark.slow
-def test_singularities_of_a_part_are_listed_once_for_all_modes_that_have_them(twelve):
-    """The output 4/1 of the twelve-bar belongs to a part with two modes of 32.
+def test_singularities_of_a_part_are_listed_once_for_all_modes_that_have_them(twelve_bar):
+    """Singularities of an output that only a part of the mechanism moves.
 
-    Each of its four singularities is listed once, with the 16 modes in which the velocity
-    coefficient of the pole 4/1 changes its sign there. They are those of the part alone.
+    Links 4 and 1 of the twelve-bar belong to a part that has two assembly modes (ways to
+    assemble it). The whole mechanism has 32 modes, 16 for each of these two. Each of the
+    four singularities of the output 4/1 is listed once, with the 16 modes in which the
+    velocity coefficient of the pole 4/1 changes its sign there. The singularities are at
+    the same inputs as those of the part alone.
     """
     text = "singularities:output=4/1"
-    run = sk.run(twelve, [text, "poles:only=41"], samples=73)
+    run = sk.run(twelve_bar, [text, "poles:only=41"], samples=73)
     singularities = run.frame("singularities")
     rates = {
         int(mode): rows["velocity_coefficient"].to_numpy()
         for mode, rows in run.frame("poles").groupby("assembly_mode")
     }
-    part = sk.run(twelve, text, samples=73, only_needed=True)
+    part = sk.run(twelve_bar, text, samples=73, only_needed=True)
     assert len(part.summary["assembly_modes"]) == 2
     assert len(singularities) == 4
     q_of_part = np.sort(part.frame()["q"])
@@ -233,7 +246,9 @@ def test_singularities_of_a_part_are_listed_once_for_all_modes_that_have_them(tw
         assert singularity["assembly_mode"].split("+") == [str(mode) for mode in modes]
         assert len(modes) == 16
 
-    # The table `relation` repeats the velocity coefficient of the output in its form i.
+    # The table `relation` repeats the velocity coefficient of the output 4/1. It has two
+    # forms of the relation between the rates of output and input; form i is for the motion
+    # of link 4 relative to 1.
     relation = run.frame("singularities", "relation")
     for mode, rows in relation[relation["form"] == "i"].groupby("assembly_mode"):
         coefficients = rows["velocity_coefficient"].to_numpy()
@@ -245,10 +260,12 @@ DERIVATIVE = "sensitivity:of=theta_14,by=links.2.arc,draws=0"
 
 @pytest.mark.parametrize("analysis", ["dynamics", "statics", DERIVATIVE])
 def test_only_needed_leaves_the_numbers_of_dynamics_statics_and_sensitivity(analysis):
-    """Watt's six-bar: the first four-bar has a mass and a spring at its rocker.
+    """With `only_needed`, a run of a part of the mechanism has the same numbers.
 
-    Its second dyad (three pairs) is left out. The rounded columns of all modes of the part
-    are the same set as those of the whole.
+    The first four-bar of Watt's six-bar has a mass and a spring at its rocker. The second
+    dyad (two links, three pairs) does not matter and is left out. The whole mechanism has
+    more assembly modes than the part, with the same columns in several of them. The rounded
+    columns of all modes are therefore compared as sets.
     """
     column = "derivative" if analysis == DERIVATIVE else "tau"
     spring = sk.Spring("spring", "14", 1.0, 0.2)
@@ -267,8 +284,13 @@ def test_only_needed_leaves_the_numbers_of_dynamics_statics_and_sensitivity(anal
 
 
 @pytest.mark.slow
-def test_explain_predicts_rows_and_bytes_of_a_run(twelve, tmp_path, capsys):
-    """Rows are predicted exactly, bytes of CSV to 3 % and of the other files to 40 %."""
+def test_explain_predicts_rows_and_bytes_of_a_run(tmp_path, capsys):
+    """The command `explain` predicts the files that a run of the four-bar writes.
+
+    Rows and columns of tables are predicted exactly, bytes of CSV files to 3 %, of Parquet
+    files to 30 % and of the recording to 40 %. An entity of a recording is one object in
+    it, such as an arrow or a plot.
+    """
     options = ["four_bar", "--samples", "2000", "--json"]
     assert main(["explain", *options, "--recording"]) == 0
     predicted = json.loads(capsys.readouterr().out)["predicted"]
@@ -306,8 +328,11 @@ def test_what_is_not_known_is_not_predicted(capsys):
 def test_explain_of_a_long_chain_measures_few_rows(triads, tmp_path, capsys, monkeypatch):
     """`explain` predicts the files of a chain of 30 links from three small runs.
 
-    The small runs have 12 and 24 samples without an analysis and 4 samples with one, all
-    without a search for modes. The prediction is compared with a run of one mode.
+    The chain is a four-bar to which dyads (two links each) are added, with `triads` also
+    groups of four links. The small runs have 12 and 24 samples without an analysis and 4
+    samples with one, all without a search for assembly modes. The number of modes is
+    therefore not predicted (None). The sizes are compared with those of a run of one mode.
+    They are estimates, so that 25 % are allowed for CSV and a factor of 2.5 for Parquet.
     """
     mechanism = chains.grow_dyad_chain(np.random.default_rng(5), 30, triads)
     path = tmp_path / "chain.toml"
@@ -330,7 +355,7 @@ def test_explain_of_a_long_chain_measures_few_rows(triads, tmp_path, capsys, mon
     sk.run(path, samples=samples, search=False, folder=out, formats=("csv", "parquet"))
     assert predicted["tables"]["poles"]["rows"] == samples * 30 * 29 // 2
     for name, table in predicted["tables"].items():
-        # Rows that fail have empty cells, and few samples do not say how many fail.
+        # Rows that fail have empty cells, and few samples do not show how many fail.
         csv_size = (out / f"{name}.csv").stat().st_size
         assert table["csv_bytes"] == pytest.approx(csv_size, rel=0.25)
         parquet_size = (out / f"{name}.parquet").stat().st_size

@@ -14,6 +14,10 @@ import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.errors import FileError
 
+# A coupling table stores, on a grid of the inputs, the angles of all passive pairs, their
+# coefficients (rates per unit rate of an input), and the angular velocities of poles per
+# unit rate of each input (`turning`). Between the nodes of the grid it is interpolated.
+
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 
 
@@ -31,8 +35,10 @@ def five_bar():
 def test_a_coupling_table_of_one_input_is_within_its_errors(four_bar, mode):
     """Angles, coefficients and angular velocity of a pole at 200 random inputs.
 
-    They are compared with `sk.evaluate` at the same inputs. The table states its largest
-    error, measured between its nodes; 5 % more is allowed.
+    A coupling table of the four-bar stores these numbers on a grid of the input, and is
+    interpolated. It is compared with `sk.evaluate` at the same inputs. The table states its
+    largest error, which was measured at some inputs between its nodes. Other inputs can
+    have a slightly larger error, so that 5 % more is allowed.
     """
     q = np.random.default_rng(2).uniform(0.0, 2.0 * np.pi, 200)
     exact = sk.evaluate("four_bar", q, poles=["3/1"], assembly_mode=mode)
@@ -45,6 +51,8 @@ def test_a_coupling_table_of_one_input_is_within_its_errors(four_bar, mode):
         coefficients = exact.variable_coefficient(name.removeprefix("theta_"))
         coefficient_gap = np.abs(interpolated.coefficients[:, k, 0] - coefficients)
         assert np.max(coefficient_gap) < coefficient_limit
+    # `turning` is the angular velocity w of link 3 relative to 1 per unit rate of the
+    # input, which is along the pole: w = velocity coefficient times direction.
     w = exact.direction("3/1") * exact.velocity_coefficient("3/1")[:, None]
     assert np.max(np.abs(interpolated.turning[:, 0, 0] - w)) < coefficient_limit
     assert four_bar.angle_error < 1e-6
@@ -54,17 +62,22 @@ def test_a_coupling_table_of_one_input_is_within_its_errors(four_bar, mode):
 def test_a_coupling_table_of_two_inputs_is_within_its_errors(five_bar):
     """Angles and coefficients at 300 random inputs, against `sk.evaluate`.
 
-    The table has no numbers out of reach and in cells at an end of the mode.
+    A coupling table of the five-bar stores these numbers on a grid of its inputs 21 and 51,
+    and is interpolated. It has no numbers (NaN) where the inputs are out of reach, and in
+    cells of the grid at an end of the assembly mode. The table states its largest error,
+    which was measured at some inputs between its nodes. Other inputs can have a slightly
+    larger error, so that 5 % more is allowed.
     """
     q = np.random.default_rng(7).uniform(0.8, 2.3, (300, 2))
     interpolated = five_bar.at(q)
     is_known = np.isfinite(interpolated.angles[:, 0])
-    assert np.mean(is_known) > 0.3
+    assert np.mean(is_known) > 0.3  # enough inputs with numbers for the comparison
     exact = sk.evaluate("five_bar", q[is_known], poles=[], assembly_mode=0)
     for k, name in enumerate(five_bar.variables):
         angles = interpolated.angles[is_known, k]
         angle_gap = np.exp(1j * angles) - np.exp(1j * exact.variable(name))
         assert np.max(np.abs(angle_gap)) < 1.05 * five_bar.tolerance
+        # Coefficients by the second input, whose index is 1.
         coefficients = exact.variable_coefficient(name.removeprefix("theta_"), "51")
         coefficient_gap = np.abs(interpolated.coefficients[is_known, k, 1] - coefficients)
         assert np.max(coefficient_gap) < 1.05 * five_bar.coefficient_error
@@ -81,8 +94,12 @@ def test_second_derivatives_of_a_coupling_table_are_symmetric(five_bar):
 def test_interpolation_in_a_coupling_table_is_exact_for_cubic_polynomials(five_bar):
     """The interpolation from values and derivatives at nodes has to reproduce cubics.
 
-    A table on the nodes of `five_bar` is filled with a cubic of both inputs and its first
-    and second derivatives, and evaluated at 50 random points.
+    A coupling table stores angles on a grid of inputs (nodes), with their first and second
+    derivatives by the inputs. Here a table on the nodes of the five-bar's table is filled
+    with a cubic of both inputs and its derivatives, as the only angle of one assembly mode.
+    It is evaluated at 50 random points. All cells of the grid are marked as sure, which
+    means that they can be interpolated. No input is periodic, so that `rise`, the growth of
+    the angle over a period, does not matter.
     """
     x, y = five_bar.nodes.T
     cubic = x**3 - 2.0 * x**2 * y + 0.5 * x * y**2 + y**3 + x * y - 4.0
@@ -93,6 +110,7 @@ def test_interpolation_in_a_coupling_table_is_exact_for_cubic_polynomials(five_b
     by_yy = x + 6 * y
     slopes = np.stack([by_x, by_y], axis=1)
     bends = np.stack([by_xx, by_xy, by_xy, by_yy], axis=1)
+    # The axes are: mode (1), node, angle (1), then one or two axes for the inputs (2).
     table = replace(
         five_bar,
         variables=("theta_32",),
@@ -111,7 +129,12 @@ def test_interpolation_in_a_coupling_table_is_exact_for_cubic_polynomials(five_b
 
 
 def test_archives_and_csv_hold_the_numbers_of_a_coupling_table(four_bar, tmp_path, capsys):
-    """`export --to coupling` writes .npz and .csv files, which are read back."""
+    """`export --to coupling` writes .npz and .csv files, which are read back.
+
+    A coupling table has, at nodes of the input, the angles of passive pairs, their rates
+    per unit rate of the input, and the angular velocity of a pole, here that of link 3
+    relative to link 1.
+    """
     command = ["export", "four_bar", "--to", "coupling", "--poles", "3/1", "-o"]
     archive = tmp_path / "t.npz"
     assert main([*command, str(archive)]) == 0
@@ -128,6 +151,7 @@ def test_archives_and_csv_hold_the_numbers_of_a_coupling_table(four_bar, tmp_pat
     node_count = int(four_bar.count[0])
     assert len(rows) == 2 * node_count  # mode by mode
     row = rows[node_count + 9]  # node 9 of mode 1
+    # Indices: mode 1, node 9, variable 2 (theta_41) or pole 0, input 0, component y (1).
     assert float(row["theta_41_by_21"]) == four_bar.coefficients[1, 9, 2, 0]
     assert float(row["w_3_1_y_by_21"]) == four_bar.turning[1, 9, 0, 0, 1]
     assert float(row["cell_error"]) == four_bar.error[1, 9]
@@ -141,8 +165,11 @@ def test_the_c_header_of_a_coupling_table_gives_the_numbers_of_python(
 ):
     """The exported header is compiled and called at 200 random inputs in each mode.
 
-    Its return codes are 0 for numbers, 1 for a mode that does not exist, 2 and 3 for inputs
-    without numbers. Python gives NaN for the same inputs.
+    A coupling table has angles of passive pairs, their coefficients (rates per unit rate of
+    an input) with derivatives, and angular velocities of poles, interpolated on a grid of
+    inputs. Return codes of the function in C are 0 if there are numbers, 1 for a mode that
+    does not exist, 2 for inputs outside of the grid, and 3 in a cell of the grid that is
+    not interpolated, because the mode ends there. Python gives NaN for the same inputs.
     """
     from spherekit.exchange.coupling_header import header
 
@@ -193,6 +220,7 @@ def test_the_c_header_of_a_coupling_table_gives_the_numbers_of_python(
             if table.poles:
                 expected = in_python.turning[row].ravel()
                 assert turning == pytest.approx(expected, abs=1e-12)
+    # The crank of the four-bar turns fully, so there are numbers at every input.
     assert codes == ({0} if name == "four_bar" else {0, 2, 3})
     assert evaluate_in_c(q[0], 9)[0] == 1
     assert evaluate_in_c(np.full(m, np.nan), 0)[0] in (2, 3)

@@ -20,11 +20,22 @@ DYNAMICS = "simulation and inverse"
 
 
 def findings(evidence, name):
-    """Run a check and return its findings that no claim of completeness excuses.
+    """Run a check of one mechanism and return its findings: contradictions of analyses.
 
-    A mechanism that is refused has none. A warning of NumPy is an error.
+    A result that a search missed is no finding if the search itself says that it may be
+    incomplete (`notes.wrong` leaves it out). A mechanism that the package refuses has no
+    findings. A warning of NumPy is an error.
+
+    Parameters
+    ----------
+    evidence
+        The mechanism with its runs. The number of comparisons is added to its attribute
+        `compared`, so that tests notice a check that compares nothing.
+    name
+        Name of the check.
     """
     notes = Notes()
+    # Random numbers of the check do not depend on checks before it.
     evidence.begin_check(name)
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)

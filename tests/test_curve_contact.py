@@ -88,8 +88,15 @@ LONG = pytest.param(3450, 3, marks=pytest.mark.long)
 def test_a_contact_of_two_profiles_is_found(count, seed):
     """Random profiles of all kinds are rotated so that they touch at a known point.
 
-    Every other pair lies on the same side (one within the other). Such a pair is used only
-    if the first profile is more curved there; otherwise it would not fit within the second.
+    Two curves touch if their frames (tangent, normal, point) are equal at a point. The
+    second curve is reversed if the bodies of the profiles are on opposite sides of the
+    common tangent. In every other pair it is not reversed, and the first body is within the
+    second one. Such a pair is used only if the first profile is more curved at the contact;
+    otherwise it would not fit there.
+
+    `nearest_frames` returns the arc lengths on both curves at which the frames differ by
+    the smallest angle. The curves may touch at other points as well, so that these arc
+    lengths are not compared with the known ones. The frames have to be equal there.
     """
     random = np.random.default_rng(seed)
     for number in range(count):
@@ -104,10 +111,12 @@ def test_a_contact_of_two_profiles_is_found(count, seed):
         second_curvature = second.evaluate([second_place]).curvature[0]
         if is_within and not first_curvature > second_curvature + 1e-3:
             continue
-        s, miss = nearest_frames(first, rotated)
-        gap = first.evaluate(s[:1]).frame - rotated.evaluate(s[1:]).frame
-        assert np.linalg.norm(gap) < 2.0 * miss + 1e-13
-        assert miss < 1e-12, (first_kind, second_kind)
+        (first_length, second_length), angle = nearest_frames(first, rotated)
+        first_frame = first.evaluate([first_length]).frame
+        second_frame = rotated.evaluate([second_length]).frame
+        # Rotations that differ by the angle differ by at most 1.42 times it in this norm.
+        assert np.linalg.norm(first_frame - second_frame) < 2.0 * angle + 1e-13
+        assert angle < 1e-12, (first_kind, second_kind)
 
 
 def test_profiles_that_miss_each_other_by_a_little_are_nearest_there():

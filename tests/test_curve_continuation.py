@@ -100,8 +100,11 @@ def test_one_lap_of_a_four_bar_without_a_crank(no_crank):
 def test_curves_of_shipped_mechanisms_close_after_one_lap(name, winding):
     """Each variable grows by whole turns in a lap: its winding number times its period.
 
-    The curve may be followed in either sense, so the winding numbers are compared up to a
-    common sign. Beyond its length the curve repeats itself, less these turns.
+    The configurations form a closed curve in the space of all variables. The period of a
+    variable is its growth (rad) after which the pair is in the same state, such as one
+    revolution. The total growth in a lap is `curve.rise`. The curve may be followed in
+    either direction, so the winding numbers are compared up to a common sign. Beyond its
+    length the curve repeats itself, with variables that have grown by `curve.rise`.
     """
     curve = shipped(name)
     assert curve.closed

@@ -11,13 +11,15 @@ CENTRE = np.array([0.36, 0.48, 0.8])
 SIDEWAYS = np.array([-0.8, 0.6, 0.0])
 
 
-def points_of(move, count=9, whole=2.0 * np.pi):
-    """Return points of a family of point sets near a circle.
+def points_near_circle(parameter, count=9, whole=2.0 * np.pi):
+    """Return points near a circle, which a parameter moves in random directions.
+
+    A curve through these points is an example of a profile whose shape changes.
 
     Parameters
     ----------
-    move
-        Parameter of the family.
+    parameter
+        The parameter: each point moves by it times a random tangent vector.
     count, whole
         Number of points, and range (rad) of their azimuths.
 
@@ -26,7 +28,7 @@ def points_of(move, count=9, whole=2.0 * np.pi):
     points
         (count, 3) unit vectors.
     change
-        (count, 3) their random derivatives by the parameter, at the parameter 0.
+        (count, 3) these tangent vectors, the derivatives of the points at the parameter 0.
     """
     rng = np.random.default_rng(4)
     a = np.arange(count) * whole / count
@@ -34,11 +36,11 @@ def points_of(move, count=9, whole=2.0 * np.pi):
     points = np.stack([np.sin(r) * np.cos(a), np.sin(r) * np.sin(a), np.cos(r)], axis=1)
     change = rng.normal(size=points.shape)
     change -= np.sum(change * points, axis=1)[:, None] * points
-    moved = points + move * change
+    moved = points + parameter * change
     return moved / np.linalg.norm(moved, axis=1)[:, None], change
 
 
-def turned(angle):
+def moved_centre(angle):
     """Return the unit vector at an angle (rad) from `CENTRE` towards `SIDEWAYS`."""
     return np.cos(angle) * CENTRE + np.sin(angle) * SIDEWAYS
 
@@ -46,16 +48,16 @@ def turned(angle):
 def curves(kind, backwards=False):
     """Return a family of curves, and the derivative that spherekit computes for it.
 
-    The derivative by the parameter of the family is what the tests compare with differences
-    of the curves.
+    A family is a curve that changes with a parameter x. The tests compare the derivative by
+    x with differences of curves of the family.
 
     Parameters
     ----------
     kind
         "circle", "fourier", or "closed" or "open" for curves through points.
     backwards
-        Whether the derivative is that of the reversed curve. `curve_at` returns the curve
-        in its first direction; the caller reverses it.
+        Whether the derivative is that of the curve in the opposite direction. `curve_at`
+        does not depend on this; the caller reverses its curve.
 
     Returns
     -------
@@ -66,10 +68,11 @@ def curves(kind, backwards=False):
         Derivative at x = 0 by `differentiate_fourier` or `differentiate_spline`: a function
         of the arc length.
     """
+    # Arguments of `differentiate_fourier` are pairs: a value and its derivative by x.
     centre = (CENTRE, SIDEWAYS)
     if kind == "circle":
         derivative = differentiate_fourier(centre, ([0.6], [1.0]), backwards=backwards)
-        return lambda x: circle(turned(x), 0.6 + x), derivative
+        return lambda x: circle(moved_centre(x), 0.6 + x), derivative
     if kind == "fourier":
         cosines = np.array([0.6, 0.1, 0.05])
         sines = np.array([0.0, 0.02, 0.0])
@@ -80,15 +83,20 @@ def curves(kind, backwards=False):
         )
 
         def fourier_at(x):
-            return fourier(turned(x), cosines + x * cosine_rates, sines + x * sine_rates)
+            return fourier(
+                moved_centre(x), cosines + x * cosine_rates, sines + x * sine_rates
+            )
 
         return fourier_at, derivative
     is_closed = kind == "closed"
-    # The points of an open curve cover 4 rad of azimuth, less than a turn.
+    # Curves through points. The points of an open curve cover 4 rad of azimuth, less than a
+    # turn.
     azimuth_range = 2.0 * np.pi if is_closed else 4.0
-    points, rates = points_of(0.0, whole=azimuth_range)
+    points, rates = points_near_circle(0.0, whole=azimuth_range)
     derivative = differentiate_spline(points, rates, is_closed, backwards)
-    return lambda x: through(points_of(x, whole=azimuth_range)[0], is_closed), derivative
+    return lambda x: through(
+        points_near_circle(x, whole=azimuth_range)[0], is_closed
+    ), derivative
 
 
 def columns(curve, s):
