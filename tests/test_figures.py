@@ -101,6 +101,8 @@ def test_a_mode_has_one_colour_in_all_figures(four_bar):
             for line in panel.lines:
                 if line.get_gid():
                     colours_by_mode.setdefault(line.get_gid(), set()).add(line.get_color())
+        # A legend has the number of a mode, the sign of its dyad, and the name that the
+        # file gives the mode.
         legend_colours = legend_of(figure)
         both = {legend_colours["mode 0 (+, p1)"], legend_colours["mode 1 (−, p0)"]}
         assert both == set(style.MODE_COLOURS[:2])
@@ -198,11 +200,10 @@ def test_the_stereographic_map_keeps_circles(pole):
     assert np.ptp(np.linalg.norm(points - middle, axis=1)) < 1e-5
 
 
-def test_a_centre_is_an_axis_of_the_ground_and_its_sides_point_along_others():
-    """A map centred on an axis of the ground has the other two axes to the right and
-    upwards.
+def test_maps_centred_on_a_ground_axis_have_the_other_axes_to_the_right_and_upwards():
+    """The map is not mirrored, and the frame of the opposite view leads back.
 
-    The map is not mirrored, and the frame of the opposite view leads back.
+    On an equal-area map, a direction 90 degrees from the centre is at the radius sqrt(2).
     """
     for out in range(3):
         for positive in (True, False):
@@ -314,7 +315,8 @@ def test_axodes_touch_at_the_pole(pair):
     result = run_with_axodes(pair)
     # Driven at pair 41, the mechanism has no configuration at the first samples.
     first = np.argmax(np.isfinite(result.frame("poles")["ux"].to_numpy()))
-    # The file defines the modes p0 and p1 for the input 21. Another input drops the names.
+    # The file names the assembly modes p0 and p1 for the input 21. With another input,
+    # modes have numbers and signs only.
     mode_names = (
         ("0 (+, p1)", "1 (\u2212, p0)") if pair == "21" else ("0 (+)", "1 (\u2212)")
     )
@@ -326,8 +328,10 @@ def test_axodes_touch_at_the_pole(pair):
             # Axodes have a point for each of the 91 samples, other lines do not.
             curves = [line.get_xydata() for line in panel.lines]
             starts = np.array([curve[first] for curve in curves if len(curve) == 91])
+            # Both axodes begin at the pole. It is on the hemisphere of one panel; on the
+            # other panel both starts are NaN.
             if not np.isfinite(starts).all():
-                continue  # the pole is on the other hemisphere
+                continue
             assert starts.shape == (2, 2)
             angle, radius = starts.T
             assert abs(np.diff(radius * np.exp(1j * angle))[0]) < 1e-9
@@ -438,12 +442,14 @@ def elements_of(text):
 def test_pages_of_notebooks_show_plan_mechanism_and_result(four_bar):
     """In notebooks plans, mechanisms and results are shown as tables of their content."""
     mechanism = sk.load("four_bar")
-    # The plan is a table of 4 x 4 links with each pole twice: 4 axes of pairs ("x") and 2
-    # poles of the first pass ("I"). On the diagonal a link meets itself ("■").
+    # The plan is a table of 4 x 4 links with the pole axis of each two links twice: 4 axes
+    # of pairs ("x"), and 2 poles that the first pass of the Aronhold-Kennedy theorem gives
+    # ("I"). On the diagonal a link meets itself ("■").
     marks = [
         text for tag, text in elements_of(sk.plan(mechanism)._repr_html_()) if tag == "td"
     ]
     assert marks.count("x") == 8 and marks.count("I") == 4 and marks.count("■") == 4
+    # The table of pairs says that pair 21 is the input.
     assert {("td", "21"), ("td", "input")} <= {*elements_of(mechanism._repr_html_())}
     cells = elements_of(four_bar._repr_html_())
     frame = four_bar.frame("poles")
@@ -451,7 +457,8 @@ def test_pages_of_notebooks_show_plan_mechanism_and_result(four_bar):
     assert ("th", "q [rad]") in cells
     row = f"{frame['velocity_coefficient'].iloc[1]:.6g}"
     assert ("td", row) in cells
-    # Findings are list items. In both modes the output rests at two ends of its motion.
+    # Findings are list items. In each of the two modes the output rests at both ends of its
+    # motion, which makes four singularities of type I.
     assert any(tag == "li" and "4 of type I" in text for tag, text in cells)
 
 

@@ -13,25 +13,43 @@ from spherekit.display.figures.sphere_projection import EQUAL_AREA, turn_to_side
 from spherekit.geometry.vectors import unit_rows
 from spherekit.scenes.scene import Arrow, Axis, Mark, Scene, Series, SphereCurves, SphereMap
 
-OUT = np.array([0.0, 0.0, 1.0])
+MAP_MIDDLE = np.array([0.0, 0.0, 1.0])
 """Direction at the middle of a map; directions across to it are on the rim."""
-t = np.linspace(0.0, 2.0 * np.pi, 49)
-ZERO = np.zeros(len(t))
+CIRCLE_ANGLES = np.linspace(0.0, 2.0 * np.pi, 49)
+ZERO = np.zeros(len(CIRCLE_ANGLES))
 PATHS = {
-    "a great circle through the middle": np.stack([np.sin(t), ZERO, np.cos(t)], axis=1),
-    "along the rim": np.stack([np.cos(t), np.sin(t), ZERO], axis=1),
-    "along the rim, with rounding": np.stack(
-        [np.cos(t), np.sin(t), 1e-16 * np.cos(40.0 * t)], axis=1
+    "a great circle through the middle": np.stack(
+        [np.sin(CIRCLE_ANGLES), ZERO, np.cos(CIRCLE_ANGLES)], axis=1
     ),
-    "touching the rim": np.stack([np.cos(t), np.sin(t), np.cos(t) - 1.0], axis=1),
-    "from the rim inwards": np.stack([np.cos(t / 9), ZERO, -np.sin(t / 9)], axis=1),
-    "inwards to the rim": np.stack([np.sin(t / 4), ZERO, np.cos(t / 4)], axis=1),
+    "along the rim": np.stack([np.cos(CIRCLE_ANGLES), np.sin(CIRCLE_ANGLES), ZERO], axis=1),
+    "along the rim, with rounding": np.stack(
+        [
+            np.cos(CIRCLE_ANGLES),
+            np.sin(CIRCLE_ANGLES),
+            1e-16 * np.cos(40.0 * CIRCLE_ANGLES),
+        ],
+        axis=1,
+    ),
+    "touching the rim": np.stack(
+        [np.cos(CIRCLE_ANGLES), np.sin(CIRCLE_ANGLES), np.cos(CIRCLE_ANGLES) - 1.0], axis=1
+    ),
+    "from the rim inwards": np.stack(
+        [np.cos(CIRCLE_ANGLES / 9), ZERO, -np.sin(CIRCLE_ANGLES / 9)], axis=1
+    ),
+    "inwards to the rim": np.stack(
+        [np.sin(CIRCLE_ANGLES / 4), ZERO, np.cos(CIRCLE_ANGLES / 4)], axis=1
+    ),
     "one sample": np.array([[1.0, 0.0, 0.0]]),
 }
 PATHS = {name: unit_rows(path) for name, path in PATHS.items()}
 PATHS["with gaps"] = PATHS["along the rim"].copy()
 PATHS["with gaps"][[0, 7, 8, -1]] = np.nan
-TOUCHING = ("along the rim", "along the rim, with rounding", "one sample", "with gaps")
+PATHS_ALONG_RIM = (
+    "along the rim",
+    "along the rim, with rounding",
+    "one sample",
+    "with gaps",
+)
 
 
 @pytest.mark.parametrize("name", PATHS)
@@ -39,17 +57,18 @@ TOUCHING = ("along the rim", "along the rim, with rounding", "one sample", "with
 def test_an_axis_is_drawn_by_its_direction_on_the_visible_side(name, sense):
     """Of the two opposite directions of an axis, that on the visible hemisphere is drawn.
 
-    Rounding may not let it jump: a path along the rim keeps one sign. `sense` is the
-    direction in which the path is stated.
+    On the rim both directions are visible. Rounding may not let the path jump from one to
+    the other there. `sense` is the direction in which the path is stated.
     """
     path = sense * PATHS[name]
-    directions = turn_to_side(path, OUT)
+    directions = turn_to_side(path, MAP_MIDDLE)
     is_finite = np.isfinite(path[:, 0])
     assert np.array_equal(is_finite, np.isfinite(directions[:, 0]))
-    signs = np.vecdot(directions, path)[is_finite]
-    np.testing.assert_allclose(np.abs(signs), 1.0, atol=1e-12)
-    assert np.all(directions[is_finite] @ OUT >= -1e-9)
-    if name in TOUCHING:
+    # Each drawn direction is that of the path or the opposite one.
+    cosines = np.vecdot(directions, path)[is_finite]
+    np.testing.assert_allclose(np.abs(cosines), 1.0, atol=1e-12)
+    assert np.all(directions[is_finite] @ MAP_MIDDLE >= -1e-9)
+    if name in PATHS_ALONG_RIM:
         cosines_of_steps = np.vecdot(directions[1:], directions[:-1])
         assert not np.any(cosines_of_steps < 0.0)
 
@@ -96,20 +115,21 @@ def lines_of_zeros(figure):
     ],
 )
 def test_maps_over_a_grid_draw_no_reversal_of_an_axis(name, poles, grid):
-    """Over a grid, sizes of relative angular velocities are drawn, which have no sign.
+    """Over a grid, magnitudes of relative angular velocities are drawn, without a sign.
 
     The sign of a velocity coefficient depends on the direction of its axis, which cannot be
-    continuous over a grid. Sizes have "|" in the name of their figure, are not negative,
-    and have no line at zero. Axes of pairs are fixed in a link and keep their sign.
+    continuous over a grid. A figure of magnitudes has "|" in its name, as in "|w31/w21|",
+    no negative values, and no line at zero. Axes of pairs are fixed in a link and keep
+    their sign, so they have no such figure.
     """
     links = sk.load(name).links
     poles = poles or [f"{links[-1]}/{links[0]}"]
     result = sk.run(name, f"poles:only={'+'.join(poles)}", samples=grid)
-    size_figures = 0
-    for subject, figure in result.views.figures(True, 2).items():
+    magnitude_figures = 0
+    for subject, figure in result.views.figures(degrees=True, columns=2).items():
         if "velocity" not in subject or "|" not in subject:
             continue
-        size_figures += 1
+        magnitude_figures += 1
         assert not lines_of_zeros(figure)
         for panel in figure.axes:
             for artist in panel.collections:
@@ -119,15 +139,17 @@ def test_maps_over_a_grid_draw_no_reversal_of_an_axis(name, poles, grid):
                     assert not np.any(values < 0.0)
     axes_of_pairs = {frozenset(pair.links) for pair in sk.load(name).pairs}
     are_all_pairs = all(frozenset(pole.split("/")) in axes_of_pairs for pole in poles)
-    assert size_figures or are_all_pairs
+    assert magnitude_figures or are_all_pairs
 
 
 def test_sizes_over_a_grid_are_those_of_the_angular_velocities():
-    """Sizes over a grid equal `sk.evaluate` at the same inputs.
+    """Magnitudes of angular velocities over a grid are those of `sk.evaluate`.
 
-    The derivative of the size by the first input is checked by a central difference.
+    The derivative of a magnitude by the first input is checked by a central difference.
     """
     result = sk.run("five_bar", "poles:only=3/1", samples=(7, 7))
+    # The drawn series of assembly mode 0, from which figures are made. The path names the
+    # input that moves, 21, and the two links.
     series_by_path = {}
     for scene in result.views._collector.scenes():
         for primitive in scene.primitives:
@@ -158,12 +180,12 @@ def test_coefficients_along_a_path_of_two_inputs_keep_their_signs():
 
 
 def tilted_circle(radius, tilt=0.0):
-    """Return points of a small circle about OUT (radius in rad), tilted about x (rad)."""
+    """Return points of a small circle (radius in rad) about z, tilted about x (rad)."""
     points = np.column_stack(
         [
-            np.sin(radius) * np.cos(t),
-            np.sin(radius) * np.sin(t),
-            np.full(len(t), np.cos(radius)),
+            np.sin(radius) * np.cos(CIRCLE_ANGLES),
+            np.sin(radius) * np.sin(CIRCLE_ANGLES),
+            np.full(len(CIRCLE_ANGLES), np.cos(radius)),
         ]
     )
     c = np.cos(tilt)
@@ -175,19 +197,15 @@ def test_curves_on_pages_of_modes_are_drawn_for_every_mode():
     """A curve on the pages of three modes gives three figures, and one on a named page a
     fourth.
 
-    The circles of 0.2, 0.4, 0.6 and 1 rad about the middle have that radius in the map.
+    The circles of 0.2, 0.4, 0.6 and 1 rad about the middle of the map are circles there,
+    with the radius of an equal-area map.
     """
-    scenes = [
-        Scene(
-            mode,
-            (SphereCurves("c/x", "reach", [tilted_circle(0.2 + 0.2 * mode)]),),
-            (),
-            "an",
-        )
-        for mode in range(3)
-    ]
+    scenes = []
+    for mode in range(3):
+        curve = SphereCurves("c/x", "reach", [tilted_circle(0.2 + 0.2 * mode)])
+        scenes.append(Scene(mode, (curve,), source="an"))
     border = SphereCurves("c/x", "border", [tilted_circle(1.0)])
-    scenes.append(Scene("Border", (border,), (), "an"))
+    scenes.append(Scene("Border", (border,), source="an"))
     figures = plan_figures(scenes, {0: "Mode 0 (+)", 1: "Mode 1 (-)"})
     assert list(figures) == [
         "an/on the sphere, mode 0 (+)",
@@ -197,13 +215,14 @@ def test_curves_on_pages_of_modes_are_drawn_for_every_mode():
     ]
     for radius, figure in zip((0.2, 0.4, 0.6, 1.0), figures.values(), strict=True):
         (line,) = [x for x in figure.axes[0].lines if x.get_label() in ("reach", "border")]
+        # Maps have polar axes, so y is the radius.
         np.testing.assert_allclose(line.get_ydata(), EQUAL_AREA.radius(radius), atol=1e-9)
 
 
 def drawn_figures():
-    """Yield figures with round panels of many kinds.
+    """Yield groups of figures with maps of a hemisphere, to test where titles are drawn.
 
-    They have one and two columns, legends, maps, and up to five panels.
+    They have one and two columns, legends, colours, and up to five maps.
     """
     small_circle, large_circle = tilted_circle(0.3, 0.4), tilted_circle(1.4)
     marks = [Mark("a mark with a long name", np.array([0.0, 0.6, 0.8]), 2)]
@@ -211,12 +230,14 @@ def drawn_figures():
     far = SphereCurves("c", "border", [large_circle, -small_circle], 1, marks)
     points = np.concatenate([tilted_circle(r) for r in (0.2, 0.5, 0.8)])
     colours = SphereMap("m", "margin", points, np.zeros((0, 3), int), points[:, 2], "")
-    arrows = [
-        Arrow(f"p{k}", f"P{k}1", tilted_circle(1.2, 0.2 * k), False, True) for k in range(5)
-    ]
-    axis = (Axis("q", "rad", t),)
+    arrows = []
+    for k in range(5):
+        directions = tilted_circle(1.2, 0.2 * k)
+        arrows.append(Arrow(f"p{k}", f"P{k}1", directions, primary=False))
+    axis = (Axis("q", "rad", CIRCLE_ANGLES),)
     for columns, parts in ((1, [plain]), (2, [plain]), (2, [far]), (2, [plain, colours])):
-        yield plan_figures([Scene("Page", tuple(parts), (), "an")], {}, columns=columns)
+        scene = Scene("Page", tuple(parts), source="an")
+        yield plan_figures([scene], {}, columns=columns)
     for columns, count in ((2, 1), (1, 3), (2, 5)):
         scenes = [Scene(k, tuple(arrows[:count]), axis, "an") for k in range(2)]
         yield plan_figures(scenes, {}, columns=columns)
@@ -224,7 +245,10 @@ def drawn_figures():
 
 @pytest.mark.slow
 def test_titles_of_round_panels_are_inside_their_figures():
-    """Titles are inside their figure and do not overlap names of directions on the rim."""
+    """Titles are inside their figure and do not overlap names of directions on the rim.
+
+    Some panels have no title. The count at the end makes sure that titles were tested.
+    """
     title_count = 0
     figures = [figure for group in drawn_figures() for figure in group.values()]
     for figure in figures:

@@ -42,6 +42,7 @@ def cone_half_angles(text):
 
 def steps_of_second_gear(text):
     """Return the steps (rad, -pi to pi) of the second gear for 60 deg of the first."""
+    # One revolution of the first gear in six steps.
     motion = sk.trace(loads(text), samples=7)
     assert np.all(motion.status == sk.Status.OK)
     return np.angle(np.exp(1j * np.diff(motion.values[:, 1])))
@@ -65,7 +66,9 @@ def test_cones_roll_by_the_ratio_of_the_sines_of_their_half_angles(
     """One or both half angles (deg) are stated; the shaft angle says the second one.
 
     Cones turn in opposite senses in external contact and in the same in internal contact.
+    Each step of the first gear is 60 deg.
     """
+    # The file has a shaft angle of 75 deg and the half angles 30 and 45 deg.
     text = replace_passages(CONES, "75.0", f"{shaft_angle}.0", "[30.0, 45.0]", stated)
     text = text.replace('type = "Cr"', f'type = "Cr"\ncontact = "{contact}"')
     assert np.allclose(cone_half_angles(text), expected, rtol=0, atol=1e-13)

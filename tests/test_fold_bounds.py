@@ -42,10 +42,13 @@ def check_angles_at_singularities(mechanism, path):
     rows = motion.rows(row_numbers)
     bound = rows.configuration_error
     assert np.all(bound <= MAX_SINGULAR_ANGLE_ERROR_RAD)
+    # Deviations from the exact solution at the input of the row, infinite if there is none.
     deviation = deviations(rows)
     has_root = np.isfinite(deviation)
     assert np.all(deviation[has_root] <= bound[has_root])
     if not np.all(has_root):
+        # The same from the solution at the nearest input that has one, and the distance of
+        # this input in units of its rounding error.
         deviation, roundings = deviations_with_free_inputs(rows.rows(~has_root))
         assert np.all(deviation <= bound[~has_root])
         assert np.all(roundings <= MOST_ROUNDINGS)
@@ -62,15 +65,17 @@ def check_angles_at_singularities(mechanism, path):
     ],
 )
 def test_angles_at_folds_are_within_their_bounds_or_missing(seeds, least_rows):
-    """Inputs are placed beside folds of random mechanisms, where two modes meet.
+    """Inputs are placed beside folds of random mechanisms.
 
-    `least_rows` is a lower limit on the number of compared rows, so that the test cannot
-    pass by leaving out all angles.
+    At a fold links are in line, and two assembly modes meet. `least_rows` is a lower limit
+    on the number of compared rows, so that the test cannot pass by leaving out all angles.
     """
     compared_rows = 0
     for seed in seeds:
         kind, mechanism = folding_mechanism(seed)
-        if kind == "contact":  # hundreds of modes, most of which are alike
+        # Special mechanisms with a cam beside them have hundreds of modes, which would take
+        # long. Most of these modes are alike.
+        if kind == "contact":
             continue
         try:
             path = inputs_beside_folds(mechanism, seed)

@@ -45,6 +45,10 @@ def evaluate_terms(made, expressions, motion, mode_values, sizes=None):
 
     Parameters
     ----------
+    made
+        Formulas of a mechanism, with their symbols and tables.
+    expressions
+        Terms of these formulas.
     motion, mode_values, sizes
         (k, n) or (k, 1) values of the variables of formulas: inputs and rates, signs or
         joint angles of the mode, and numbers of the file (default: those of the file).
@@ -56,7 +60,9 @@ def evaluate_terms(made, expressions, motion, mode_values, sizes=None):
         [np.broadcast_to(x, (len(x), n)) for x in (motion, mode_values, sizes)]
     )
     terms = [variable for kind in made.variables for variable in kind]
-    # Profiles are tables over the arc length s; beyond their ends they have no values.
+    # Profiles are tables: functions that are stored as series over the arc length s, the
+    # variable `table.of`. They are NaN beyond the ends of an open profile. The symbols
+    # `table.terms` stand for the functions.
     table_columns = []
     for table in made.tables:
         edges = table.series.edges
@@ -81,7 +87,12 @@ def evaluate_step(made, *columns):
 
 
 def accepted_keys(mechanism_or_name):
-    """Return keys of sizes, of a mass and of springs that formulas accept as arguments."""
+    """Return keys of sizes, of a mass and of springs that formulas accept as arguments.
+
+    A key names a number of the mechanism file. Which of them are accepted depends on the
+    mechanism, so all candidates are tried with formulas of the inputs ("q*"). At most four
+    sizes are taken, which keeps the formulas short.
+    """
     document = document_of(mechanism_or_name)
     mechanism = mechanism_or_name
     if isinstance(mechanism, str):
@@ -128,8 +139,9 @@ def random_arguments(made, seed=1):
 def test_sources_return_the_values_of_their_symbolic_terms(name, tmp_path):
     """Compiled sources in every language agree with their terms evaluated by NumPy.
 
-    C may differ by 4 units of the last place. Other languages and profiles may differ by
-    1e-14 or by 100 times the change of results when arguments change by one unit.
+    C may differ by 4 units of the last place. Other languages, and mechanisms with contact
+    profiles, whose series are stored as tables, may differ by 1e-14 or by 100 times the
+    change of results when arguments change by one unit.
     """
     mechanism = with_input(name)
     made = formulas(mechanism, vary=accepted_keys(mechanism))
@@ -139,6 +151,7 @@ def test_sources_return_the_values_of_their_symbolic_terms(name, tmp_path):
     shaken_arguments = [
         x * (1.0 + 2e-16 * rng.choice([-1.0, 1.0], x.shape)) for x in arguments
     ]
+    # Without steps of Newton's method, modes are selected by signs of dyads.
     if not made.step:
         shaken_arguments[1] = arguments[1]  # signs stay as they are
     sensitivity = np.abs(evaluate_results(made, *shaken_arguments) - expected)
@@ -170,10 +183,12 @@ def test_sources_return_the_values_of_their_symbolic_terms(name, tmp_path):
     ],
 )
 def test_arguments_are_numbers_of_the_file(name, keys):
-    """Arguments for numbers give the results of the file in which they are changed.
+    """Changing numbers by arguments or in the file gives the same results.
 
-    The values are 0.99 to 1.01 times those of the file. Inertia follows arcs where the
-    file states masses by them.
+    Formulas with some numbers of the file as arguments are compared with formulas of a file
+    in which these numbers are changed. The values are 0.99 to 1.01 times those of the file.
+    A file may state the mass of a link as that of a bar along its arc: inertia then changes
+    with the arc. "B*" are the equivalent inertia and its derivatives.
     """
     document = document_of(name)
     variables = [design_variable(document, key) for key in keys]
@@ -190,6 +205,7 @@ def test_arguments_are_numbers_of_the_file(name, keys):
     units = np.where([size.unit == "rad" for size in made.sizes], np.pi / 180.0, 1.0)
     sizes = (units * values)[:, None]
     results = evaluate_results(made, motion, mode_values, sizes)
+    # In some random rows the loops do not close. They are NaN in both results.
     assert np.mean(np.isfinite(expected)) > 0.5
     assert results == pytest.approx(expected, rel=1e-11, abs=1e-12, nan_ok=True)
 
@@ -203,6 +219,7 @@ def test_formulas_have_the_angles_and_coefficients_of_evaluate(name):
     made = formulas(name, ["theta_*", "velocity_coefficient_*"])
     links = sk.load(name).links
     for mode in made.modes:
+        # `at` are the inputs of a configuration of the mode, `values` select the mode.
         q = mode.at[0] + np.linspace(-0.05, 0.05, 5)
         evaluated = sk.evaluate(name, q, assembly_mode=mode.number)
         mode_values = np.reshape(mode.values, (-1, 1))
@@ -212,7 +229,8 @@ def test_formulas_have_the_angles_and_coefficients_of_evaluate(name):
                 gap = np.exp(1j * values) - np.exp(1j * evaluated.variable(key))
                 assert np.max(np.abs(gap)) < 1e-12
                 continue
-            # velocity_coefficient_LINK_LINK
+            # velocity_coefficient_LINK_LINK. Names of links may contain "_"; results that
+            # cannot be split into two links are not compared.
             first, second = key.removeprefix("velocity_coefficient_").split("_")[:2]
             if first in links and second in links:
                 earlier, later = sorted((first, second), key=links.index)

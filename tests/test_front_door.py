@@ -68,7 +68,9 @@ def test_a_changed_arc_gives_the_motion_of_the_closed_form(assembly_mode):
         return four_bar_coefficients(q, arcs, mode)[1]
 
     expected = rocker_coefficient(q)
+    # The derivative of the angle of pair 41 by the input, with the sign of the angle.
     assert rows.variable_coefficient("41") == pytest.approx(expected, abs=1e-11)
+    # The velocity coefficient has the sign of its axis, which may be the opposite one.
     axis = four_bar_axes(q, arcs, mode)["41"]
     sign = np.sign(np.sum(rows.direction("41") * axis, axis=1))
     assert rows.velocity_coefficient("4/1") * sign == pytest.approx(expected, abs=1e-11)
@@ -116,8 +118,9 @@ def test_many_inputs_at_once_have_the_rows_of_a_run(name):
 def test_one_input_alone_has_the_values_of_its_row_among_many(name):
     """Each row of many inputs equals the row of its input alone.
 
-    Alone, a pole has the sign that the first sample of its mode would have; among many the
-    sign is continued along the rows of a mode.
+    An axis has two directions, so a pole may have the opposite sign. The sign is chosen in
+    the first sample of a mode, and continued along its further rows. In sample 0 it is
+    therefore the same as alone.
     """
     mechanism = sk.load(name)
     q = np.linspace(*PositionAnalysis(mechanism).range, 7)
@@ -205,7 +208,8 @@ def test_a_mechanism_without_a_file():
 def test_a_mechanism_built_by_axes_stands_in_its_pose_at_zero():
     """Axes by longitude and latitude (deg) or components are those of the built mechanism.
 
-    In the pose of the axes the rotation of every link is the identity.
+    In the pose of the axes the rotation of every link is the identity. `with_sizes` changes
+    axes, and values: the angles of pairs in that pose.
     """
     links = ["base", "crank", "coupler", "rocker"]
     lonlat = {"drive": (0, 90), "tip": (90, 70), "joint": (20, 15), "hinge": (70, 30)}
@@ -341,12 +345,17 @@ def test_objects_show_themselves_in_a_line():
 def test_the_example_in_the_help_of_the_package_runs(tmp_path, monkeypatch, capsys):
     """The lines of the help of `spherekit` run as they stand.
 
-    Coefficients are those of the closed form; figure and recording are written.
+    They evaluate a four-bar with a crank of 25 deg at one input (`here`) and at 50 inputs
+    (`turn`). They also build a mechanism (`made`), simulate one (`falling`), and run an
+    analysis (`result`). Coefficients are those of the closed form; figure and recording are
+    written.
     """
     pytest.importorskip("matplotlib")
     monkeypatch.chdir(tmp_path)
     names = {}
     exec(sk.__doc__[sk.__doc__.index("import numpy") :], names)
+    # A row of the printed plan of poles: link 1 with itself, with links 2 and 4 by pairs,
+    # and with link 3 by the first pass of the construction.
     assert "1  ■  x  I  x" in capsys.readouterr().out
     row, rows, arcs = names["here"], names["turn"], arcs_with_crank(math.radians(25.0))
     expected_at_rows = four_bar_coefficients(rows.q, arcs, closed_form_mode(rows, arcs))[1]

@@ -251,10 +251,12 @@ def sweep():
 def test_damaged_files_of_a_finished_sweep_are_refused_or_read_unchanged(
     sweep, file, count, tmp_path
 ):
-    """Tables are stored in Parquet files of several designs, facts in `_sweep.json`.
+    """Tables are stored in Parquet files of several designs, the rest in `_sweep.json`.
 
-    Damage includes a Parquet file that another program has written. A sweep over the same
-    folder reads what is stored and computes nothing.
+    `_sweep.json` states what was computed and with which options. Damage includes a Parquet
+    file that another program has written. A sweep over the same folder reads what is stored
+    and computes nothing. `count` is the number of changes per archive; here half
+    of them are made for each file.
     """
     run_sweep(sweep, tmp_path)
 
@@ -265,6 +267,8 @@ def test_damaged_files_of_a_finished_sweep_are_refused_or_read_unchanged(
 
     if file == "_sweep.json":
         path = tmp_path / file
+        # Changes are made in turn, so valid JSON with odd values occurs twice as often as
+        # any other change.
         changes = [*BYTE_CHANGES, rewrite_json, rewrite_json]
     else:
         path = tmp_path / file / "part-000000.parquet"
@@ -307,7 +311,8 @@ def test_resuming_from_damaged_files_gives_the_same_rows_or_is_refused(
 ):
     """A run is interrupted, one of its files is damaged, and the run is resumed.
 
-    `journal.json` says which blocks are finished; the Parquet file holds their rows.
+    `journal.json` says which blocks are finished; the Parquet file holds their rows. Half
+    of `count` changes are made for each file.
     """
     stopped_folder = tmp_path / "stopped"
     resumed_folder = tmp_path / "again"
@@ -330,7 +335,8 @@ def test_resuming_from_damaged_files_gives_the_same_rows_or_is_refused(
                 "four_bar", "poles", folder=resumed_folder, unfinished="resume", **options
             )
         except SpherekitError as error:
-            # The message names the copied folder; the check looks for the file's name.
+            # A message has to name the damaged file. Here the file was copied to another
+            # folder before it was read, so its name is added.
             error.args = (f"{error} {file}",)
             raise
         return run.frame().to_csv()
