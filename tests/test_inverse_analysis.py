@@ -50,12 +50,14 @@ def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
 
     Rates of inputs by outputs come from inverting the velocities of the output, and the
     type II measure is the least misfit of the velocity equations of all links with the
-    inputs locked (`oracles.velocity_equations`).
+    inputs locked (`oracles.velocity_equations`). Only configurations that are not near a
+    singularity of type I or II are compared.
     """
     mechanism = solver.mechanism
     output = solver.output
     pairs = range(len(mechanism.pairs))
     poses = poses_for(solver, 60)
+    # The inputs of all poses in all working modes, a row for each.
     rows = solver.inverse(poses, solver.labels, pairs)
     is_regular = np.asarray(rows.status == sk.Status.OK)
     is_regular &= rows.type_1.min(axis=1) > LEAST_MEASURE
@@ -67,8 +69,10 @@ def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
 
     position_solver = ForwardKinematics(mechanism).solver
     output_velocities = output_rates(make_motion(position_solver, values), output)
+    # An output that points is a direction. Others are orientations.
     directions = poses[rows.pose[is_regular]] if solver.points else None
     rates, type_1 = invert_output_rates(output_velocities, directions)
+    # Forward velocities may be missing (NaN), but only in few rows.
     is_finite = np.isfinite(output_velocities).all(axis=(1, 2))
     assert np.mean(is_finite) > 0.9
     size = np.max(np.abs(expected_rates[is_finite]), axis=(1, 2))
@@ -85,7 +89,12 @@ def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
         if directions is not None:
             direction = closed.rotations[k, base] @ directions[k]
         misfit = least_misfit(
-            mechanism.ends, closed.vectors[k], position_solver.driven, link, base, direction
+            mechanism.ends,
+            closed.vectors[k],
+            position_solver.driven,  # numbers of the variables of the inputs
+            link,
+            base,
+            direction,
         )
         assert abs(rows.type_2[is_regular][k] - misfit) < 1e-12
 
@@ -94,12 +103,14 @@ def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
 def test_forward_of_inverse_names_the_working_mode(name):
     """Forward kinematics of the inputs for a pose lists the pose with its working mode.
 
-    A working mode has a sign per leg. Inputs are given in radians as text.
+    A working mode has a sign for each leg, the chain of links from an input to the output.
+    Inputs are given in radians as text.
     """
     solver = output_kinematics(sk.load(name))
     directions = spiral_directions(40)
     rows = solver.inverse(directions, solver.labels)
     is_regular = (rows.status == sk.Status.OK) & (rows.type_2 > LEAST_MEASURE)
+    # There are rows of several working modes for each direction. The first 40 are taken.
     chosen = np.flatnonzero(is_regular)[:40]
     input_texts = []
     for inputs in rows.inputs[chosen].tolist():
@@ -108,6 +119,8 @@ def test_forward_of_inverse_names_the_working_mode(name):
     result, findings = found_in(name, poses="+".join(input_texts), unit="rad")
     assert findings["inputs"] == len(chosen)
     table = result.frame("inverse_kinematics", "forward")
+    # Positions of the signs of the driven legs in the label of a working mode. A mid-plane
+    # symmetric architecture (`form`) also has a leg that is not driven.
     legs = list(solver.form.plane.driven) if solver.form else [0, 1]
     for number, row in enumerate(chosen):
         solutions = table[table["pose"] == number]
@@ -135,13 +148,16 @@ def test_phi_and_gamma_of_the_paper():
 def test_derivatives_of_phi_and_gamma_by_differences():
     """Derivatives of the mid-plane's angles by the inputs agree with central differences.
 
-    In every working mode the forward kinematics is evaluated 1e-6 rad beside each input.
+    Base and output link of this mechanism are mirror images in a plane, the mid-plane,
+    which the angles phi and gamma describe. In every working mode the forward kinematics is
+    evaluated 1e-6 rad beside each input.
     """
     step = 1e-6
     result, _ = found_in("two_dof_spm", poses="phi=40+gamma=9")
     solver = output_kinematics(sk.load("two_dof_spm"))
 
     def phi_and_gamma(inputs):
+        # At given inputs there are two configurations, with the same direction.
         solutions = solver.forward(inputs[None])
         return [angle[0] for angle in solver.form.angles_to(solutions.directions[:1])[:2]]
 
@@ -177,8 +193,8 @@ def test_remarks_list_the_configurations_at_each_set_of_inputs():
 def test_columns_of_a_file_state_an_orientation_in_five_ways(tmp_path):
     """Quaternion, rotation vector, tilt and torsion, or a matrix give the same inputs.
 
-    SciPy computes them from one rotation. Columns may be in any order, and others are
-    ignored.
+    The fifth way is a quaternion with its columns in another order. SciPy computes the
+    numbers from one rotation. Other columns, such as a note, are ignored.
     """
     rotation = Rotation.from_euler("ZYZ", [0.5, 0.7, -1.4])
     x, y, z, w = rotation.as_quat()
@@ -187,7 +203,8 @@ def test_columns_of_a_file_state_an_orientation_in_five_ways(tmp_path):
         "qx,qy,qz,qw": [x, y, z, w],
         "qz,qy,qx,qw": [z, y, x, w],
         "rx,ry,rz": rotation.as_rotvec(),
-        "azimuth,tilt,torsion": [0.5, 0.7, -0.9],
+        # The Euler angles ZYZ are azimuth, tilt, and torsion less azimuth.
+        "azimuth,tilt,torsion": [0.5, 0.7, 0.5 - 1.4],
         "r11,r12,r13,r21,r22,r23,r31,r32,r33": rotation.as_matrix().ravel(),
     }
     path = tmp_path / "poses.csv"
@@ -273,10 +290,11 @@ def test_forward_of_one_freedom():
 
 
 def test_rows_out_of_reach_offer_the_nearest_pose():
-    """A direction out of reach has NaN inputs, a negative margin, and the nearest
-    direction.
+    """A direction out of reach has NaN inputs and a negative margin.
 
-    The nearest direction can be reached, and `away` is its angle (rad) to the wanted one.
+    The margin is the angle (rad) that is left to the limit of the reach of a leg, whose
+    name begins with "axes". The row also has the nearest direction that can be reached, and
+    `away` is its angle (rad) to the wanted one.
     """
     mechanism = sk.load("five_bar")
     result, findings = found_in(
@@ -285,14 +303,15 @@ def test_rows_out_of_reach_offer_the_nearest_pose():
     table = result.frame()
     unreached = table[table["status"] == "OUT_OF_REACH"]
     assert unreached[["q_21", "q_51", "rate_x_21", "type_2"]].isna().all(axis=None)
-    assert (unreached["margin"] < 0.0).all() and unreached["limiting"].str.startswith(
-        "axes"
-    ).all()
+    assert (unreached["margin"] < 0.0).all()
+    assert unreached["limiting"].str.startswith("axes").all()
     nearest = unreached[["near_x", "near_y", "near_z"]].to_numpy(float)
     cosine = np.sum(nearest * unreached[["x", "y", "z"]].to_numpy(float), axis=1)
     assert len(unreached) and np.max(np.abs(np.arccos(cosine) - unreached["away"])) < 1e-7
     rows = output_kinematics(mechanism).inverse(nearest, ["++"])
-    assert np.all(rows.margin >= 0.0) and findings["limits"]
+    assert np.all(rows.margin >= 0.0)
+    # The summary lists the names of all limits.
+    assert findings["limits"]
 
 
 def test_nearest_orientation_is_inside():
@@ -310,13 +329,15 @@ def test_nearest_orientation_is_inside():
 def test_the_scene_shows_the_number_of_solutions_of_each_pose(how):
     """A window of directions is drawn as a mesh, a list as points, coloured by solutions.
 
-    A window of 36 x 18 directions has 2 x 35 x 17 triangles.
+    A window of 36 x 18 directions has 2 x 35 x 17 triangles. Another page of the recording,
+    "Measure", shows the angle to the nearest singularity.
     """
     scene_listener = SceneListener()
     if how == "window":
         text = "azimuth:0:350:36+tilt:5:175:18"
     else:
         text = "azimuth=10+tilt=20+azimuth=60+tilt=70+azimuth=10+tilt=179"
+    # The nearest poses of those out of reach are not searched, which saves time.
     analysis = f"inverse_kinematics:{how}={text},nearest=0"
     result = sk.run(
         sk.load("five_bar"), [analysis], samples=2, search=False, recorder=scene_listener
@@ -354,7 +375,9 @@ def test_closed_form_rows_equal_those_of_the_graph_of_links(name):
     """The closed form has the rows of the position analysis of all links.
 
     The second way solves loops and velocity equations of the whole graph of links. Rows are
-    sorted by pose and working mode before they are compared.
+    sorted by pose and working mode before they are compared. ``type_2`` is the transmission
+    measure, which is 0 at a singularity of type II. A pose without a solution has one row
+    without a working mode.
     """
     closed_form = output_kinematics(sk.load(name))
     graph = GraphKinematics(closed_form.kinematics)
@@ -362,6 +385,7 @@ def test_closed_form_rows_equal_those_of_the_graph_of_links(name):
     pairs = range(len(closed_form.mechanism.pairs))
 
     def solved_rows(kinematics):
+        """Return the rows with a solution, sorted, and the rows without one."""
         rows = kinematics.inverse(poses, kinematics.labels, pairs)
         order = [k for k in np.lexsort((rows.mode, rows.pose)) if rows.solved[k]]
         return rows.rows(np.array(order)), rows.rows(~rows.solved)

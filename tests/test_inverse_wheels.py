@@ -169,11 +169,11 @@ def geared_gimbal(has_roll):
 def test_closed_form_inverse_kinematics_match_the_general_solver(mechanism_name, wrist):
     """The closed form (by dyads) agrees with the numerical solver for any graph of links.
 
-    The closed form has two solutions for each pose. A solution of the general solver may
-    have inputs that differ by whole turns of the wheels. Therefore only half of the
-    solutions, as many as there are poses, must have equal inputs (rad). These must have
-    equal pair rates and measures of singularities of types I and II. Forward kinematics of
-    the closed form must lead back to all poses.
+    The closed form has two solutions for each pose. Inputs that differ by whole turns of
+    the wheels can lead to the same pose, and both solvers may choose other ones. Therefore
+    only as many solutions as there are poses, half of all, must have equal inputs (rad).
+    These must have equal pair rates and measures of singularities of types I and II.
+    Forward kinematics of the closed form must lead back to all poses.
     """
     if mechanism_name == "differential":
         mechanism = wrist
@@ -186,12 +186,13 @@ def test_closed_form_inverse_kinematics_match_the_general_solver(mechanism_name,
     if closed_form.points:  # the output is a direction, not a pose
         poses = spiral_directions(6)
     else:
+        # Orientations from four triples of azimuth, tilt and torsion.
         poses = from_tilt_torsion(TILT_TORSION_RAD[:4])
     all_pairs = range(len(mechanism.pairs))
     solutions = closed_form.inverse(poses, closed_form.labels, all_pairs)
     references = general.inverse(poses, general.labels, all_pairs)
     assert len(solutions) == 2 * len(poses)
-    assert np.all(solutions.status == 0)
+    assert np.all(solutions.status == sk.Status.OK)
 
     matched = 0
     for k in range(len(solutions)):

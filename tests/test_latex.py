@@ -87,8 +87,10 @@ def is_vector(x):
 def evaluate_tree(node, values):
     """Return the value of a tree, a number or a vector, for values of its symbols.
 
-    Between vectors a division stands for the cross product (see the module docstring), and
-    a product for the scalar one.
+    SymPy cannot read formulas with vectors. The test has therefore written a division for
+    each cross product, which has its own place in the tree of SymPy. Between vectors a
+    division stands for the cross product here, and a product for the scalar one. A matrix
+    of three columns, such as an inertia tensor, is multiplied by the factor to its right.
     """
     if node.is_Symbol:
         return values[node.name]
@@ -99,18 +101,17 @@ def evaluate_tree(node, values):
         for factor in node.args:
             inverse = factor.is_Pow and factor.exp == -1
             part = evaluate_tree(factor.base if inverse else factor, values)
+            has_two_vectors = is_vector(product) and is_vector(part)
             if is_vector(product) and product.cols == 3:
                 product = product * part
-            elif is_vector(part):
-                has_two_vectors = is_vector(product)
-                if has_two_vectors and not inverse:
-                    product = (product.T * part)[0]
-                else:
-                    product = (
-                        cross_product(product, part) if has_two_vectors else product * part
-                    )
+            elif has_two_vectors and inverse:
+                product = cross_product(product, part)
+            elif has_two_vectors:
+                product = (product.T * part)[0]
+            elif inverse and not is_vector(part):
+                product = product / part
             else:
-                product = product / part if inverse else product * part
+                product = product * part
         return product
     parts = [evaluate_tree(x, values) for x in node.args]
     if node.is_Add:
@@ -119,17 +120,19 @@ def evaluate_tree(node, values):
         return mpmath.power(*parts)
     if isinstance(node, sympy.Abs) and is_vector(parts[0]):
         return mpmath.norm(parts[0])
-    return getattr(mpmath, {"Abs": "fabs"}.get(node.func.__name__, node.func.__name__))(
-        *parts
-    )
+    # A function, which has the same name in mpmath, except for the absolute value.
+    name = node.func.__name__
+    function = mpmath.fabs if name == "Abs" else getattr(mpmath, name)
+    return function(*parts)
 
 
 def evaluate_document(text, given):
     """Return the values of all symbols of a document, by symbol.
 
-    `given` holds the values that are not printed: inputs, their rates, time and signs. The
-    printed formulas are evaluated in their order, in 40 digits. The formula of a column
-    is evaluated row by row.
+    The document has values of some symbols, and formulas for the others. `given` has the
+    values that are not printed: inputs, their rates, time and signs. The formulas are
+    evaluated in their order, in 40 digits. A formula that is a column vector has one entry
+    per row, and each entry is evaluated by itself.
     """
     with mpmath.workdps(40):
         values = {**printed_values(text), **given}
@@ -141,7 +144,8 @@ def evaluate_document(text, given):
     )
 
     def evaluate_formula(formula):
-        # SymPy cannot read the printed symbols (see the module docstring): number them.
+        """Return the value of a formula, a number or a vector."""
+        # SymPy cannot read symbols such as \mathbf{u}_{31}'. They are numbered: x_{1}, ...
         numbered_symbols = {}
         numbered_formula = symbol_pattern.sub(
             lambda match: numbered_symbols.setdefault(
@@ -231,7 +235,22 @@ def largest_deviation(mechanism, text, evaluation, dynamics, row):
     """Return the largest deviation of a document's values from the engine's, at one row.
 
     Angles of pairs, poles, coefficients and their derivatives, and torques are compared. A
-    pole and its coefficient may change sign together.
+    pole and its coefficient may change sign together. The printed symbols are
+
+    - ``\\theta_{ji}``: the angle of a pair,
+    - ``\\mathbf{u}_{ji}``: the axis of a pole, a unit vector. Without an exponent it is the
+      axis of a pair; the exponent ``(k)`` is the number of the moving input,
+    - ``m_{ji}``: the velocity coefficient of a pole,
+    - ``\\mathbf{w}_{j}``: the angular velocity of a link.
+
+    Parameters
+    ----------
+    mechanism, text
+        The mechanism and its document.
+    evaluation, dynamics
+        The results of the engine; `dynamics` is None without masses.
+    row
+        The row that is compared.
     """
     inputs = evaluation.input_pairs
     has_one_input = len(inputs) == 1
@@ -241,6 +260,8 @@ def largest_deviation(mechanism, text, evaluation, dynamics, row):
         q, dq, ddq = LAWS[k].at(TIMES[[evaluation.sample[row]]])
         for letter, value in zip(("q", r"\dot{q}", r"\ddot{q}"), (q, dq, ddq), strict=True):
             given[letter + end] = mpmath.mpf(value.item())
+    # The document defines the sign of a dyad as that of the triple product of three pole
+    # axes. Groups 1 to 4 of a match are the two links of a pole, in one of two spellings.
     for sign, axes in SIGN.findall(text):
         names = ("/".join(filter(None, x[1:5])) for x in POLE.findall(axes))
         triple = [evaluation.direction(name, inputs[0])[row] for name in names]
@@ -257,7 +278,9 @@ def largest_deviation(mechanism, text, evaluation, dynamics, row):
             deviations.append(np.sin(0.5 * (theta - evaluation.variable(pair.name)[row])))
     for symbol, pole, k, value in printed_poles(values):
         pole_axis = evaluation.direction(pole, inputs[k])[row]
-        if "^" not in symbol:  # an axis of a pair, which may not move by the first input
+        # The axis of a pair is printed without an input. It is NaN in the results of inputs
+        # that do not move the pair, so the first input that does is taken.
+        if "^" not in symbol:
             pole_axis = next(
                 filter(is_finite, (evaluation.direction(pole, x)[row] for x in inputs))
             )
@@ -288,12 +311,13 @@ def largest_deviation(mechanism, text, evaluation, dynamics, row):
 @pytest.mark.many
 @pytest.mark.parametrize("number", range(12))
 def test_printed_formulas_give_what_the_engine_gives(number):
-    """Printed formulas, read by SymPy and evaluated in 40 digits, give the engine's
-    numbers.
+    """Printed formulas, evaluated in 40 digits, give the numbers of the engine.
 
-    The mechanisms (see `mechanisms`) are chains of dyads, as shipped and with other sizes.
+    SymPy reads the formulas. The mechanisms (see `mechanisms`) are chains of dyads, as
+    shipped and with other sizes, with one or two inputs.
     """
-    mechanism = [*mechanisms(np.random.default_rng(number))][number]
+    all_mechanisms = list(mechanisms(np.random.default_rng(number)))
+    mechanism = all_mechanisms[number]
     text = latex(mechanism)
     has_several_inputs = len(mechanism.inputs) > 1
     laws = (
@@ -302,9 +326,12 @@ def test_printed_formulas_give_what_the_engine_gives(number):
         else LAWS[0]
     )
     dynamics = sk.inverse_dynamics(mechanism, laws, TIMES) if mechanism.masses else None
+    # (times, 2) both laws; a single input follows the first one.
     inputs = np.stack([law.at(TIMES)[0] for law in LAWS], axis=1)
     evaluation = sk.evaluate(mechanism, inputs if has_several_inputs else inputs[:, 0])
     rows = np.flatnonzero(evaluation.status == sk.Status.OK)
+    # There is a row for each of the three times and each assembly mode. Some may be out of
+    # reach.
     assert len(rows) >= 4
     deviations = [
         largest_deviation(mechanism, text, evaluation, dynamics, row) for row in rows
@@ -313,15 +340,29 @@ def test_printed_formulas_give_what_the_engine_gives(number):
 
 
 def four_bar_of_the_paper(q, p):
-    """Return the quantities of the four-bar that Di Gregorio 2024 prints, eqs. (15),
-    (22)-(26).
+    """Return the quantities of the four-bar in a paper, eqs. (15) and (22)-(26).
 
-    `q` is the input (rad), `p` (0 or 1) the assembly mode. Returned are theta_41, unit
-    vectors, velocity coefficients, and the parts of the effective inertia by link.
+    The paper is R. Di Gregorio, Mechanism and Machine Theory, 2024, 105720 (the source of
+    the shipped four-bar). The names of variables follow it.
+
+    Parameters
+    ----------
+    q
+        The input (rad), the angle of link 2 relative to link 1.
+    p
+        The assembly mode, 0 or 1: the exponent in the sign of the root.
+
+    Returns
+    -------
+    Angle theta_41 (rad), unit vectors and velocity coefficients by their names, and the
+    parts of the effective inertia of links 2, 3 and 4. A part is the squared velocity
+    coefficient times the moment of inertia about the axis of the link's rotation.
     """
+    # Arcs of the links 1 to 4: 60, 20, 70 and 40 degrees.
     a1, a2, a3, a4 = (mpmath.pi / x for x in (3, 9, mpmath.mpf(18) / 7, mpmath.mpf(9) / 2))
     sin, cos = mpmath.sin, mpmath.cos
     i1, j1, k1 = (mpmath.matrix(row) for row in np.eye(3).tolist())
+    # The coefficients of the closure equation, and its root theta_41.
     c0 = cos(a4) * (cos(q) * sin(a2) * sin(a1) + cos(a1) * cos(a2)) - cos(a3)
     c1 = sin(q) * sin(a2) * sin(a4)
     c2 = sin(a4) * (cos(q) * sin(a2) * cos(a1) - sin(a1) * cos(a2))
@@ -353,8 +394,9 @@ def four_bar_of_the_paper(q, p):
     for frame, m, u, tensor in zip(
         frames, (1, m3, m4), (u21, u31, u41), masses.values(), strict=True
     ):
-        seen = mpmath.matrix([dot(axis, u) for axis in frame])
-        parts.append(m**2 * dot(seen, tensor * seen))
+        # The axis of rotation in the axes of the link, as the inertia tensor is.
+        axis_in_link = mpmath.matrix([dot(axis, u) for axis in frame])
+        parts.append(m**2 * dot(axis_in_link, tensor * axis_in_link))
     vectors = {"u_{32}": u32, "u_{43}": u43, "u_{31}": u31, "u_{42}": u42, "i_{3}": i3}
     vectors |= {"i_{4}": i4, "t^{2}_{21}": j2, "j_{3}": frames[1][1], "j_{4}": frames[2][1]}
     return theta, vectors, {"m_{31}": m3, "m_{41}": m4}, parts
@@ -362,9 +404,12 @@ def four_bar_of_the_paper(q, p):
 
 @pytest.mark.parametrize("p", [0, 1])
 def test_the_four_bar_of_the_paper_term_by_term(p):
-    """Each printed quantity of the four-bar has the value of the paper's formula.
+    """Each printed quantity of the four-bar has the value of the formula in its source.
 
-    Derivatives are numerical, in 40 digits. The torque is that of Eksergian's equation.
+    The source is Di Gregorio 2024 (see `four_bar_of_the_paper`). Derivatives are numerical,
+    in 40 digits. The torque is that of Eksergian's equation. The loads are those of the
+    shipped file: torques -sin(q) and -5 sin(theta_41), and viscous friction of 2 N m s/rad,
+    at the pairs 21 and 41.
     """
     text = latex(sk.load("four_bar"))
     q, dq, ddq = map(mpmath.mpf, ("0.9", "1.3", "-0.7"))
@@ -374,7 +419,9 @@ def test_the_four_bar_of_the_paper_term_by_term(p):
         theta, vectors, ratios, parts = four_bar_of_the_paper(q, p)
         assert abs(mpmath.sin((theta - known[r"\theta_{41}"]) / 2)) < 1e-15
         for name, vector in vectors.items():
-            sense = -1 if name == "u_{31}" else 1  # of the two ends of an axis
+            # A pole axis has two opposite unit vectors. For u_31 the paper has the other
+            # one, and its coefficient m_31 the other sign.
+            sense = -1 if name == "u_{31}" else 1
             ours = known[rf"\mathbf{{{name[0]}}}{name[1:]}"]
             assert mpmath.norm(sense * vector - ours) < 1e-15
         assert abs(ratios["m_{31}"] + known["m_{31}"]) < 1e-15
@@ -388,9 +435,10 @@ def test_the_four_bar_of_the_paper_term_by_term(p):
         for k, part in enumerate(parts):
             tensor, x = (known[rf"\mathbf{{{name}}}_{{{k + 2}}}"] for name in "Ix")
             assert abs(part - (x.T * tensor * x)[0]) < 1e-15
-            turned = known.get(rf"\mathbf{{x}}_{{{k + 2}}}'", 0 * x)
+            # The derivative of x by the input. It is not printed if it is zero.
+            x_derivative = known.get(rf"\mathbf{{x}}_{{{k + 2}}}'", 0 * x)
             rate = mpmath.diff(lambda at, k=k: four_bar_of_the_paper(at, p)[3][k], q)
-            assert abs(rate - 2 * (turned.T * tensor * x)[0]) < 1e-12
+            assert abs(rate - 2 * (x_derivative.T * tensor * x)[0]) < 1e-12
         slope = mpmath.diff(lambda at: sum(four_bar_of_the_paper(at, p)[3]), q)
         m4 = ratios["m_{41}"]
         loads = -mpmath.sin(q) - 2 * dq + m4 * (-5 * mpmath.sin(theta) - 2 * m4 * dq)
@@ -411,7 +459,11 @@ def test_only_what_is_asked_for_is_printed():
 
 
 def test_sizes_that_vary_stay_symbols():
-    """Sizes named in `vary` are symbols; other values give the changed mechanism."""
+    """Sizes named in `vary` are symbols; other values give the changed mechanism.
+
+    An inertia tensor is a symbol as a whole. A mass can vary in this way only without
+    loads, because loads such as gravity depend on its weight, too, which has no symbol.
+    """
     made = sk.load("universal_joint")
     keys = ["links.3.arc", "links.4.arc", "mass.3.tensor.0.0"]
     with pytest.raises(sk.SpherekitError, match="not a symbol"):

@@ -28,6 +28,8 @@ def install(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(site))
 
     def add(package, files, module=None, code="raise RuntimeError('imported')"):
+        """Write the files of an installed package; the arguments are explained above."""
+        # What pip writes: the metadata, and the entry point that declares the pack.
         info = site / f"{package}-1.5.dist-info"
         info.mkdir()
         (info / "METADATA").write_text(

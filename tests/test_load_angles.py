@@ -20,7 +20,9 @@ INPUT_ANGLES_RAD = np.linspace(-7.0, 12.0, 20)
 def with_spring(name, pair, zero_deg=0.0, input_pair=None):
     """Return a mechanism whose only load is a spring at a pair.
 
-    `zero_deg` is added to the zero of this pair, so that its angle may cross half a turn.
+    Its stiffness is 1.3 N m/rad, and its torque is zero at the angle 0.4 rad. `zero_deg` is
+    added to the zero of this pair, so that its angle may cross half a turn. Names of
+    assembly modes in the file, which are identified by angles, are then removed.
     `input_pair` replaces the driven pair.
     """
     mechanism = sk.load(name)
@@ -60,7 +62,12 @@ SWINGING_SPRINGS = {
 @pytest.mark.many
 @pytest.mark.parametrize("name", SWINGING_SPRINGS)
 def test_exported_torque_of_a_spring_at_a_swinging_pair_needs_no_count_of_turns(name):
-    """The formulas have no argument for turns and agree with `sk.inverse_dynamics`."""
+    """The formulas have no argument for turns and agree with `sk.inverse_dynamics`.
+
+    Formulas give the angle of a pair in (-pi, pi], and the torque of a spring depends on
+    the angle with its whole turns. A pair that swings by less than a turn has only one
+    possible number of turns at each angle. A pair that rotates fully has many.
+    """
     mechanism = with_spring(*SWINGING_SPRINGS[name])
     exported_formulas = formulas(mechanism, ["torque"])
     argument_names = [argument.name for argument in exported_formulas.motion]
@@ -73,7 +80,8 @@ def test_exported_torque_of_a_spring_at_a_swinging_pair_needs_no_count_of_turns(
         times = INPUT_ANGLES_RAD - INPUT_ANGLES_RAD[0]
         solution = sk.inverse_dynamics(mechanism, law, times, assembly_mode=mode.number)
         expected = np.ravel(solution.torques)
-        # Both are NaN where the mechanism cannot be assembled.
+        # Both are NaN where the mechanism cannot be assembled. If only one of them were,
+        # the comparison below would fail, because the row counts as finite.
         is_finite = np.isfinite(expected) | np.isfinite(torques)
         assert torques[is_finite] == pytest.approx(expected[is_finite], rel=1e-9, abs=1e-10)
         compared_rows += np.sum(is_finite)

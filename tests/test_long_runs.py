@@ -438,7 +438,9 @@ def test_csv_has_no_negative_zero(tmp_path):
 class AnalysisWithTexts(MinimalAnalysis):
     """An analysis with a table of texts that CSV has to quote, and two further tables.
 
-    With `plain` the texts need no quotes. New texts appear block by block.
+    One of these has no column of assembly modes, and the other one has no rows. With
+    `plain` the texts need no quotes. The texts are not in order, and some of them occur for
+    the first time in later blocks.
     """
 
     name: ClassVar = "words"
@@ -463,6 +465,7 @@ class AnalysisWithTexts(MinimalAnalysis):
         }
 
     def scene(self, batch):
+        """Return a page for each assembly mode, with a plot of the inputs."""
         rows = batch.assembly_mode_rows().items()
         return tuple(
             Scene(mode, (Series("s", "s", "g", batch.q[mode_rows]),))
@@ -487,7 +490,8 @@ class AnalysisOfAllSamples(MinimalAnalysis):
 def test_any_text_survives(plain, tmp_path):
     """Texts with quotes, commas and line ends are equal in memory, in files and read again.
 
-    The order of rows is by assembly mode.
+    With `plain` the texts need no quotes in CSV. The order of rows is by assembly mode. A
+    table without rows becomes a file with a header only.
     """
     analysis = AnalysisWithTexts(plain=plain)
     mechanism = sk.load("four_bar")
@@ -505,8 +509,11 @@ def test_any_text_survives(plain, tmp_path):
 
 
 def test_files_are_read_and_written_in_pieces(tmp_path, monkeypatch):
-    """Pieces of 32 rows may end inside blocks and assembly modes without changing the
-    table.
+    """Writing in pieces of 32 rows does not change the table.
+
+    The run has 120 rows: 60 samples, in blocks of 10, in two assembly modes. Pieces may end
+    inside blocks and modes. The CSV file is made from the rows that are stored, which are
+    read in pieces as well. It is compared with a run with pieces of the usual size.
     """
     for module in (table_store, table_files):
         monkeypatch.setattr(module, "CHUNK_ROWS", 32)
@@ -528,9 +535,10 @@ def test_files_are_read_and_written_in_pieces(tmp_path, monkeypatch):
 def test_memory_does_not_grow_with_the_samples(job, count, tmp_path, monkeypatch):
     """Four times as many samples need little more memory than their inputs.
 
-    The peak grows by less than a tenth of the bytes of the additional rows, beside five
-    arrays of inputs, and Arrow holds nothing afterwards. `count` is the smaller number of
-    samples.
+    Rows are written to files, and only the inputs of all samples are in memory. There may
+    be up to five arrays of them. The peak may grow by these arrays and by a tenth of the
+    bytes of the additional rows. Afterwards the library Arrow has less than 1 MB more than
+    before. `count` is the smaller number of samples.
     """
     for module in (table_store, table_files):
         monkeypatch.setattr(module, "CHUNK_ROWS", 1024)
@@ -569,7 +577,12 @@ def test_the_engine_that_began_goes_on(tmp_path):
 
 
 def test_an_analysis_of_all_samples_is_not_resumed(tmp_path):
-    """An analysis that needs all samples at once is computed again on resuming."""
+    """An analysis that needs all samples at once is computed again on resuming.
+
+    The run is interrupted after all of its 361 samples, before this analysis has its table.
+    The samples are done and kept. After resuming, the analysis has got all of them in one
+    block, and its table has their rows in both assembly modes.
+    """
     with pytest.raises(KeyboardInterrupt) as error:
         sk.run(
             sk.load("four_bar"),
