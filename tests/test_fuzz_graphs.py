@@ -35,6 +35,7 @@ def evaluate_fields(mechanism, samples=3):
     with warnings.catch_warnings():
         # A warning of NumPy (division by zero, invalid value) fails the test.
         warnings.simplefilter("error", RuntimeWarning)
+        # Without `search`, the only assembly mode is that of the reference pose.
         position_analysis = PositionAnalysis(
             mechanism, search=False, samples=samples, assembly_mode=0
         )
@@ -42,8 +43,9 @@ def evaluate_fields(mechanism, samples=3):
         poles = all_poles(len(mechanism.links))
         fields = {}
         for input_pair in position_analysis.inputs:
-            # Plan the poles as the positions were planned: `by_rank` says that the freedom
-            # of each input follows from ranks and not from counting.
+            # The poles are planned like the positions. `by_rank` says that the mobility
+            # follows from the rank of the velocity equations, because the numbers of links
+            # and pairs give another one.
             pole_request = request(
                 position_analysis.mechanism,
                 input_pair,
@@ -58,7 +60,11 @@ def evaluate_fields(mechanism, samples=3):
 def check_plan(plan):
     """Assert that a plan determines every pole once, only from poles of earlier steps.
 
-    Its dictionary must also survive JSON unchanged, with one entry for each step.
+    A pole is the axis about which one body rotates relative to another. A step gives the
+    axis of a pair (`PrimaryPole`), an intersection of great circles through other poles,
+    its sources (`LinePole`), or all poles of a part that great circles do not resolve
+    (`BlockPoles`). The dictionary of the plan must also survive JSON unchanged, with one
+    entry for each step.
     """
     determined = set()
     for step in plan.steps:
@@ -117,7 +123,7 @@ def check_invariance(mechanism, link_order):
                 assert {Status(code) for code in status} <= undecided
 
 
-def locked_determinant(motion, row):
+def sign_of_locked_determinant(motion, row):
     """Return the sign of the determinant of the closure equations with inputs locked.
 
     A continuous motion keeps this sign until a singularity, so a change shows a jump to
@@ -173,6 +179,7 @@ def check_rows_stay_in_one_mode(motion):
     other rows the sign of the determinant with inputs locked must not change either.
     """
     mechanism = motion.mechanism
+    # For each variable whether its pair is an R pair.
     is_angle = [mechanism.pairs[p].type == "R" for p in mechanism.variable_owners]
     is_ok = motion.status == Status.OK
     for row in np.flatnonzero(is_ok[:-1] & is_ok[1:]):
@@ -183,7 +190,8 @@ def check_rows_stay_in_one_mode(motion):
         # Angles are compared without whole turns.
         difference = np.where(is_angle, np.angle(np.exp(1j * difference)), difference)
         assert np.max(np.abs(difference)) < 1e-6, row
-        assert locked_determinant(motion, row) == locked_determinant(motion, row + 1)
+        sign = sign_of_locked_determinant(motion, row)
+        assert sign == sign_of_locked_determinant(motion, row + 1)
 
 
 def test_plans_of_random_mechanisms_determine_every_pole_once():

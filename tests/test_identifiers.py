@@ -45,8 +45,9 @@ zero map clamp jac hess null 4bar 4 _ __ _Bool __init__ __proto__ constructor a_
 E1 INT_MAX case_ four_bar
 """
 ISO, POSIX, NAMES = (part.split() for part in LISTS.split("\n\n"))
-"""What no mechanism would be called, and three names that are kept."""
-KEPT = {"x_", "case_", "four_bar"}
+"""What no mechanism would be called, and three harmless names."""
+KEPT_NAMES = {"x_", "case_", "four_bar"}
+"""The harmless names: a language must not rename them."""
 
 
 @cache
@@ -55,7 +56,7 @@ def angle():
     return formulas("four_bar", ["theta_41"])
 
 
-def named(name, made=None):
+def renamed_formulas(name, made=None):
     """Return formulas (by default of one angle) of a mechanism with another name."""
     made = made or angle()
     return replace(made, mechanism=replace(made.mechanism, name=name))
@@ -89,11 +90,11 @@ def test_sources_of_c_compile_beside_every_header(tmp_path):
     """
     texts = []
     for safe, name in names_by_identifier(identifiers.C_NAME_RULES).items():
-        texts.append(source(named(name), "c"))
+        texts.append(source(renamed_formulas(name), "c"))
         assert f"\nvoid {safe}(const double motion[], " in texts[-1]
         said = f"The mechanism {name} is called {safe} here" in words_of(texts[-1])
         assert said == (safe != name), name
-        assert safe == name or name not in KEPT
+        assert safe == name or name not in KEPT_NAMES
     path = tmp_path / "all.c"
     path.write_text(includes(*ISO, *POSIX) + "\n".join(texts))
     words = [GCC, "-std=gnu17", "-D_XOPEN_SOURCE=700", *STRICT, "-c", str(path)]
@@ -108,18 +109,25 @@ def words_of(comment):
 @pytest.mark.slow
 @pytest.mark.skipif(not GPP, reason="there is no g++")
 def test_sources_of_cpp_compile_with_each_name(tmp_path):
-    """C++ sources of mechanisms with troublesome names compile in one file."""
+    """C++ sources of mechanisms with troublesome names compile in one file.
+
+    The main program calls the function of each mechanism, so that none can be left out. The
+    formulas have no sizes, so any array will do for that argument.
+    """
     texts, calls = [], []
     for safe, name in names_by_identifier(identifiers.CPP_NAME_RULES).items():
-        texts.append(source(named(name), "cpp"))
-        calls.append(f"    {safe}_formulas::{safe}(q, m, q, r);")
-        assert safe == name or name not in KEPT, name
+        texts.append(source(renamed_formulas(name), "cpp"))
+        # The arguments are inputs, signs of the mode, sizes and results.
+        calls.append(f"    {safe}_formulas::{safe}(input, mode, input, result);")
+        assert safe == name or name not in KEPT_NAMES, name
     path = tmp_path / "x.cpp"
     body = "\n".join(calls)
     path.write_text(
         "#include <iostream>\n#include <complex>\n" + "\n".join(texts) + "\n"
-        f"int main() {{\n    double q[1] = {{1.0}}, m[1] = {{1.0}}, r[2];\n{body}\n"
-        "    return r[0] > 9;\n}\n"
+        "int main() {\n"
+        "    double input[1] = {1.0}, mode[1] = {1.0}, result[2];\n"
+        f"{body}\n"
+        "    return result[0] > 9;\n}\n"  # the result is used, as -Wall demands
     )
     words = [GPP, "-std=c++20", *STRICT, "-c", "-o", str(tmp_path / "x.o"), str(path)]
     subprocess.run(words, check=True)
@@ -149,35 +157,43 @@ def test_every_function_and_macro_that_the_compiler_knows_is_renamed(tmp_path):
 def test_modules_of_javascript_run_with_each_name(tmp_path):
     """JavaScript modules of mechanisms with troublesome names give the angle.
 
-    No global name of the interpreter, which lists them itself, is used.
+    The interpreter lists its global names itself; no mechanism may keep one of them.
     """
-    asked = (
+    list_globals = (
         "const {runInNewContext} = require('vm');"
         "const own = runInNewContext('Object.getOwnPropertyNames(globalThis)');"
         "console.log(JSON.stringify(own))"
     )
-    own = subprocess.run([NODE, "-e", asked], check=True, capture_output=True, text=True)
-    left = {
-        x
-        for x in json.loads(own.stdout)
-        if not identifiers.JAVASCRIPT_NAME_RULES.is_taken(x)
+    listing = subprocess.run(
+        [NODE, "-e", list_globals], check=True, capture_output=True, text=True
+    )
+    assert len(listing.stdout) > 500  # it is not an empty list
+    not_refused = {
+        global_name
+        for global_name in json.loads(listing.stdout)
+        if not identifiers.JAVASCRIPT_NAME_RULES.is_taken(global_name)
     }
-    assert not left and len(own.stdout) > 500, left
-    names = [*NAMES[::3], "then", "Math", "NaN", "undefined", "await", "let", *KEPT]
+    assert not not_refused
+    names = [*NAMES[::3], "then", "Math", "NaN", "undefined", "await", "let", *KEPT_NAMES]
     functions = []
     for k, name in enumerate(names):
-        text = source(named(name), "js")
+        text = source(renamed_formulas(name), "js")
         functions += re.findall(r"^export function (\w+)\(", text, re.M)
         (tmp_path / f"m{k}.mjs").write_text(text)
+    # Each module is imported and its function called with the input 1 rad, the sign +1 of
+    # the mode, and no sizes.
     program = tmp_path / "run.mjs"
     program.write_text(
-        f"const names = {json.dumps(functions)};\nconst all = [];\n"
+        f"const names = {json.dumps(functions)};\nconst angles = [];\n"
         "for (const [k, name] of names.entries()) {\n"
-        "  const made = await import(`./m${k}.mjs`);\n"
-        "  all.push(made[name]([1], [1], [])[0]);\n}\nconsole.log(JSON.stringify(all));\n"
+        "  const module = await import(`./m${k}.mjs`);\n"
+        "  angles.push(module[name]([1], [1], [])[0]);\n}\n"
+        "console.log(JSON.stringify(angles));\n"
     )
-    done = subprocess.run([NODE, str(program)], check=True, capture_output=True, text=True)
-    np.testing.assert_allclose(json.loads(done.stdout), expected_angle(), atol=1e-12)
+    output = subprocess.run(
+        [NODE, str(program)], check=True, capture_output=True, text=True
+    )
+    np.testing.assert_allclose(json.loads(output.stdout), expected_angle(), atol=1e-12)
 
 
 def test_modules_of_python_run_with_each_name():
@@ -185,9 +201,9 @@ def test_modules_of_python_run_with_each_name():
     public = [name for name in dir(builtins) if not name.startswith("_")]
     for name in {*keyword.kwlist, *keyword.softkwlist, *public, "__import__", "__name__"}:
         assert identifiers.PYTHON_NAME_RULES.identifier(name) == f"m_{name}"
-    for name in ("None", "lambda", "np", "zip", "MODES", "__name__", "4bar", *KEPT):
+    for name in ("None", "lambda", "np", "zip", "MODES", "__name__", "4bar", *KEPT_NAMES):
         space = {}
-        exec(compile(source(named(name), "python"), name, "exec"), space)
+        exec(compile(source(renamed_formulas(name), "python"), name, "exec"), space)
         function = space[identifiers.PYTHON_NAME_RULES.identifier(name)]
         np.testing.assert_allclose(function(*POINT)[0], expected_angle(), atol=1e-12)
         assert space["np"] is np and isinstance(space["MODES"], dict)
@@ -199,9 +215,9 @@ def test_functions_of_casadi_have_names_that_casadi_allows():
     for name in NAMES:
         safe = identifiers.CASADI_NAME_RULES.identifier(name)
         assert ca.Function.check_name(safe) and not identifiers.C_NAME_RULES.is_taken(safe)
-    for name in ("int", "jac", "ca", "a__b", "_x", "lambda", "t0", "4bar", *KEPT):
+    for name in ("int", "jac", "ca", "a__b", "_x", "lambda", "t0", "4bar", *KEPT_NAMES):
         space = {}
-        exec(compile(source(named(name), "casadi"), name, "exec"), space)
+        exec(compile(source(renamed_formulas(name), "casadi"), name, "exec"), space)
         safe = identifiers.CASADI_NAME_RULES.identifier(name)
         function = space[safe]()
         assert function.name() == safe
@@ -217,17 +233,23 @@ def test_functions_of_casadi_have_names_that_casadi_allows():
 def test_sources_of_newtons_method_and_tables_take_any_name(mechanism, language, tmp_path):
     """Sources with a step function or tables of profiles work with any name.
 
-    Their three functions call each other by names made from that of the mechanism.
+    Such a source has functions for the results, for a step of Newton's method and for a
+    table. They call each other by names made from that of the mechanism. The mechanism gets
+    names that the language or the source itself uses.
     """
-    quick = {"c": "int sign_of", "js": "Math t0", "python": "np range"}[language]
-    for name in quick.split():
-        text = source(named(name, tabled(mechanism)), language)
+    names_by_language = {
+        "c": ("int", "sign_of"),
+        "js": ("Math", "t0"),
+        "python": ("np", "range"),
+    }
+    for name in names_by_language[language]:
+        text = source(renamed_formulas(name, formulas_with_tables(mechanism)), language)
         path = tmp_path / f"x.{language}"
         path.write_text(text)
         if language == "python":
             space = {}
             exec(compile(text, name, "exec"), space)
-            mode = tabled(mechanism).modes[0]
+            mode = formulas_with_tables(mechanism).modes[0]
             function = space[identifiers.PYTHON_NAME_RULES.identifier(name)]
             assert np.all(np.isfinite(function(mode.at, mode.values)))
         elif language == "c" and GCC:
@@ -239,14 +261,15 @@ def test_sources_of_newtons_method_and_tables_take_any_name(mechanism, language,
 
 
 @cache
-def tabled(name):
+def formulas_with_tables(name):
+    """Return the formulas of one angle, which need Newton's method or stored tables."""
     return formulas(name, [f"theta_{sk.load(name).pairs[1].name}"])
 
 
 def test_reserved_words_of_julia_are_renamed():
     """Keywords in the manual's list and functions that a source calls get a prefix "m_"."""
     words = re.findall(r"\w+", JULIA)
-    text = source(named("four_bar", tabled("shaped_cam")), "julia")
+    text = source(renamed_formulas("four_bar", formulas_with_tables("shaped_cam")), "julia")
     functions = set(re.findall(r"\b([a-z]\w+)\(", text))
     own = {x for x in functions if x.startswith("four_bar")}
     for word in {*words, *functions} - own:
@@ -334,7 +357,9 @@ def test_models_of_equal_names_load_in_mujoco(ground, coupler, tmp_path):
     """A link "world" and equal names of outputs, loads and inputs get names of their own in
     MJCF.
 
-    `ground` and `coupler` are the names of two links. The import gives the names again.
+    `ground` and `coupler` are the names of two links. In MuJoCo "world" is the ground, so
+    another link with this name becomes "world_2". The model that is imported again has the
+    same links, with this new name.
     """
     mujoco = pytest.importorskip("mujoco", reason="it reads the model")
     file, path = tmp_path / "x.toml", tmp_path / "x.xml"
@@ -342,7 +367,9 @@ def test_models_of_equal_names_load_in_mujoco(ground, coupler, tmp_path):
     assert main(["export", str(file), "--to", "mjcf", "-o", str(path), "--quiet"]) == 0
     model = mujoco.MjModel.from_xml_path(str(path))
     mechanism = sk.load(file)
-    assert model.body("world_2").id and model.actuator("crank_2").id
+    # The objects exist, with numbers above 0: `body` and `actuator` raise for other names.
+    assert model.body("world_2").id > 0
+    assert model.actuator("crank_2").id > 0
     assert model.site("out_2").id and model.site("out").id >= 0
     notes = MujocoModel(*find_pose(mechanism, 0, None)).notes
     assert "the body of link world is called world_2, as world is in use" in notes
@@ -352,11 +379,15 @@ def test_models_of_equal_names_load_in_mujoco(ground, coupler, tmp_path):
 
 @pytest.mark.slow
 def test_pages_of_reserved_names_move(browser, tmp_path):
-    """Pages of mechanisms named like JavaScript's own objects move without a message."""
-    said = []
+    """Pages of mechanisms named like JavaScript's own objects move without a message.
+
+    `timing.pictures` counts how often a page was drawn. It is drawn again after the input
+    has changed. `KERNELS` is a name that pages themselves use.
+    """
+    messages = []
     tab = browser.new_page()
-    tab.on("console", lambda message: said.append(message.text))
-    tab.on("pageerror", lambda error: said.append(str(error)))
+    tab.on("console", lambda message: messages.append(message.text))
+    tab.on("pageerror", lambda error: messages.append(str(error)))
     for name in ("Math", "class", "Float64Array", "NaN", "document", "KERNELS", "4bar"):
         file, page = tmp_path / f"{name}.toml", tmp_path / f"{name}.html"
         file.write_text(FILE.format(name=name, ground="constructor", coupler="__proto__"))
@@ -367,5 +398,5 @@ def test_pages_of_reserved_names_move(browser, tmp_path):
         tab.evaluate("spherekit.change('input', {q: [1.0]})")
         wait_until(tab, "spherekit.timing.pictures > 1")
         assert tab.evaluate("spherekit.modes.every(mode => mode.results)")
-        assert not said, (name, said)
+        assert not messages, (name, messages)
     tab.close()

@@ -121,9 +121,10 @@ def test_an_exported_model_is_imported_as_the_same_mechanism(mechanism, tmp_path
 def test_loads_and_masses_are_imported_again(tmp_path):
     """A five-bar with loads of many kinds is exported to MJCF and imported.
 
-    Parameters of gravity, spring, damper and friction are equal, and the power of every
-    load in the pose. Masses are turned into the pose, where link frames are parallel to
-    that of the ground.
+    Gravity, spring, damper and friction have the same parameters again. The other loads
+    have expressions that may be written in another way. For all loads, the power in the
+    pose is therefore compared. Imported masses are compared with the original ones turned
+    into the pose, since frames of imported links are parallel to that of the ground there.
     """
     all_loads = (
         sk.Gravity("gravity", (1.0, 2.0, -9.0)),
@@ -169,9 +170,11 @@ def numbers_of(load):
 
 
 def power_of_loads(mechanism, values=None):
-    """Return the power of each load by name, while input 21 turns at 1 rad/s.
+    """Return the power (W) of each load by name, while the first input turns at 1 rad/s.
 
-    `values` are the joint angles (variables,); by default those of the reference pose.
+    Other inputs are at rest. A load has components, such as the three of a force, whose
+    powers are added. `values` are the joint angles (variables,); by default those of the
+    reference pose.
     """
     from spherekit.dynamics.coordinates import motion_by_variables
     from spherekit.dynamics.generalised_forces import Loads
@@ -184,17 +187,20 @@ def power_of_loads(mechanism, values=None):
     variables = {"t": np.zeros(1)}
     for k, name in enumerate(mechanism.variable_names):
         variables[name] = motion.values[:, k]
+        # Index 0 of the second axis is the first input.
         variables[f"d{name}"] = motion.rates[:, 0, k]
     mechanism_loads = Loads(mechanism)
+    # (components,) the velocity on which each component does work, in the only row, while
+    # the first input moves.
     velocities = mechanism_loads.velocities(motion)[0, 0]
     power_by_name = {}
-    for owner, component, velocity in zip(
+    for load_number, component, velocity in zip(
         mechanism_loads.load_of_component,
         mechanism_loads.components,
         velocities,
         strict=True,
     ):
-        name = mechanism_loads.names[owner]
+        name = mechanism_loads.names[load_number]
         power = float(component.magnitude.evaluate(variables)[0]) * velocity
         power_by_name[name] = power_by_name.get(name, 0.0) + power
     return power_by_name
@@ -207,7 +213,9 @@ GEARS = (HERE / "files" / "import_gears.xml").read_text(encoding="utf-8")
 def test_joints_at_a_constant_ratio_are_gears(ratio, tmp_path):
     """An equality of two joints in MJCF becomes a contact of wheels with that ratio.
 
-    The sines of the radii of bevel wheels are in the ratio of their rates.
+    The equality says two = ratio one + bent one^2 for the angles of the joints one and two.
+    Only with bent = 0 is the ratio constant. The sines of the radii of bevel wheels are in
+    the inverse ratio of the rates; the sign of the ratio is that of the imported motion.
     """
     text = GEARS.format(axis="0 0.6 0.8", ratio=ratio, bent=0)
     mechanism = sk.import_mechanism(write_model(tmp_path, text)).mechanism
@@ -246,7 +254,12 @@ def test_a_serial_wrist_turns_as_in_mujoco(tmp_path):
 
 
 def test_the_command_imports_a_serial_wrist(tmp_path, capsys):
-    """Links, ranges, masses and loads of the MJCF file are in the written file."""
+    """Links, ranges, masses and loads of the MJCF file are in the written file.
+
+    The body "hand" of the model has two joints, pitch and roll, so a link is added between
+    them. It is welded to a "tool", whose mass is added to its own. The actuator of pitch is
+    a position servo. Its feedback is not imported, and a message says so.
+    """
     path = write_model(tmp_path, WRIST)
     target = tmp_path / "wrist.toml"
     assert main(["import", str(path), "-o", str(target)]) == 0
@@ -262,7 +275,7 @@ def test_the_command_imports_a_serial_wrist(tmp_path, capsys):
     text = target.read_text(encoding="utf-8")
     assert "centre of the sphere is at 0.1, 0.2, 0.4 m" in text
     (hand_mass,) = [mass for mass in mechanism.masses if mass.link == "hand"]
-    assert hand_mass.mass == pytest.approx(0.3)
+    assert hand_mass.mass == pytest.approx(0.2 + 0.1)
     kinds = {load.name: load.kind for load in mechanism.loads}
     assert kinds == {
         "gravity": "gravity",
@@ -276,7 +289,9 @@ def test_the_command_imports_a_serial_wrist(tmp_path, capsys):
 def test_a_urdf_closes_loops_by_elements_in_use(loop, tmp_path):
     """Each way in which URDF files close a loop gives the same five-bar.
 
-    `loop` is the extension's name; its element joins the tips of two chains.
+    `loop` is the extension's name; its element joins the tips of two chains. The sense of
+    the axis "tip" may differ. The link "left" has the mass 0.2 kg with its centre at 0.05 m
+    along y and 0.02 m along z, and moments of 1e-4 kg m2 about the centre.
     """
     path = write_model(tmp_path, URDF.format(pivot=-0.1, loop=LOOPS[loop]), "wrist.urdf")
     result = sk.import_mechanism(path)
@@ -286,7 +301,9 @@ def test_a_urdf_closes_loops_by_elements_in_use(loop, tmp_path):
     pairs = {"left_axle", "left_elbow", "right_axle", "pivot", "tip"}
     assert {pair.name for pair in mechanism.pairs} == pairs
     assert np.abs(mechanism.geometry.axes["tip"]) == pytest.approx([0.0, 0.0, 1.0])
-    assert mechanism.masses[0].tensor[0] == pytest.approx((1e-4 + 0.2 * 0.0029, 0.0, 0.0))
+    distance_square = 0.05**2 + 0.02**2
+    first_row = (1e-4 + 0.2 * distance_square, 0.0, 0.0)
+    assert mechanism.masses[0].tensor[0] == pytest.approx(first_row)
     assert loads(result.text).pairs == mechanism.pairs
     motion = sk.evaluate(mechanism, [[0.2, 0.1]], assembly_mode=0)
     assert motion.status[0] == sk.Status.OK
@@ -295,7 +312,8 @@ def test_a_urdf_closes_loops_by_elements_in_use(loop, tmp_path):
 def test_axes_that_miss_are_refused_with_their_distances(tmp_path, capsys):
     """An axis that misses the common centre by 1 cm is refused, unless `within` allows it.
 
-    In the URDF model the joint `pivot` is at -0.09 m. At -0.1 m all axes would meet.
+    In the URDF model the joint `pivot` is placed at y = -0.09 m of its link. At -0.1 m its
+    axis would pass the common point of the four other axes, (0, 0, 0.3) m.
     """
     path = write_model(
         tmp_path, URDF.format(pivot=-0.09, loop=LOOPS["origins"]), "off.urdf"
@@ -326,21 +344,25 @@ def test_what_is_no_spherical_mechanism_is_refused(call, tmp_path, monkeypatch):
 
 
 def test_a_loop_that_is_open_in_the_file_is_closed(tmp_path):
-    """A loop that is 0.2 rad open where all joints are zero is closed by moving other
+    """A loop that is 0.2 rad open where all joints are zero is closed by moving passive
     joints.
 
-    The arcs between the axes of each link are those of the file: cos = 0.8 for the rod.
+    The loop joins the tip of the left rod, along z, to a point of the tool. This point is
+    0.1 m from the centre, in a direction turned from z by 0.2 rad about y. The frame of the
+    tool is 0.2 m along z. The arcs between the axes of each link stay those of the file.
+    The rod has the axes (0, 0.6, 0.8) and z, so the cosine is 0.8; the hand has the axis of
+    `pivot`, (0.6, 0, 0.8), and the turned direction.
     """
-    place = f"{0.1 * np.sin(0.2)} 0 {0.1 * np.cos(0.2) - 0.2}"
-    loop = LOOPS["two link1"].replace("0 0 -0.1", place)
+    point_of_tool = f"{0.1 * np.sin(0.2)} 0 {0.1 * np.cos(0.2) - 0.2}"
+    loop = LOOPS["two link1"].replace("0 0 -0.1", point_of_tool)
     result = sk.import_mechanism(
         write_model(tmp_path, URDF.format(pivot=-0.1, loop=loop), "wrist.urdf")
     )
     assert "loops are open in the file's pose" in result.text
     axes = {name: np.array(axis) for name, axis in result.mechanism.geometry.axes.items()}
     assert axes["tip"] @ axes["left_elbow"] == pytest.approx(0.8, abs=1e-13)
-    wanted = 0.6 * np.sin(0.2) + 0.8 * np.cos(0.2)
-    assert axes["tip"] @ axes["pivot"] == pytest.approx(wanted, abs=1e-13)
+    expected_cosine = 0.6 * np.sin(0.2) + 0.8 * np.cos(0.2)
+    assert axes["tip"] @ axes["pivot"] == pytest.approx(expected_cosine, abs=1e-13)
     assert axes["left_axle"] == pytest.approx([1.0, 0.0, 0.0], abs=1e-15)
     values = result.mechanism.geometry.values
     assert "left_axle" not in values and abs(values["pivot"]) > 0.01

@@ -203,9 +203,11 @@ def test_motors_turn_by_the_equations_of_transmissions(
 ):
     """The rates of motors follow from those of both joints by `motor_angles`.
 
-    The imported mechanism has bevel wheels in place of the transmission. Where a motor
-    turns faster than the wheel, or than the joint, that it drives, a note says how many
-    times. `actuators` and `joints` are mechanical reductions.
+    A transmission couples two motors with the joints pitch and roll. `kind` is its type,
+    `actuators` and `joints` are the mechanical reductions of the motors and of the joints,
+    and `form` is the dialect of URDF. The imported mechanism has bevel wheels in place of
+    the transmission. Where a motor turns faster than the wheel, or than the joint, that it
+    drives, a note says how many times.
     """
     text = transmission(kind, actuators, joints, form)
     imported = import_text(tmp_path, text, "wrist.urdf")
@@ -218,7 +220,8 @@ def test_motors_turn_by_the_equations_of_transmissions(
         joint_rates = rates["pitch"][input_number], rates["roll"][input_number]
         expected_rates = motor_angles(kind, actuators, joints, joint_rates)
         for motor, expected in zip(("m_l", "m_r"), expected_rates, strict=True):
-            # A motor that is no input drives the joint pitch directly.
+            # The first motor of a "FourBarLinkage" drives the joint pitch directly. This
+            # joint is then the input, and not a wheel with the name of the motor.
             driven_pair = motor if motor in input_pairs else "pitch"
             rate = ratio_by_motor.get(motor, 1.0) * rates[driven_pair][input_number]
             assert rate == pytest.approx(expected, rel=1e-12, abs=1e-12)

@@ -137,7 +137,8 @@ def test_the_margin_of_a_three_legged_wrist_is_that_of_its_nearest_leg():
     """The margin is the least distance (rad) of a leg from being stretched or folded.
 
     By the triangle inequality on the sphere, the arc between the ends of a leg is between
-    |crank - coupler| and the smaller of crank + coupler and 2 pi minus that.
+    |crank - coupler| and the smaller of crank + coupler and 2 pi minus that. The margin is
+    negative if the pose is out of the reach of a leg.
     """
     mechanism = sk.load("three_rrr")
     poses = random_rotations(500, 10)
@@ -146,6 +147,8 @@ def test_the_margin_of_a_three_legged_wrist_is_that_of_its_nearest_leg():
     sizes = mechanism.geometry.links
     leg_margins = []
     for leg in "123":
+        # The axis of pair a in its first link, the ground, and that of pair c in its second
+        # link, the platform.
         ground_axis = frames[f"a{leg}"][0][:, 2]
         platform_axis = poses @ frames[f"c{leg}"][1][:, 2]
         span = arc(ground_axis, platform_axis)
@@ -161,11 +164,15 @@ def test_the_measures_of_a_three_legged_wrist_are_those_of_its_leg_planes():
 
     The measure of type I (a leg at a dead centre) is the sine of the angle between the base
     axis and the plane of crank and coupler, whose normal is n. The measure of type II is
-    sqrt(rho S), where S is the least sum of squares of misfits (relative rates that pairs
-    do not allow) with which the platform turns at 1 rad/s while the cranks are locked. A
-    leg allows rates w of the platform with n.w = 0. For others, each of its three pairs
-    takes a third of n.w, which adds (n.w)^2 / 3 to S. The factor rho of three legs of three
-    pairs is 1. So the measure is the least singular value of the normals over sqrt(3).
+    sqrt(rho S). S is the least sum of squares of misfits (relative rates that pairs do not
+    allow) with which the platform turns at 1 rad/s while the cranks are locked. A leg
+    allows rates w of the platform with n.w = 0. At other rates the leg has to take a misfit
+    of n.w. The sum of squares is least if each of its three pairs takes a third, which adds
+    3 (n.w / 3)^2 = (n.w)^2 / 3 to S. The least sum over all directions of w is the squared
+    least singular value of the normals, over 3.
+
+    The factor rho is the electrical resistance between base and platform if each pair is a
+    resistance of 1. Three legs of three pairs have 3 / 3 = 1.
     """
     mechanism = sk.load("three_rrr")
     poses = random_rotations(500, 10)
@@ -199,11 +206,12 @@ def test_the_jacobian_inverts_differences_of_the_inputs(mechanism):
     """The Jacobian (output by inputs) is the inverse of the inputs' central differences.
 
     The inverse kinematics is evaluated at poses turned by 1e-5 rad about x, y and z, away
-    from singularities.
+    from singularities. A pose is a direction (n, 3) if the output of the mechanism points
+    (`points`), otherwise a rotation (n, 3, 3).
     """
     kinematics = sk.InverseKinematics(mechanism)
     poses = random_poses(kinematics, 300, 11)
-    inverse = kinematics.at(poses, normals=True)
+    inverse = kinematics.at(poses, normals=True)  # the Jacobian is computed from these
     is_regular = (inverse.status == Status.OK) & (np.min(inverse.type_1, axis=2) > 0.2)
     is_regular &= (inverse.type_2 > 0.2) & (inverse.margin > 0.05)
     assert np.sum(is_regular) > 20
@@ -211,8 +219,11 @@ def test_the_jacobian_inverts_differences_of_the_inputs(mechanism):
 
     def inputs_after_turn(rotation_vector):
         turn = Rotation.from_rotvec(rotation_vector).as_matrix()
-        turned = poses @ turn.T if kinematics.wrist.points else turn @ poses
-        return kinematics.at(turned).inputs
+        if kinematics.wrist.points:
+            turned_poses = poses @ turn.T  # rows are directions
+        else:
+            turned_poses = turn @ poses
+        return kinematics.at(turned_poses).inputs
 
     derivatives = []
     for axis in np.eye(3):
@@ -290,11 +301,14 @@ def test_bad_arguments_of_inverse_kinematics_are_refused(call):
     check_call(call, globals(), TABLES["inverse kinematics"][call])
 
 
-def test_files_say_what_an_output_points_with():
-    """The pointer of an output is stated by an axis of its link, components, or angles
-    (deg).
+def test_files_state_the_pointer_of_an_output_in_three_ways():
+    """The pointer of an output is a direction that is fixed in its link.
+
+    A file states it by the axis of an R pair of the link, by components, or by longitude
+    and latitude (deg).
     """
     five = sk.load("five_bar")
+    # The axis of pair 43 in the first of its two links.
     axis = pair_frames(five)["43"][0][:, 2]
     assert np.allclose(five.outputs[0].direction, axis, atol=1e-15)
     assert loads(dumps(five)).outputs == five.outputs
@@ -322,10 +336,13 @@ def test_names_of_the_wrist_give_way():
 
 @pytest.mark.slow
 def test_every_turn_of_the_mid_plane_mechanism_is_found():
-    """Solutions for a direction include those of the mid-plane, with all leg modes.
+    """Solutions for a direction include the mid-plane symmetric ones, with all leg modes.
 
-    One mid-plane mirrors the pointer into each direction. Where the legs reach, the two
-    driven legs have 2 x 2 modes; otherwise the mid-plane is no solution.
+    In `two_dof_spm` base and output link can be mirror images of each other about a plane,
+    the mid-plane. The direction of the output then determines this plane. If the legs reach
+    it, the elbow of each of the two driven legs has two places, which gives 2 x 2 modes. If
+    not, the mid-plane is no solution. The general inverse kinematics has to find these
+    solutions among others.
     """
     mechanism = sk.load("two_dof_spm")
     kinematics = sk.InverseKinematics(mechanism)
@@ -333,7 +350,10 @@ def test_every_turn_of_the_mid_plane_mechanism_is_found():
     directions = np.array([[0.3, 0.8, 0.52], [0.5, 0.5, 0.7], [-0.4, 0.7, 0.1], [0, -1, 1]])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     normals, _ = form.normals_to(directions @ form.frame)
-    is_reached = np.isfinite(form.plane.elbows(normals, 1)[1]).all(axis=1)
+    # The heights (directions, legs) of the elbows above the line between both places are
+    # NaN for legs out of reach. The sign 1 chooses the same place for all legs.
+    _, heights = form.plane.elbows(normals, modes=1)
+    is_reached = np.isfinite(heights).all(axis=1)
     assert 2 <= np.sum(is_reached) < 4
     solutions = kinematics.solutions(directions)
     assert np.max(np.abs(solutions.directions - directions[solutions.row])) < 1e-14
@@ -343,6 +363,8 @@ def test_every_turn_of_the_mid_plane_mechanism_is_found():
         inputs = solutions.inputs[is_of_row][gaps < 1e-9]
         different_inputs = {tuple(np.round(q, 6)) for q in inputs}
         assert len(different_inputs) == (4 if is_reached[row] else 0)
+    # A working mode has a sign for each of the four dyads, and for the bar that closes
+    # them.
     assert {len(signs) for signs in solutions.signs} == {5}
 
 
@@ -357,9 +379,10 @@ def test_solutions_close_where_the_axes_of_a_dyad_coincide():
 def test_the_jacobian_of_the_mid_plane_mechanism_is_that_of_the_velocity_equations():
     """Inverse kinematics at poses of a motion has the Jacobian of its link velocities.
 
-    The poses are the 16 configurations at driving angles of 14 and 23 deg. Rates of the
-    pointer are those of the output without the part along the pointer. For each pose that
-    moves, a working mode must have the same inputs and the same Jacobian.
+    The mid-plane mechanism is `two_dof_spm`, whose output points. The poses are the 16
+    configurations at driving angles of 14 and 23 deg. A pointer does not show a rotation
+    about itself, so the component of the angular velocity along the pointer is removed. For
+    each pose that moves, a working mode must have the same inputs and the same Jacobian.
     """
     mechanism = sk.load("two_dof_spm")
     kinematics = sk.InverseKinematics(mechanism)
@@ -371,8 +394,10 @@ def test_the_jacobian_of_the_mid_plane_mechanism_is_that_of_the_velocity_equatio
     along_pointer = np.einsum("ni,nij->nj", pointers, rates)
     rates = rates - pointers[:, :, None] * along_pointer[:, None]
 
-    # Newton's method finds the turn about the pointer from `near`. The results of shape
-    # (modes, poses, ...) are compared in every mode with the motion, (poses, ...).
+    # A direction leaves open how far the output has turned about it. Newton's method finds
+    # this turn, starting from the orientations `near`. The Jacobian needs the `normals`.
+    # The results of shape (modes, poses, ...) are compared in every mode with the motion,
+    # (poses, ...).
     inverse = kinematics.at(pointers, near=rotations, normals=True)
     input_gaps = np.angle(np.exp(1j * (inverse.inputs - motion.inputs)))
     is_same = np.max(np.abs(input_gaps), axis=2) < 1e-9
