@@ -53,11 +53,16 @@ def least_velocity_coefficients(made, pole, samples=3601):
 @pytest.mark.many
 @pytest.mark.parametrize("name, pole", [("single_flier", "61"), ("double_butterfly", "41")])
 def test_near_misses_of_type_i_are_the_least_velocity_coefficients(name, pole):
-    """A type I singularity is an input at which the output stands still.
+    """Near misses are inputs at which the output nearly stands still, but does not.
 
-    Near misses are compared with parabolas through a table of 3601 samples, to 0.01 deg.
-    The warning names the least angle, whose tangent is the coefficient. A place of the
-    single flier where a formula is 0/0 (c = d = 0 of form ii, mode 4, 359 deg) is no miss.
+    At a type I singularity the output stands still: its velocity coefficient is zero. A
+    near miss is a local minimum of the coefficient below a limit. Near misses are compared
+    with minima of parabolas through a table of 3601 samples, to 0.01 deg. The warning names
+    the least angle, whose tangent is the coefficient.
+
+    The singularities follow from the relation c y' = d q' of output and input rates. The
+    six-bar "single_flier" has one form of this relation in which c and d vanish together in
+    mode 4 at 359 deg, although the mechanism is regular. This is no near miss.
     """
     misses, warnings = near_misses(name)
     expected = least_velocity_coefficients(name, pole)
@@ -120,8 +125,9 @@ def geared(teeth, ground=60.0, crank=20.0, span=360.0):
     """Return a four-bar whose crank "2" is driven through two bevel wheels.
 
     `teeth` are those of the driving wheel "w", which turns about the ground's axis "a", and
-    of the wheel on the crank. `ground` and `crank` are arcs, and `span` is the range of the
-    driving wheel's angle from 0, all in degrees. The coupler has 70 deg, the rocker 40 deg.
+    of the wheel on the crank, in rolling contact ("Cr"). `ground` and `crank` are arcs, and
+    `span` is the range of the driving wheel's angle from 0, all in degrees. The coupler has
+    70 deg, the rocker 40 deg. The position of axis "a" (75 and 40 deg) is arbitrary.
     """
     links = {
         "1": {"axes": ["41", "21", "a"], "arcs": [ground, 75.0], "angles": [40.0]},

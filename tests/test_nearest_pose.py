@@ -54,11 +54,14 @@ def angle_between(pose, second_pose):
 
 
 def check_nearest(kinematics, bounds, signs, count, seed=0, tries=40_000):
-    """Check that the nearest reachable poses to `count` unreachable ones are the nearest.
+    """Check that the poses that are offered instead of unreachable ones are the nearest.
 
-    The offered pose has to be reachable in the working mode `signs` and within `bounds`,
-    and none of `tries` random poses nearer to the asked one may be. Returns the asked poses
-    and the angles (rad) to the offered ones.
+    Random poses are asked for, until `count` of them are unreachable: points on the sphere
+    if the output is a direction (`kinematics.points`), else orientations. `judge` says
+    which poses are reachable in the working mode `signs` and within `bounds`. The offered
+    pose has to be reachable, and none of `tries` random poses that are nearer to the asked
+    one may be reachable. Returns the asked poses, and the angles (rad) between each of them
+    and the offered one.
     """
     random = default_rng(seed)
     asked_poses = random_poses(random, 4000, kinematics.points)
@@ -94,12 +97,14 @@ def check_nearest(kinematics, bounds, signs, count, seed=0, tries=40_000):
 def test_the_nearest_reachable_pose_is_compared_with_random_poses_and_the_reach_of_legs(
     name, mode, count
 ):
-    """No random pose that is nearer can be reached; `check_nearest` tries 40 000 each.
+    """No random pose is nearer than the offered one, and no leg allows a nearer one.
 
-    Without joint limits, a pose cannot be reached where an axis of the output is too near
-    or too far for a leg. The arc that is missing (the negative margin) is a lower bound of
-    the angle, and is attained where one leg alone decides. `mode` numbers the working mode
-    (elbows of the legs); `count` is the number of poses.
+    `check_nearest` asks for `count` poses that cannot be reached, and tries 40 000 random
+    poses near each. Without joint limits, a pose cannot be reached because an axis of the
+    output is too near or too far for a leg. The arc by which it is too near or too far (the
+    negative margin) is a lower bound of the angle between asked and offered pose. The angle
+    is as small as this for poses at which one leg alone decides. `mode` is the number of
+    the working mode (elbows of the legs).
     """
     kinematics = output_kinematics(sk.load(name))
     bounds = kinematics.bounds
@@ -197,11 +202,13 @@ def test_the_nearest_of_two_points_that_are_moved_back_to_reachable_poses_is_ret
 ):
     """Two unreachable points are moved back towards the reachable starts they came from.
 
-    Point k (0 or 1) lies on axis k of coordinates about the asked pose, at the arc
-    `points[k]`; its start lies at the larger arc `starts[k]` (rad). Poses whose largest
-    component is on axis k are reachable beyond `arcs[k]`, so a point stops at that arc. If
-    `arcs[k]` exceeds the start, point k reaches nothing. `dimension` is that of the
-    coordinates: 2 for points on the sphere, 3 for orientations.
+    Coordinates about the asked pose have axes, and the distance from the asked pose is
+    their length. Point k (0 or 1) is on axis k at the distance `points[k]` (rad), and is
+    moved outwards on this axis, at most to its start at `starts[k]`. A pose on axis k is
+    reachable if its distance exceeds `arcs[k]`, so the point stops there. In the last case
+    `arcs[0]` exceeds `starts[0]`: point 0 finds no reachable pose up to its start, and the
+    other point is returned. `dimension` is that of the coordinates: 2 for points on the
+    sphere, 3 for orientations.
     """
     chart = NormalCoordinates.around(np.eye(dimension + 1)[0])
 
@@ -210,7 +217,11 @@ def test_the_nearest_of_two_points_that_are_moved_back_to_reachable_poses_is_ret
         axis = np.argmax(coordinates[:, :2], axis=1)
         return np.max(coordinates, axis=1) > np.array(arcs)[axis]
 
-    search = NearestPoseSearch(lambda poses: np.zeros((len(poses), 1)), is_reachable)
+    def no_margins(poses):
+        """Return margins (n, 1) that say nothing; `_move_inside` does not use them."""
+        return np.zeros((len(poses), 1))
+
+    search = NearestPoseSearch(no_margins, is_reachable)
     axes = np.eye(dimension)[:2]
     unreachable_points = np.array(points)[:, None] * axes
     reachable_starts = np.array(starts)[:, None] * axes

@@ -28,10 +28,11 @@ def at(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_coefficient_times_axis_is_that_of_the_first_link(name):
+def test_coefficient_times_axis_is_the_velocity_of_the_first_link(name):
     """The coefficient of the pole J/I times its axis is w_J - w_I, for all pairs of links.
 
-    J is the first link of the name, and w are angular velocities at unit rate of one input.
+    J is the first link of the name J/I, and w are angular velocities at unit rate of one
+    input: the product is the angular velocity of J relative to I.
     In the other order the axis is the same and both coefficients have the opposite sign.
     """
     evaluation = at(name)
@@ -93,10 +94,12 @@ def test_stored_models_have_the_same_signs():
 
 
 def test_quantities_of_sources_and_sweeps_have_the_sign_of_their_first_link():
-    """Coefficient times axis is w_A - w_B in exported formulas, for all pairs of links.
+    """Coefficient times axis is w_A - w_B in formulas, for all pairs of links A and B.
 
-    The axis of links that share a pair is that of the pair, and the coefficient has a sign.
-    The axis of other links has the sense of w_A - w_B, so the coefficient is not negative.
+    Exported source code and sweeps of designs use these formulas. A quantity is called
+    velocity_coefficient_A_B, and w are the angular velocities of the links. The axis of
+    links that share a pair is that of the pair, and the coefficient has a sign. The axis of
+    other links has the sense of w_A - w_B, so the coefficient is not negative.
     """
     links = sk.load("four_bar").links
     pairs = [*permutations(links, 2)]
@@ -104,6 +107,7 @@ def test_quantities_of_sources_and_sweeps_have_the_sign_of_their_first_link():
     names += [f"pole_{a}_{b}_{x}" for a, b in pairs for x in "xyz"]
     formula_set = formulas("four_bar", names)
     (mode,) = [mode for mode in formula_set.modes if mode.number == 0]
+    # The arguments of the formulas: the input (rad), then the signs of the dyads.
     point = np.array([[0.7], *([sign] for sign in mode.values)])
     terms = [*formula_set.variables[0], *formula_set.variables[1]]
     values = array_function(list(formula_set.outputs), terms)(point)[:, 0]

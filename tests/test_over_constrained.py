@@ -63,9 +63,10 @@ def test_it_is_explained_and_has_a_page(name, tmp_path, capsys):
 def test_a_four_bar_moves_with_two_equal_rods_as_with_one():
     """The second rod repeats a constraint; the four-bar alone is solved in closed form.
 
-    Sources of the over-constrained four-bar close its loops by Newton's method. In each
-    assembly mode, ten steps for 11 inputs within 0.05 rad of a known configuration give the
-    output's angle and rate, which have to be those of a mode of the four-bar with one rod.
+    The formulas for source code of the over-constrained four-bar close its loops by
+    Newton's method. In each assembly mode, ten steps for 11 inputs within 0.05 rad of a
+    known configuration give the output's angle and rate. They have to be those of a mode of
+    the four-bar with one rod (`four_bar_with_further_axes` without further axes).
     """
     outputs = ["theta_out", "rate_out"]
     with_two_rods = formulas(second_rod(), outputs)
@@ -102,8 +103,11 @@ def test_a_four_bar_that_a_rod_of_another_length_locks_is_refused(
 ):
     """The rod of 55 deg joins points of crank and rocker whose distance changes.
 
-    All commands say that links are rigid, although a rod more is no fault in itself.
+    All commands say that links are rigid. A second rod alone is no reason for a refusal: if
+    its length is right, it only repeats a constraint.
     """
+    # The third axes of crank and rocker, to which the rod is joined: name, arc from the
+    # first axis and angle from the second (deg).
     rigid = four_bar_with_further_axes(
         "rigid",
         'rod_b = { axes = ["tip_b", "joint_b"], arcs = [55.0] }',

@@ -28,11 +28,12 @@ EVERY = (
 
 @pytest.fixture
 def opened(browser, tmp_path):
-    """Return a function that opens the page of a mechanism from its file in a browser tab.
+    """Return a function that writes the page of a mechanism and opens it in a browser tab.
 
     `fragment` is the part of the address after "#", which holds the state; `options` are
     those of Playwright's `new_page`. The test fails at its end if the page wrote to the
-    console, raised an error or asked for anything from the network.
+    console, raised an error or asked for anything from the network. Such requests are
+    recorded and not answered.
     """
     complaints = []
 
@@ -45,6 +46,7 @@ def opened(browser, tmp_path):
         tab.on("pageerror", lambda error: complaints.append(str(error)))
         tab.route(re.compile("^http"), lambda route: complaints.append(route.request.url))
         tab.goto(f"{path.as_uri()}#{fragment}")
+        # The page is ready when its first picture is drawn.
         wait_until(tab, "window.spherekit?.timing.pictures > 0")
         return tab
 
@@ -102,9 +104,10 @@ def drag(tab, start, offset):
 def compute_in_python(mechanism, q, name):
     """Return a quantity of the page at inputs `q` (rad) in every assembly mode.
 
-    `name` is its key on the page: "velocity_LINK_LINK_INPUT" (a velocity coefficient),
-    "transmission_PAIR" (the angle between both arcs of the dyad with this middle pair) or
-    that of the torque of an input, at unit speeds. None of the page's code is used.
+    `name` is its key on the page. "velocity_LINK_LINK_INPUT" is a velocity coefficient,
+    "transmission_PAIR" the transmission angle: the acute angle between the planes of both
+    arcs of the dyad with this middle pair. Any other key is the torque of an input while
+    all inputs have unit speeds. None of the page's code is used.
     """
     rows = sk.evaluate(mechanism, q)
     first_input, *further_inputs = rows.input_pairs
@@ -114,6 +117,8 @@ def compute_in_python(mechanism, q, name):
         return rows.velocity_coefficient("/".join(parts[1:3]), input_pair)
     if kind == "transmission":
         middle = mechanism.pair_number["_".join(parts[1:])]
+        # The group of two links whose middle pair is this one. `dyad_positions` are the
+        # first outer, the middle and the last outer pair among its pairs.
         groups = plan_assembly(mechanism).groups
         (dyad,) = (x for x in groups if x.is_dyad and x.middle == middle)
         pairs = [mechanism.pairs[dyad.pairs[k]] for k in dyad.dyad_positions]
@@ -123,7 +128,9 @@ def compute_in_python(mechanism, q, name):
         first_normal = unit_rows(np.cross(first_axis, middle_axis))
         second_normal = unit_rows(np.cross(middle_axis, last_axis))
         sine = np.linalg.norm(np.cross(first_normal, second_normal), axis=1)
+        # Planes have no sense, so the angle is the acute one.
         return np.arctan2(sine, np.abs(np.vecdot(first_normal, second_normal)))
+    # At the time 0 each input has its value in `q` and the speed 1 rad/s.
     speeds = (sk.ConstantSpeed(1.0, x) for x in q)
     laws = dict(zip(rows.input_pairs, speeds, strict=True))
     torques = sk.inverse_dynamics(mechanism, laws, [0.0]).torques
@@ -137,7 +144,8 @@ def test_numbers_at_the_cursor_are_those_of_python(opened, name, tmp_path):
     """Python computes the table's numbers for the mechanism that the page saves.
 
     Before, the knobs of all inputs and the last slider of a size, if there is one, are
-    dragged. The numbers have to be those of one assembly mode to 1e-12.
+    dragged by some pixels. Each number of the table has to be that of some assembly mode,
+    to 1e-12.
     """
     tab = opened(name)
     q_at_first = tab.evaluate("spherekit.state.q")
@@ -172,10 +180,18 @@ def test_numbers_at_the_cursor_are_those_of_python(opened, name, tmp_path):
 
 @pytest.mark.slow
 def test_keys_and_links_reach_what_a_mouse_does(opened):
-    """The address keeps the state; every control has a name, and reads what it does."""
+    """Keys change the state of a page, its address keeps the state, controls have names.
+
+    A page can be used without a mouse: keys turn the input and the view, choose the mode
+    and show the steps in which poles are found. A link with the state opens the same view.
+    Every control has a name that a screen reader can say.
+    """
     tab = opened("four_bar", color_scheme="dark")
     assert tab.evaluate("document.documentElement.dataset.theme") == "dark"
     tab.focus("#sphere")
+    # The input grows by a small and a large step, the view turns and comes nearer, the
+    # next assembly mode is chosen, and five times the next step of the construction of
+    # poles.
     for key in (".", ">", "ArrowLeft", "+", "m", "n", "n", "n", "n", "n"):
         tab.keyboard.press(key)
     tab.focus("#sliders input >> nth=2")
@@ -183,6 +199,8 @@ def test_keys_and_links_reach_what_a_mouse_does(opened):
     here = tab.evaluate("structuredClone(spherekit.state)")
     assert here["q"][0] == pytest.approx(np.radians(71.0)) and here["mode"] == 1
     assert here["sizes"] == [60.0, 20.1, 70.0, 40.0] and here["step"] == 4
+    # The pole of the step is marked twice in the table, which is symmetric. The pole P31 is
+    # at right angles to two planes; its step says so as a cross product of cross products.
     assert tab.locator("#table .hand").count() == 2
     assert "P31 case (a) = (P21 P32) x (P41 P43)" in tab.inner_text("#step")
     fragment = tab.evaluate("spherekit.link()")

@@ -77,7 +77,9 @@ def angles_on_page(tab, mechanism, q):
 def compare_page(tab, mechanism, crossings="pass", seed=0):
     """Compare the angles of all modes of a page with `sk.evaluate`.
 
-    Inputs are 20 random ones in the range, and four beside each crossing.
+    Inputs are 20 random ones in the range, and four beside each crossing, an input at which
+    curves of configurations cross. `crossings` says how modes continue there: "pass" along
+    the smooth curve, "end" with the same signs of their dyads.
 
     Returns
     -------
@@ -85,7 +87,9 @@ def compare_page(tab, mechanism, crossings="pass", seed=0):
         Number of compared configurations.
     """
     random = np.random.default_rng(seed)
+    # The range of the first input alone.
     low, high = mechanism.with_inputs(mechanism.input_pairs[0]).inputs[0].range
+    # `passed` of a mode are the crossings through which it continues.
     crossing_inputs = tab.evaluate("spherekit.modes.flatMap(mode => mode.passed)")
     beside = [x + d for x in crossing_inputs for d in (-1e-2, -1e-3, 1e-3, 1e-2)]
     q = np.concatenate([random.uniform(low, high, 20), beside])
@@ -111,7 +115,8 @@ def compare_page(tab, mechanism, crossings="pass", seed=0):
 def test_modes_of_a_page_are_those_of_evaluate(open_page, name):
     """Modes on a page follow the smooth curves of `sk.evaluate` through the crossing.
 
-    The page says where it is. No mode has a gap within its range.
+    A sentence on the page names the input of the crossing. No mode has a gap within its
+    range. At least 40 configurations are compared.
     """
     tab = open_page(load_case(name))
     mechanism = load_case(name)
@@ -169,7 +174,8 @@ def bends_along_drag(tab, inputs):
     Returns
     -------
     bends
-        (steps - 1, results) second differences of all results of mode 0.
+        (steps - 1, results) sizes of the second differences of the numbers from which the
+        picture of mode 0 is drawn; the first ones are the axes of pairs.
     """
     places = []  # where the knob is drawn at each input
     for q in inputs:
@@ -185,9 +191,12 @@ def bends_along_drag(tab, inputs):
     for place in places:
         tab.mouse.move(*place)
         tab.wait_for_timeout(30)
+        # All numbers from which the picture of mode 0 is drawn.
         rows.append(tab.evaluate("[...spherekit.modes[0].pictureRow]"))
         reached_inputs.append(tab.evaluate("spherekit.state.q[0]"))
     tab.mouse.up()
+    # The mouse moves in whole pixels, so the inputs are only nearly those that were aimed
+    # at.
     assert np.allclose(reached_inputs, inputs, atol=0.02)
     return np.abs(np.diff(np.array(rows, dtype=float), 2, axis=0))
 
@@ -214,12 +223,15 @@ def test_a_curve_that_needs_two_turns_goes_on_in_the_other_mode(open_page):
     """A curve that closes after two turns of the input changes the mode at the end of a
     turn.
 
-    The knob is dragged from 6.25 rad over 2 pi, first in mode 0 and then in mode 1.
+    The knob of the mechanism "cp2" is dragged from 6.25 rad over 2 pi, first in mode 0. The
+    page then shows mode 1. The same in mode 1 leads back to mode 0. Setting the input back
+    to 6.25 rad, without dragging, does not change the mode.
     """
     tab = open_page(load_case("cp2"), "q=6.25")
     for mode in (0, 1):
         assert tab.evaluate("spherekit.state.mode") == mode
         place = tab.evaluate("spherekit.knobPlace(0)")
+        # Where the knob is drawn at 0.05 rad, beyond 2 pi. The input is set there and back.
         place_ahead = tab.evaluate(
             """async () => {
               const now = spherekit.state.q;

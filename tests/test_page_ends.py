@@ -222,16 +222,17 @@ NARROW = [(70.0, 30.0, 60.0, 40.002), (70.0, 30.0, 60.0, 39.998)]
 def test_a_gap_between_two_samples_is_found(open_page, arcs):
     """A gap of half a degree in the crank's range is shown, though samples are 2 deg apart.
 
-    By the cosine law of the triangle of ground, crank and the arc between their ends,
-    the crank stops where that arc is coupler + rocker or coupler - rocker. The input is
-    pi minus the triangle's angle. With the other arcs the crank turns fully.
+    The crank stops where the arc from its end to the rocker's axis is coupler + rocker or
+    coupler - rocker. This arc, ground and crank are a spherical triangle, whose angle
+    between ground and crank is the input. It follows from the law of cosines. If there is
+    no such angle, the crank turns fully.
     """
     tab = open_page(four_bar(arcs), vary=[])
     ground, crank, coupler, rocker = np.radians(arcs)
     cosine_of_reach = np.cos([coupler - rocker, coupler + rocker])
     cosine = cosine_of_reach - np.cos(ground) * np.cos(crank)
     cosine /= np.sin(ground) * np.sin(crank)
-    inputs = np.pi - np.arccos(-cosine[np.abs(cosine) < 1.0])
+    inputs = np.arccos(cosine[np.abs(cosine) < 1.0])
     exact = np.sort(np.concatenate([inputs, 2.0 * np.pi - inputs]))
     for mode in range(2):
         shown = curve_of_mode(tab, mode)
@@ -240,7 +241,7 @@ def test_a_gap_between_two_samples_is_found(open_page, arcs):
         assert np.allclose(ends, exact, rtol=0.0, atol=1e-7)
         has_gap = not all(shown["closes"])
         assert has_gap == (len(exact) > 0)
-        assert not shown["meets"]
+        assert not shown["meets"]  # no crossings with another mode
 
 
 @pytest.mark.many
@@ -422,8 +423,9 @@ SIGNED = [
 def test_velocity_coefficients_have_the_signs_of_evaluate(open_page, name):
     """Velocity coefficients on the page equal those of `sk.evaluate`, sign included.
 
-    They are compared along the range of the first input in every mode. The page must not
-    show an absolute value, which has a V-shaped curve at a change of sign.
+    They are compared along the range of the first input in every mode. The sign of a pole
+    axis is a choice, so a page could show the absolute value of the coefficient. Its curve
+    would have a kink where the coefficient changes its sign.
     """
     tab = open_page(name, vary=[])
     mechanism = sk.load(name)
@@ -450,7 +452,8 @@ def test_velocity_coefficients_have_the_signs_of_evaluate(open_page, name):
             ).split("_")
             pair = "_".join(by_input[1:]) or mechanism.inputs[0].pair
             exact = evaluated.velocity_coefficient(f"{link}/{relative_to}", pair)
-            exact = exact.reshape(-1, len(x))  # (modes of evaluate, inputs)
+            # (modes of evaluate, inputs): rows are sorted by mode, then by input.
+            exact = exact.reshape(-1, len(x))
             # Near ends of modes coefficients grow without bound and both lose digits.
             is_moderate = np.abs(exact) < 1e3
             error = np.where(is_moderate, np.abs(shown - exact), 0.0)
@@ -501,9 +504,11 @@ def test_equal_curves_are_dashed_in_two_colours(open_page):
 
 @pytest.mark.slow
 def test_a_dashed_curve_lies_on_a_solid_one_everywhere(open_page):
-    """A curve is dashed only if it coincides with solid curves wherever it exists.
+    """A curve is dashed only if it coincides with curves of other modes, which are solid.
 
-    Mode 4 of this eight-bar closes in a part of the range only, on curves of other modes.
+    They are compared where a solid curve exists, up to a hundredth of the height of the
+    figure, since a difference that nobody sees does not count. Mode 4 of this eight-bar
+    closes in a part of the range only, on curves of other modes.
     """
     tab = open_page("eight_bar_05", "mode=4", vary=[])
     figures = tab.evaluate(

@@ -53,7 +53,7 @@ def lines_that_depend_on_kinds(path, classes):
     dispatch table by kinds, or reads the attribute `rolling`.
     """
 
-    def name_a_kind(nodes, constants=()):
+    def names_a_kind(nodes, constants=()):
         """Return whether expressions name a kind, or a constant that holds one."""
         for node in (part for top in nodes for part in ast.walk(top)):
             if isinstance(node, ast.Constant) and node.value in TYPES | PROFILES:
@@ -65,18 +65,22 @@ def lines_that_depend_on_kinds(path, classes):
     constants = {
         target.id
         for node in tree_of(path).body
-        if isinstance(node, ast.Assign) and name_a_kind([node.value])
+        if isinstance(node, ast.Assign) and names_a_kind([node.value])
         for target in node.targets
         if isinstance(target, ast.Name)
     }
     lines = set()
     for node in nodes_of(path):
         match node:
+            # Checks of a type, and functions for a type that `functools.singledispatch`
+            # registers.
             case ast.Call(
                 ast.Name("isinstance" | "issubclass") | ast.Attribute("register")
             ):
                 expressions = node.args
             case ast.Compare():
+                # Comparisons with a name, not with the result of a function, whose
+                # arguments may happen to be spelled like a kind.
                 expressions = [
                     part
                     for part in (node.left, *node.comparators)
@@ -93,7 +97,7 @@ def lines_that_depend_on_kinds(path, classes):
                 continue
             case _:
                 continue
-        if name_a_kind(expressions, constants):
+        if names_a_kind(expressions, constants):
             lines.add(expressions[0].lineno)
     return lines
 

@@ -32,8 +32,10 @@ def test_shafts_pass_the_angles_of_their_phase_together_and_turn_at_the_ratio_of
     """The shafts' angles obey wheel - wheel_0 = ratio (pinion - pinion_0), modulo a turn.
 
     `phase` holds the angles pinion_0 and wheel_0 (degrees) at which the wheels are put
-    together; `ratio` is the signed ratio of teeth from the pinion to the wheel (its sign
-    also depends on the order of the links of the wheel's shaft). `driven` is the input.
+    together. `gears` are the numbers of teeth, with external or internal contact. `links`
+    are the two links of the wheel's shaft; their order decides about the sign of its angle.
+    `ratio` is the signed ratio of teeth from the pinion to the wheel. `driven` is the
+    input.
     """
     pinion_phase, wheel_phase = phase
     phase_line = f"phase = {{ wheel_shaft = {wheel_phase}, pinion_shaft = {pinion_phase} }}"
@@ -46,7 +48,9 @@ def test_shafts_pass_the_angles_of_their_phase_together_and_turn_at_the_ratio_of
     pinion = np.degrees(rows[:, mechanism.angles["pinion_shaft"]])
     error = wheel - wheel_phase - ratio * (pinion - pinion_phase)
     if driven == "wheel_shaft":
-        # The pinion is computed from the wheel, so it is the pinion's turns that are free.
+        # The angle of the pinion is computed from that of the wheel, up to whole turns of
+        # the pinion. As an angle of the pinion, the error is the wheel's divided by the
+        # ratio.
         error = error / ratio
     assert np.abs((error + 180.0) % 360.0 - 180.0).max() < 1e-10
 
