@@ -21,7 +21,9 @@ from spherekit.runs.proven_poles import check_provable, prove_poles
 
 DISCS = mechanism_text("proof_contacts_discs")
 BARS = {"a": (70.0, 0.0, 25.0), "b": (75.0, 55.0, 31.5), "c": (50.0, 0.0, 19.0)}
-"""Three discs on links 1, 1 and 2: arc and angle of the centre there, radius there."""
+"""Three discs, a and b on link 1 and c on link 2: arc, angle of the centre and radius (deg).
+
+Arcs and angles are polar coordinates in the axes of the link."""
 PLATE = {"a": (0.0, 0.0, 14.0), "b": (35.0, 0.0, 20.25), "c": (28.0, 62.0, 26.0)}
 
 
@@ -46,10 +48,12 @@ def plate(internal=""):
 
 
 def bars(internal=""):
-    """Write the same plate on three bars that join the centres of discs in contact.
+    """Return the text of a mechanism like `plate`, with bars in place of the contacts.
 
-    A bar has the arc of the sum of both radii, or of their difference if the contact is
-    internal. `internal` is the name (a, b or c) of the contact that is, or empty.
+    A bar joins the centres of two discs in contact. It has the arc of the sum of both
+    radii, or of their difference if the contact is internal. `internal` is the name (a, b
+    or c) of the internal contact; if it is empty, there is none. The rest of the text is
+    the same for both mechanisms (`DISCS`), with fields for axes and sizes of the links.
     """
     link_and_pair_tables = ""
     for name, link in (("a", "1"), ("b", "1"), ("c", "2")):
@@ -66,6 +70,7 @@ def bars(internal=""):
                 f'[pairs.{name}_{end}]\ntype = "R"\nlinks = ["{end}", "bar_{name}"]\n'
             )
     # Polar coordinates (deg) of centres: arcs from the first axis of a link, and angles.
+    # The third number is the radius.
     arc_a, _, _ = BARS["a"]
     arc_b, angle_b, _ = BARS["b"]
     arc_c, _, _ = BARS["c"]
@@ -112,8 +117,10 @@ def differences_between_modes(modes, pair_names):
 def test_a_plate_on_three_discs_has_the_modes_of_the_same_plate_on_three_bars(internal):
     """Two discs in contact keep the arc between their centres, as a bar does.
 
-    Both mechanisms have 8 complex modes. The checker, which shares no code with the proof,
-    accepts both certificates, and the real modes have the same joint angles in some order.
+    Both mechanisms have 8 complex modes: as many are proven as there can be (`mode_bound`).
+    The checker, which shares no code with the proof, accepts both certificates, and the
+    real modes have the same joint angles in some order. `internal` is the name of the
+    contact in which one disc is inside the other, or empty. The input is at 40 deg.
     """
     modes_of_discs = prove_modes(plate(internal), "40")
     modes_of_bars = prove_modes(bars(internal), "40")
@@ -143,14 +150,19 @@ def agrees(modes, values):
 
 
 def prove_modes_and_poles_of_a_run(mechanism, texts, count):
-    """Prove `count` modes at inputs, check a run against them and prove the run's poles.
+    """Prove the modes at inputs, check a run against them, and prove the run's poles.
 
-    `texts` are the inputs (deg) as decimal texts. Returns the result of `prove_poles`.
+    Everything is proven in ball arithmetic, whose numbers have error bounds. `count` is the
+    number of real modes, and `texts` are the inputs (deg) as decimal texts.
+
+    Returns
+    -------
+    The result of `prove_poles` for all rows of the run.
     """
     modes = certify_modes(read_decimals(mechanism), texts)
     assert modes.is_complete and len(modes.real) == count
     inputs = np.radians([float(text) for text in texts])
-    # A path needs two samples; only the first is compared.
+    # A path needs two samples. The modes are compared at the first only.
     result = sk.run(mechanism, "poles", path=np.stack([inputs, inputs + 0.01]))
     frame = result.frame("motion")
     frame = frame[frame["sample"] == 0]
@@ -209,10 +221,12 @@ def test_wheels_in_a_loop_turn_as_in_a_run(teeth):
 
 
 def test_inputs_at_which_the_follower_of_a_roller_cam_rests_are_proven(capsys):
-    """The cam's contact keeps the arc of a bar, so the mechanism is a four-bar.
+    """The proof finds the inputs at which the follower of a roller cam is stationary.
 
-    Its follower rests where crank and coupler are in line. The spherical law of cosines for
-    the triangle of ground, crank with coupler, and rocker gives these inputs.
+    The centres of cam and roller keep their distance, as if a bar joined them. The
+    mechanism is therefore equivalent to a four-bar. Its follower is stationary if crank and
+    coupler are in line. The spherical law of cosines for the triangle of ground, crank with
+    coupler, and rocker gives these inputs.
     """
     assert main(["certify", "roller_cam"]) == 0
     screen = capsys.readouterr().out
@@ -221,13 +235,15 @@ def test_inputs_at_which_the_follower_of_a_roller_cam_rests_are_proven(capsys):
     printed_numbers = [float(word) for word in re.findall(r"[0-9]+[.][0-9]+", screen)]
 
     ground, crank, coupler, rocker = np.radians([60.0, 10.0, 37.0, 45.0])
-    for reach in (coupler + crank, coupler - crank):
-        cosine = (np.cos(rocker) - np.cos(reach) * np.cos(ground)) / (
-            np.sin(reach) * np.sin(ground)
+    # The side of the triangle from the crank's axis to the rocker's other end: crank and
+    # coupler stretched out, or the crank folded back on the coupler.
+    for side in (coupler + crank, coupler - crank):
+        cosine = (np.cos(rocker) - np.cos(side) * np.cos(ground)) / (
+            np.sin(side) * np.sin(ground)
         )
         angle = np.degrees(np.arccos(cosine))
-        # A crank that is folded back on the coupler points away from the reach.
-        crank_angle = angle if reach > coupler else 180 - angle
+        # If the crank is folded back, it points in the direction opposite to this side.
+        crank_angle = angle if side > coupler else 180 - angle
         for expected in (crank_angle, 360 - crank_angle):
             # Inputs are printed in degrees, with nine decimals.
             assert min(abs(expected - number) for number in printed_numbers) < 1e-6

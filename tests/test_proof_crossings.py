@@ -42,7 +42,9 @@ def closes_at_half_a_turn(arcs):
     """Return whether a four-bar can be assembled with its crank at 180 degrees.
 
     Ground and crank are then in line, and their sum has to lie between difference and sum
-    of coupler and rocker (triangle inequality). Balls of 300 digits decide it.
+    of coupler and rocker (triangle inequality). Balls of 300 digits decide it. The arcs are
+    nearly those at which both sums are equal, so it is asserted that the digits are enough
+    for this comparison. The difference of coupler and rocker is far smaller.
     """
     with working_precision(300):
         ground, crank, coupler, rocker = (
@@ -62,10 +64,14 @@ def closes_at_half_a_turn(arcs):
 def test_the_proof_knows_on_which_side_a_four_bar_misses_a_crossing(step, link, sense):
     """Arcs 80 + 30 = 50 + 60 deg make configuration curves cross at 180 deg (a saddle).
 
-    One arc is changed by `sense` `step` degrees. Then the curves of both assembly modes
-    either get past 180 deg without meeting, or turn back just before and just after it. The
-    triangle inequality in 300 digits says which. At a saddle, the level sign says which of
-    the two pairs of opposite arms are joined.
+    One arc is changed by `step` degrees, with the sign `sense`. Then the curves of both
+    assembly modes either get past 180 deg without meeting, or turn back just before and
+    just after it. The triangle inequality in 300 digits says which.
+
+    A saddle is a place where curves cross or nearly do. Four arms (branches of curves)
+    leave it, one in each quadrant of two coordinates u and v. An arm is named by the signs
+    of u and v. The level sign says how the arms are joined: if it is positive those with
+    equal sign of v, if it is negative those with equal sign of u.
     """
     arcs = change_arc(FOLDS, link, sense + step)
     curves = certify_curves(four_bar(arcs), TURN)
@@ -85,12 +91,13 @@ def test_the_proof_knows_on_which_side_a_four_bar_misses_a_crossing(step, link, 
 
     for saddle in curves.saddles:
         assert saddle.level_sign in (1, -1)
-        # Two arms are joined if this component of their signs is equal.
+        # Two arms are joined if this component of their signs (0: u, 1: v) is equal.
         joint_component = 1 if saddle.level_sign > 0 else 0
         signs_by_arm = saddle.outward_signs
         for arm_a, arm_b in itertools.combinations(signs_by_arm, 2):
             if arm_a[joint_component] == arm_b[joint_component]:
-                # The sign of the direction along the input in which an arm leaves.
+                # The sign of the direction along the input, the last variable, in which an
+                # arm leaves. A joined curve passes the input or turns back.
                 side_a = signs_by_arm[arm_a][-1]
                 side_b = signs_by_arm[arm_b][-1]
                 assert side_a != 0

@@ -128,7 +128,11 @@ def test_wheels_are_told_to_come_back_or_refused():
 def test_certify_prints_the_ranges_between_dead_centres_of_a_geared_five_bar(
     tmp_path, capsys
 ):
-    """Two modes exist but between the two dead centres of the closed form."""
+    """The command prints two modes before and after two dead centres, and none between.
+
+    A closed form gives the dead centres. The wheels have 20 and 40 teeth, so that
+    everything repeats after two turns of the input, the range from 0 to 720 deg.
+    """
     path = tmp_path / "geared.toml"
     path.write_text(FIVE_BAR.format(20, 40, 0.0, 720.0), encoding="utf-8")
     assert main(["certify", str(path)]) == 0
@@ -144,10 +148,12 @@ def test_certify_prints_the_ranges_between_dead_centres_of_a_geared_five_bar(
 
 
 def test_a_certificate_holds_the_turns_and_the_zero_of_a_wheel():
-    """Wheels of 20 and 40 teeth come back after two turns of the input.
+    """A certificate states the turns of a wheel, and its angle where the input is zero.
 
-    The certificate's variable turns once in them, and the wheel once, backwards. Its angle
-    at input zero agrees with the closed form within the error that the certificate states.
+    Wheels of 20 and 40 teeth come back after two turns of the input (0 to 720 deg). During
+    these the certificate's variable makes one turn, and so does the wheel, backwards. The
+    angle agrees with the closed form within the error bound that the certificate states
+    ("off").
     """
     teeth = (20, 40)
     certificate = curves_certificate(certify_curves(geared(teeth), ("0", "720")))

@@ -42,16 +42,21 @@ def curves_over_range(name, pair=None, ends=TURN, tolerance=0.0, wanted=()):
     pair
         Input pair; None leaves that of the mechanism.
     ends
-        Ends of the range in degrees, as texts.
+        Ends of the range in degrees, as texts: proofs are about decimal numbers, which
+        floats would round.
     tolerance
-        Tolerance (rad) of all sizes for which the proof is valid.
+        The proof is then valid for all mechanisms whose arcs and angles differ from those
+        of the file by this much (rad) at most.
     wanted
-        Pairs whose singularities are proven as well.
+        Pairs whose singularities are proven as well. Their angles become variables of the
+        equations.
     """
     mechanism = driven_at(sk.load(name), pair) if isinstance(name, str) else name
+    # The order in which the links are placed one after another, and the mechanism with the
+    # decimal numbers of its file.
     construction = find_construction(extract_structure(mechanism), wanted)
-    decimals = read_decimals(mechanism, tolerance=tolerance)
-    return certify_curves(decimals, ends, construction)
+    decimal_mechanism = read_decimals(mechanism, tolerance=tolerance)
+    return certify_curves(decimal_mechanism, ends, construction)
 
 
 def check_counts(curves, intervals):
@@ -95,12 +100,14 @@ def test_modes_between_turning_points_are_as_many_as_at_one_input(
 def test_a_long_piece_beside_a_turning_point_does_not_hide_it(seed):
     """A turning point beside a long piece of a curve is proven.
 
-    The eight-bars have pieces that are almost too long to prove; their bounds of rates must
-    be in order on every fraction of a piece.
+    A piece is a box with exactly one arc of the curve. The eight-bars have pieces that are
+    almost too long to prove. Turning points are found by bounds of rates along a part of a
+    piece. A lower bound above the upper one would give a wrong sign of the rate, and so
+    hide a turning point. The numbers of modes between the turning points would be wrong.
     """
-    chain = EIGHT_BARS[0]
-    axes = random_axes(np.random.default_rng(seed), len(chain.split()))
-    mechanism = mechanism_from_chain(chain, axes)
+    link_pairs = EIGHT_BARS[0]
+    axes = random_axes(np.random.default_rng(seed), len(link_pairs.split()))
+    mechanism = mechanism_from_chain(link_pairs, axes)
     mechanism = replace(
         mechanism, inputs=(Input(mechanism.pairs[0].name, 0.0, 2.0 * np.pi),)
     )
@@ -127,8 +134,9 @@ def test_a_tolerance_loses_no_stop_where_its_sign_is_open_at_a_centre(capsys):
 def test_singularities_proven_are_those_that_a_run_reports(name, pair):
     """Proven singularities of types I and II are those of the analysis `singularities`.
 
-    Type I is a dead centre of an output, type II one at which the input does not hold it.
-    The analysis finds them in floating point, to 1e-7 rad.
+    In type I the output is stationary along a curve, in type II the input is. All of them
+    must be decided (`undecided` is 0), and no output left out (`skipped`). The analysis
+    finds them in floating point, to 1e-7 rad.
     """
     mechanism = driven_at(sk.load(name), pair)
     curves = curves_over_range(
@@ -147,39 +155,46 @@ def test_singularities_proven_are_those_that_a_run_reports(name, pair):
 
 
 def test_all_sizes_within_a_tolerance_have_the_curves_proven(monkeypatch):
-    """Curves are proven for all sizes within 1e-7 rad; with 1e-5 rad only between dead
-    centres.
+    """Curves are proven for all sizes within 1e-7 rad.
 
-    Beside a dead centre such sizes leave open where the input stops. With 0.03 rad and few
-    boxes nothing is certified.
+    The place of a dead centre depends on the sizes. With a tolerance of 1e-5 rad a part of
+    the range (below 0.022 rad) about each of the four dead centres is therefore undecided.
+    There are two modes between them, in two parts of the range. With 0.03 rad and few boxes
+    nothing is certified.
     """
     curves = curves_over_range("four_bar", "41", TURN, tolerance=1e-7)
     assert curves.completeness.guarantee is Guarantee.CERTIFIED
     assert len(curves.turning_points) == 4
-    # beside dead centres the sizes leave open where the input stops
     coarse = curves_over_range("four_bar", "41", TURN, tolerance=1e-5)
     assert coarse.completeness.box < 0.022 and len(coarse.undecided_ranges) == 4
     assert [count for _, _, count in coarse.intervals] == [0, 2, 0, 2, 0]
-    decimals = read_decimals(driven_at(sk.load("four_bar"), "41"), tolerance=0.03)
+    decimal_mechanism = read_decimals(driven_at(sk.load("four_bar"), "41"), tolerance=0.03)
     monkeypatch.setattr("spherekit.proof.configuration_curves.MAX_CURVE_BOXES", 3000)
-    undecided = certify_curves(decimals, TURN)
+    undecided = certify_curves(decimal_mechanism, TURN)
     assert undecided.completeness.guarantee is not Guarantee.CERTIFIED
 
 
-def tampered(certificate, moves):
-    """Return a certificate of curves with one random falsification, chosen by `moves`."""
+def tampered(certificate, generator):
+    """Return a certificate of curves with one random falsification.
+
+    A curve is missing or listed twice; the centre of a piece is shifted; a piece is far too
+    wide to contain only one curve; pieces are missing; or a tangent is reversed.
+    `generator` is a random number generator.
+    """
     changed = copy.deepcopy(certificate)
     curves = changed["curves"]
-    curve = moves.choice(curves)
+    curve = generator.choice(curves)
     pieces = curve["pieces"]
-    piece = moves.choice(pieces)
-    index = moves.randrange(len(pieces) - 1)  # not the last, which has no successor
-    kind = moves.randrange(6)
-    coordinate = moves.randrange(2)
+    piece = generator.choice(pieces)
+    index = generator.randrange(len(pieces) - 1)  # not the last, which has no successor
+    kind = generator.randrange(6)
+    coordinate = generator.randrange(2)
     if kind == 0:
         curves.remove(curve)
     elif kind == 1:
-        shift = (-1) ** coordinate * 10 ** -moves.randrange(1, 7)
+        # Coordinate 0 is shifted upwards, coordinate 1 downwards.
+        direction = 1 if coordinate == 0 else -1
+        shift = direction * 10 ** -generator.randrange(1, 7)
         piece["centre"][coordinate] += shift
     elif kind == 2:
         piece["radius"] *= 30.0
@@ -204,9 +219,9 @@ def test_the_checker_proves_curves_again_and_refuses_tampered_ones(count):
         curves_certificate(curves_over_range("four_bar", "41", ("-50", "-45")))
     )
     check(certificate)
-    moves = random.Random(23)
+    generator = random.Random(23)
     for _ in range(count):
-        refuse(tampered(certificate, moves))
+        refuse(tampered(certificate, generator))
 
 
 def singularities_certificate(name, pair, ends):
@@ -247,7 +262,8 @@ def test_the_checker_repeats_dead_centres_and_refuses_those_left_out():
 def test_the_input_is_clear_of_singularities_as_far_as_is_said():
     """The proven clearance of an input is the distance (rad) to the nearest singularity.
 
-    It is compared with the analysis `singularities`. It never exceeds the proven range.
+    It never exceeds the distance that the analysis `singularities` gives, and falls below
+    it by error bounds only (1e-6 rad). It also ends at the ends of the proven range.
     """
     mechanism = driven_at(sk.load("four_bar"), "41")
     curves = curves_over_range(
@@ -265,10 +281,14 @@ def test_the_input_is_clear_of_singularities_as_far_as_is_said():
 
 @pytest.mark.parametrize(("name", "tolerance"), [("stephenson", 0.0), ("watt", 1e-6)])
 def test_equations_by_coefficients_are_off_by_less_than_is_said(name, tolerance):
-    """Derivatives of arc equations from their coefficients have the stated error at most.
+    """Derivatives of equations from their coefficients have the stated error at most.
 
-    The expected values place the links in ball arithmetic, another way to the same
-    equations. An error is multiplied by the degree in each variable of the derivative.
+    An arc equation says that the arc between two placed axes is that of a link. As a
+    trigonometric polynomial it has coefficients of products of sines and cosines
+    (`harmonics`), and an error bound. The error of a derivative is this bound times the
+    degree in each variable of the derivative. The expected values place the links in ball
+    arithmetic, another way to the same equations. With a tolerance of the sizes (rad), the
+    error bound has about its size.
     """
     mechanism = sk.load(name)
     with working_precision(80):
@@ -291,31 +311,34 @@ def test_equations_by_coefficients_are_off_by_less_than_is_said(name, tolerance)
 
 @pytest.mark.slow
 def test_curves_with_an_input_locked_are_those_with_it_held(tmp_path):
-    """The certificate with a locked input has the modes of both inputs at those values.
+    """A mechanism with a locked input has as many modes as with two inputs at given values.
 
-    In the certificate's text the two links of the locked pair are one.
+    The option --lock joins the two links of the pair 51 to one, at 80 deg. The certificate
+    contains the text of this mechanism. The original with both inputs given must have as
+    many modes.
     """
     path = tmp_path / "certificate.json"
     assert main(["certify", "five_bar", "--lock", "51=80", "-o", str(path)]) == 0
     certificate = json.loads(path.read_text())
     assert certificate["complete"] and certificate["tolerance_rad"] == 1e-14
     check(certificate)
-    five_bar = sk.load("five_bar")
-    decimals = read_decimals(five_bar)
+    five_bar = read_decimals(sk.load("five_bar"))
     for q in ("60", "100", "130"):
-        held = certify_modes(decimals, (q, "80"))
+        modes_of_both_inputs = certify_modes(five_bar, (q, "80"))
         locked = loads(certificate["mechanism"], "locked")
-        alone = certify_modes(read_decimals(locked), (q,))
-        assert held.is_complete and alone.is_complete
-        assert len(held.real) == len(alone.real)
+        modes_of_locked = certify_modes(read_decimals(locked), (q,))
+        assert modes_of_both_inputs.is_complete and modes_of_locked.is_complete
+        assert len(modes_of_both_inputs.real) == len(modes_of_locked.real)
 
 
 def test_rates_along_pieces_are_within_their_bounds():
     """First and second derivatives along curves are within the bounds of their pieces.
 
-    A piece is parametrized by the length s along its tangent t; its points are
-    centre + s t + N y with normals N. y(s) is found by Newton's method from the equations,
-    and differentiated implicitly.
+    A piece is a box with exactly one arc of a curve. It is parametrized by the length s
+    along its tangent t; its points are centre + s t + N y with normals N. y(s) is found by
+    Newton's method from the equations (`harmonics`: their trigonometric polynomials), and
+    differentiated implicitly. 8 steps converge, because y is small. The first derivatives
+    of the variables by s are the rates, the second ones the derivatives of the rates.
     """
     curves = curves_over_range("stephenson", "16", ("0", "60"))
     random = np.random.default_rng(3)

@@ -50,6 +50,15 @@ SEEDS = [range(3), pytest.param(range(3, 60), marks=pytest.mark.slow)]
 
 @pytest.mark.parametrize("seeds", SEEDS)
 def test_a_dyad_closed_as_a_group_is_a_spherical_triangle(seeds):
+    """A dyad closed by Newton's method has the angles of its spherical triangle.
+
+    Coupler and rocker of a random four-bar are a dyad. It is closed in quad precision in
+    two ways: as a triangle, by one of two signs, and like larger groups by Newton's method,
+    where the sign of a determinant chooses the mode. The crank is 1e-8 to 1e-17 rad from
+    dead centres, where coupler and rocker are in line. There, the triangle inequality in 60
+    digits says whether they reach each other. Only at a dead centre itself (within 64
+    roundings) another status is accepted, and every status must occur.
+    """
     counts = dict.fromkeys((Status.OK, Status.OUT_OF_REACH, Status.AT_SINGULARITY), 0)
     for seed in seeds:
         random = np.random.default_rng(seed)
@@ -64,10 +73,17 @@ def test_a_dyad_closed_as_a_group_is_a_spherical_triangle(seeds):
         made = replace(four_bar(degrees), inputs=(Input("21", 0.0, 6.0),))
         assembly = PositionAnalysis(made, samples=9).assembly
         quad_assembly = QuadAssembly(made, assembly)
-        nothing = np.zeros((len(q), 4))
-        triangles = [quad_assembly.place([s], (), q[:, None], nothing) for s in (1, -1)]
+        # Triangles need no start of Newton's method. The sign 0 means no triangle.
+        no_starts = np.zeros((len(q), 4))
+        triangles = [
+            quad_assembly.place([sign], determinants=(), q=q[:, None], starts=no_starts)
+            for sign in (1, -1)
+        ]
         starts = triangles[0].values + 1e-9 * random.normal(size=(len(q), 4))
-        groups = [quad_assembly.place([0], (s,), q[:, None], starts) for s in (1.0, -1.0)]
+        groups = [
+            quad_assembly.place([0], determinants=(sign,), q=q[:, None], starts=starts)
+            for sign in (1.0, -1.0)
+        ]
         for group in groups:
             for row, status in enumerate(group.status.tolist()):
                 counts[Status(status)] += 1
@@ -81,6 +97,7 @@ def test_a_dyad_closed_as_a_group_is_a_spherical_triangle(seeds):
                 if status != Status.OUT_OF_REACH:
                     assert min(away) <= group.error[row] + 1e-15
             assert np.all(group.error[group.status == Status.OK] < 1e-14)
+        # The two determinants give different modes.
         is_ok = groups[0].status == Status.OK
         for row in np.flatnonzero(is_ok):
             assert _difference(groups[0], groups[1], row) > 1e-9
@@ -96,9 +113,15 @@ def _difference(placed, other, row):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, 11])
 def test_modes_of_triads_end_at_their_dead_centre(seed):
-    """Two modes on one side of the end of a mode, and none on the other."""
+    """At a dead centre two modes of a mechanism with triads meet and end.
+
+    So there are two modes more on one side of this input than on the other. Configurations
+    beside it agree with a solution in 50 digits (`deviations`) within their error bounds.
+    The mechanism is a chain of eight links to which dyads and triads were added.
+    """
     made = grow_dyad_chain(np.random.default_rng(seed), 8, True)
     made = replace(made, inputs=(Input(made.inputs[0].pair, -1.5, 1.5),))
+    # The guide of a mode is its curve over the input, as verified nodes.
     guides = [mode.guide for mode in PositionAnalysis(made, samples=5).assembly_modes]
     ends = {
         float(guide.inputs[side])

@@ -27,6 +27,7 @@ def test_newton_and_euler_give_the_same_torques_and_reactions(name):
     """
     seed = sum(map(ord, name))
     mechanism, joint = with_masses_and_loads(name, np.random.default_rng(seed))
+    # A default input becomes a declared one.
     mechanism = mechanism.with_inputs(*[item.pair for item in mechanism.inputs])
     starts = START_INPUTS[name]
     result = reactions(motion_by_polynomial_laws(mechanism, starts, [0.0, 0.2, 0.4]))
@@ -36,6 +37,7 @@ def test_newton_and_euler_give_the_same_torques_and_reactions(name):
     assert np.any(result.is_open) == (name == "bevel_differential")
     has_pressure_angle = any(pair.pressure_angle for pair in mechanism.pairs)
     for row in range(len(torques.t)):
+        # The oracle returns driving torques, and with `full` the moments in all pairs.
         expected = newton_euler(*newton_euler_arguments(torques, row, joint))
         assert torques.torques[row] == pytest.approx(expected, rel=1e-10, abs=1e-10)
         if np.any(result.is_open) or has_pressure_angle:
@@ -46,6 +48,7 @@ def test_newton_and_euler_give_the_same_torques_and_reactions(name):
             count = len(components)
             moment = result.moments[row, k]
             assert moment[:count] == pytest.approx(components, abs=1e-11 * largest_moment)
+            # The oracle lists the components that a contact transmits; the others are 0.
             if not pair.kind.has_axis:
                 assert np.all(moment[count:] == 0.0)
 
@@ -69,15 +72,17 @@ def pressed(torque):
 def test_the_sign_of_a_contact_force_says_whether_it_presses(torque):
     """A positive `push` presses the follower away from the cam, a negative one would pull.
 
-    The force F on the follower at the contact point p follows from its moment p x F. It
-    presses if it points away from the centre of the cam's circle. A contact that would have
-    to pull has the status LIFT_OFF. In the other assembly mode it is the other way round,
-    also in a run of several blocks.
+    The force F on the follower at the contact point p, a unit vector, follows from its
+    moment p x F. It presses if it points away from the centre of the cam's circle. A
+    contact that would have to pull has the status LIFT_OFF. The torque that presses in one
+    of the two assembly modes, 0 and 1, pulls in the other. This is also so in a run of
+    several blocks.
     """
     mechanism = pressed(torque)
     result = reactions(motion_by_polynomial_laws(mechanism, (0.5,), [0.0, 0.1]))
     contact = mechanism.pair_number["contact"]
     frame = result.frames[0, contact]
+    # The columns of the frame are tangent, normal and contact point.
     contact_point = frame[:, 2]
     force = np.cross(frame @ result.moments[0, contact], contact_point)
     cam = mechanism.pair("contact").profiles[0]
@@ -90,7 +95,10 @@ def test_the_sign_of_a_contact_force_says_whether_it_presses(torque):
 
     run = sk.run(mechanism, "reactions", samples=7, block=3)
     lifted = run.frame("reactions").query("status == 'LIFT_OFF'")
-    assert set(lifted["assembly_mode"]) == {int(presses)}
+    # The first part of the test is about mode 0. If the contact presses there, it lifts off
+    # in mode 1.
+    mode_that_lifts_off = 1 if presses else 0
+    assert set(lifted["assembly_mode"]) == {mode_that_lifts_off}
     findings = run.summary["analyses"][0]["findings"]
     assert findings["pairs"]["contact"]["rows_that_lift_off"] == 7
 

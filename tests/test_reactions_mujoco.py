@@ -51,9 +51,11 @@ def links_beyond_hinge(model, mechanism, hinge):
 def test_accelerations_and_moments_that_close_loops_agree_with_mujoco(name):
     """Start a mechanism without loads, and compare its first instant with MuJoCo's.
 
-    MuJoCo states one constraint torque for each hinge of its tree. It has to be the sum,
-    along the hinge axis, of spherekit's moments at those pairs that close loops, on all
-    links that the hinge carries. Both agree to 3e-4, some impedances of the constraints.
+    MuJoCo joins the links of a tree by hinges. The other pairs close loops by soft
+    constraints, and their effect is stated as one constraint torque for each hinge. Let a
+    hinge carry some links of the tree. The torque has to be the sum of spherekit's moments
+    at pairs that close loops, on all these links, along the axis of the hinge. The
+    constraints have an impedance of about 1e-4, so that both agree to 3e-4 only.
     """
     mechanism = with_point_masses(name)
     input_rates = tuple(0.4 * (-1) ** (k + 1) for k in range(len(mechanism.inputs)))
