@@ -24,7 +24,7 @@ def four_bar():
     return sk.load("four_bar")
 
 
-def torque_towards(angle):
+def restoring_torque(angle):
     """Return a torque expression proportional to the distance from an angle (rad).
 
     It depends on the whole turns of the input, unlike a function of its sine and cosine.
@@ -35,18 +35,23 @@ def torque_towards(angle):
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("turns", [1, -100, 10_000, 10_000_000])
 def test_a_simulation_from_an_input_many_turns_away_runs_alike(four_bar, engine, turns):
-    """Start and torque are shifted by whole turns; only the last digits of q change."""
+    """Start and torque are shifted by whole turns; only the last digits of q change.
+
+    The torque is proportional to the distance of the input from an angle, which is shifted
+    too.
+    """
     shift = turns * TURN
     settings = {"engine": engine, "tolerance": 1e-9}
     reference_simulation = simulate(
-        four_bar, Start(0.3, 1.0), 1.0, torque=torque_towards(0.0), **settings
+        four_bar, Start(0.3, 1.0), 1.0, torque=restoring_torque(0.0), **settings
     )
     shifted_simulation = simulate(
-        four_bar, Start(0.3 + shift, 1.0), 1.0, torque=torque_towards(shift), **settings
+        four_bar, Start(0.3 + shift, 1.0), 1.0, torque=restoring_torque(shift), **settings
     )
     reference = reference_simulation.at(TIMES_S)
     shifted = shifted_simulation.at(TIMES_S)
-    # The tolerance of integration and 20 roundings of the whole angle.
+    # Angles may differ by the tolerance of integration, and by some roundings (20) of
+    # numbers as large as the shift. Rates may differ by ten times as much.
     tolerance = 20.0 * np.spacing(abs(shift)) + 1e-9
     assert np.max(np.abs(shifted.q - shift - reference.q)) < tolerance
     assert np.max(np.abs(shifted.dq - reference.dq)) < 10.0 * tolerance
@@ -74,9 +79,11 @@ def test_a_simulation_from_a_pose_many_turns_away_runs_alike(four_bar, engine, t
 
 
 def test_a_start_many_turns_away_is_moved_into_the_range_of_the_input():
-    """The modes of an irreducible group are found in the range of the input only.
+    """A simulation of an eight-bar may start 50 turns beyond the range of its input.
 
-    The eight-bar is driven from 5.0 to 5.6 rad and starts at 5.3 rad or 50 turns beyond.
+    The eight-bar has no closed form: all its moving links are closed together. Its assembly
+    modes are searched in the range of the input only, here from 5.0 to 5.6 rad. The start
+    at 5.3 rad plus 50 turns is therefore shifted into this range.
     """
     mechanism = sk.load("eight_bar_01")
     input_range = Input(mechanism.inputs[0].pair, 5.0, 5.6)

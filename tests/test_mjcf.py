@@ -136,8 +136,9 @@ def test_loads_have_the_power_that_they_say():
     """MuJoCo's power of all loads is that of their laws, at a random state.
 
     Power is torque times joint rate, force times velocity of the point, or moment times
-    angular velocity. Loads act at every pair, so that one of them is a hinge of a second
-    body.
+    angular velocity. The numbers below are those of `LOADS`. Loads act at every passive
+    pair. MuJoCo's bodies form a tree, so the pair that closes the loop is a hinge of a
+    second body of its link. This one has a load too.
     """
     loaded = replace(sk.load("four_bar"), loads=LOADS)
     mujoco_model = MujocoModel(*find_pose(loaded, inputs=0.7))
@@ -151,9 +152,10 @@ def test_loads_have_the_power_that_they_say():
 
     theta = {pair: data.joint(pair).qpos[0] for pair in ("32", "43", "41")}
     rate = {pair: data.joint(pair).qvel[0] for pair in theta}
+    # The stiffness and the rest angle of coil and second_coil.
     springs = -3.0 * (theta["32"] - 0.2) - 4.0 * (theta["32"] + 0.1)
     expected = springs * rate["32"]
-    expected -= 0.1 * rate["43"] ** 2
+    expected -= 0.1 * rate["43"] ** 2  # damper
     brake = 0.5 - 0.5 * (theta["41"] - 1.0) - 3.0 * rate["41"]
     expected += brake * rate["41"]
 
@@ -167,6 +169,8 @@ def test_loads_have_the_power_that_they_say():
     w2, _ = angular_velocity_and_rotation("2")
     w3, rotation3 = angular_velocity_and_rotation("3")
     w4, rotation4 = angular_velocity_and_rotation("4")
+    # The components of push and twist are in ground axes, those of jet and spin in the axes
+    # of their link.
     push_velocity = np.cross(w3, rotation3 @ [0.1, 0.2, 0.9])
     expected += push_velocity @ [1.0, -2.0, 6.0]
     jet_velocity = np.cross(w4, rotation4 @ [0.3, 0.2, 0.1])
@@ -261,12 +265,17 @@ def test_the_command_says_which_links_were_given_a_mass(tmp_path, capsys):
 
 
 HELD = mechanism_text("mjcf_held")
+"""Loads and joint limits that MuJoCo cannot have, or has in another form."""
 
 
 def test_an_export_names_each_load_that_it_leaves_out(tmp_path, capsys):
     """Loads that MuJoCo cannot have are left out and named, on the screen and in the model.
 
-    Friction and joint limits become MuJoCo's own, which are noted as different.
+    They are a torque ``motor`` that depends on time, a table ``profile`` of torques over
+    time, a torque ``cross`` that depends on the angle of another pair, and a nonlinear
+    torque ``swing``. The friction ``bearing`` at pair 32 (0.2 N m, viscous 0.3 N m s/rad)
+    and the joint limits of pair 41 (-90 and 90 deg) become MuJoCo's own, which are noted as
+    different.
     """
     path = tmp_path / "held.toml"
     path.write_text(dumps(replace(sk.load("four_bar"), loads=())) + HELD)

@@ -108,10 +108,14 @@ def compare_with_proof(count, seed):
     Assembly modes meet at an input where their configuration curves cross. A run names
     these inputs; `certify_curves` proves where curves cross (see `find_contradictions`).
 
+    The curves of each four-bar cross in a flat configuration (a change point), in which all
+    axes lie on one great circle. Its pairs are flat at 0 or at 180 deg, depending on the
+    position from which their angles count (`zero`). Both occur here.
+
     Parameters
     ----------
     count
-        Number of four-bars, whose curves cross in a flat configuration.
+        Number of four-bars.
     seed
         Seed of the random numbers.
 
@@ -126,8 +130,8 @@ def compare_with_proof(count, seed):
     while compared < count:
         arcs = random_crossing_arcs(random, KINDS[compared % len(KINDS)])
         low, high = symmetric_range(random)
-        # Angles of pairs count from one or the other of both flat positions.
-        text = four_bar_text(arcs, low, high, zero=str(random.choice(["0", "180"])))
+        zero_deg = str(random.choice(["0", "180"]))
+        text = four_bar_text(arcs, low, high, zero=zero_deg)
         try:
             contradictions, named_count = find_contradictions(text, low, high)
         except SpherekitError as problem:
@@ -191,10 +195,12 @@ def test_a_double_zero_is_never_excluded(shift, power):
 @pytest.mark.parametrize("difference", ["0", "1e-4", "1e-7", "1e-10", "1e-13"])
 @pytest.mark.many
 def test_a_near_miss_is_no_crossing(difference):
-    """A kite whose sides differ by 1e-10 deg has no crossing, and none is named.
+    """A kite whose equal sides differ slightly has no crossing, and none is named.
 
-    One of two equal sides of 80 deg is changed by `difference` (deg). A difference of
-    1e-13 deg is smaller than what 64-bit numbers tell apart.
+    The configuration curves of a four-bar with two and two equal sides cross in a flat
+    configuration. If one of two sides of 80 deg is changed by `difference` (deg), they pass
+    each other at a small distance. A difference of 1e-13 deg is smaller than what 64-bit
+    numbers tell apart. The run must then not fail, but may name a crossing.
     """
     from decimal import Decimal
 
@@ -216,14 +222,19 @@ def test_a_near_miss_is_no_crossing(difference):
 def test_fold_angles_of_a_flat_vertex_keep_their_ratio_through_it(arcs):
     """With `crossings="pass"` modes follow the smooth fold motions of a flat vertex.
 
-    For fold angles f and g of a flat-foldable vertex of degree four, with sector angles
-    `arcs` (deg), tan(g/2) = p tan(f/2) with a constant p (Huffman 1976; Evans et al.
-    2015), through the flat state as well. Modes by signs change between the two motions.
+    A flat-foldable vertex with four sectors is a four-bar, whose pair angles are the fold
+    angles. In each of its two motions any two of them, f and g, obey tan(g/2) = p tan(f/2)
+    with a constant p (Huffman 1976; Evans et al. 2015). This is true on both sides of the
+    flat state, in which the two motions cross. `arcs` are the sector angles (deg).
+
+    Without this option a mode is the configurations in which its dyad (two links and three
+    pairs) has one sign, and changes from one motion to the other in the flat state.
     """
 
     def ratio_spread(**options):
         """Return the largest change of a ratio of tangents, and the largest ratio."""
         motion = sk.trace(loaded(text), samples=10, **options)
+        # (modes, samples, pairs). All ratios are those to the first fold angle, the input.
         tangents = np.tan(0.5 * motion.values.reshape(2, 10, 4))
         with np.errstate(divide="ignore", invalid="ignore"):
             ratios = tangents / tangents[:, :, :1]
@@ -250,9 +261,11 @@ def test_fold_angles_of_a_flat_vertex_keep_their_ratio_through_it(arcs):
 def test_modes_pass_change_points_without_a_bend(arcs, low, high):
     """With `crossings="pass"` the steps of joint angles hardly change at a crossing.
 
-    `arcs` are those of ground, crank, coupler and rocker, the range goes from `low` to
-    `high` (both in degrees). On the other curve through the crossing, the angles would
-    move in another direction.
+    At a change point the four-bar is flat, and two curves of configurations cross. The
+    assembly modes on these curves meet there. A meeting is resolved if the run knows which
+    mode after it continues which mode before it. On the other curve, the angles would move
+    in another direction. `arcs` are those of ground, crank, coupler and rocker, the range
+    goes from `low` to `high` (both in degrees).
     """
     samples = 96
     mechanism = loaded(four_bar_text(arcs, low, high, zero="0"))
@@ -285,18 +298,23 @@ def test_modes_pass_change_points_without_a_bend(arcs, low, high):
 def test_followed_curve_agrees_with_the_smooth_mode():
     """A curve followed in arc length has the slope of the mode across the crossing.
 
-    The steps in arc length begin at sample 4, just before the flat state at 0 rad, and end
-    beside it. They use no signs of dyads.
+    In the flat state all angles are 0. The mode has samples 4 and 5 just before and after
+    it. From sample 4 the curve of configurations is followed in arc length, without the
+    signs of dyads by which modes are told apart. One end of the followed part is within
+    0.05 rad of the flat state. Slopes are the changes of all angles per change of the
+    input. Both are difference quotients, which agree to 5e-3.
     """
     mechanism = sk.load(FILES / "flatfold_through.toml")
     position_analysis = PositionAnalysis(mechanism, samples=10, crossings="pass")
     motion = position_analysis.motion()
     curve = follow_arc(position_analysis.solver.closure, motion.values[4])
     curve_ends = curve.nodes.values[[0, -1]]
-    sizes = np.abs(curve_ends).max(axis=1)
-    assert np.min(sizes) < 0.05  # rad
-    end_at_flat_state = curve.nodes.values[0 if np.argmin(sizes) == 0 else -1]
-    curve_slope = end_at_flat_state / end_at_flat_state[0]
+    distances = np.abs(curve_ends).max(axis=1)  # from the flat state, rad
+    nearest_end = curve_ends[np.argmin(distances)]
+    assert np.min(distances) < 0.05
+    # The line from the flat state, where all angles are 0, to this end. The first angle is
+    # the input.
+    curve_slope = nearest_end / nearest_end[0]
     mode_slope = (motion.values[5] - motion.values[4]) / (motion.q[5] - motion.q[4])
     assert np.allclose(mode_slope, curve_slope, atol=5e-3)
 
@@ -304,13 +322,17 @@ def test_followed_curve_agrees_with_the_smooth_mode():
 def test_two_dyads_change_their_signs_together():
     """Each of four smooth modes changes both of its dyad signs at the flat state.
 
-    The fold angles keep the ratios of their half tangents (Huffman 1976).
+    Two flat-foldable vertices have two dyads, each of which can be assembled in two ways
+    (signs). A smooth mode follows its curve through the flat state, where curves cross. Its
+    successor is the mode with the signs that it has after the crossing. The fold angles
+    keep the ratios of the tangents of their halves (Huffman 1976).
     """
     position_analysis = PositionAnalysis(two_vertices(), samples=10, crossings="pass")
     (meeting,) = position_analysis.mode_meetings
     assert meeting.resolved
     assert len(meeting.successors) == 4
     motion = position_analysis.motion()
+    # (modes, samples, fold angles)
     tangents = np.tan(0.5 * motion.values.reshape(4, 10, 7))
     ratios = tangents / tangents[:, :, :1]
     assert np.ptp(ratios, axis=1).max() < 1e-8 * np.abs(ratios).max()
@@ -372,17 +394,20 @@ def test_change_points_at_the_middle_and_the_ends_of_a_range_are_exact(arcs):
 def test_angles_that_count_turns_are_continuous_through_crossings(arcs, zero):
     """Loads that count turns of a pair see no jump by a turn where the mode is smooth.
 
-    `arcs` are those of ground, crank, coupler and rocker (deg); `zero` is the input (deg)
-    at which the four-bar is flat.
+    In flat configurations two curves of configurations cross. With `crossings="pass"` both
+    assembly modes follow their smooth curves. `arcs` are those of ground, crank, coupler
+    and rocker (deg); `zero` is the input (deg) at which the four-bar is flat.
     """
     samples = 145
     mechanism = loaded(four_bar_text(arcs, 0, 360, zero))
     position_analysis = PositionAnalysis(mechanism, samples=samples, crossings="pass")
     motion = position_analysis.motion()
     pairs = [pair.name for pair in mechanism.pairs]
-    angles = continue_angles(motion, pairs, position_analysis.angle_unwrapping, {})
+    # There are no samples before these.
+    angles = continue_angles(motion, pairs, position_analysis.angle_unwrapping, last={})
+    mode_count = 2
     for pair, values in angles.items():
-        steps = np.abs(np.diff(values.reshape(2, samples), axis=1))
+        steps = np.abs(np.diff(values.reshape(mode_count, samples), axis=1))
         assert np.nanmax(steps) < 0.7, pair  # rad, far below a turn
         difference = wrap(values - motion.values[:, mechanism.angles[pair]])
         assert np.nanmax(np.abs(difference)) < 1e-12
@@ -391,7 +416,10 @@ def test_angles_that_count_turns_are_continuous_through_crossings(arcs, zero):
 def test_evaluate_follows_smooth_curves():
     """Velocity coefficients at -0.3 and 0.3 rad are equal in size on a smooth curve.
 
-    The flat state is at 0 rad. A mode by signs is on another curve after it.
+    The flat state is at 0 rad. On each smooth curve a configuration and the one with the
+    opposite angles mirror each other, so the coefficients have equal sizes. A mode that
+    keeps the sign of its dyad is on another curve after the flat state, with a coefficient
+    that differs by more than 0.1.
     """
     path = str(FILES / "flatfold_through.toml")
 
@@ -449,10 +477,13 @@ def test_crossings_pass_changes_nothing_where_modes_do_not_cross(name):
 
 @pytest.mark.slow
 def test_modes_of_a_triad_follow_smooth_curves():
-    """Modes of a triad, which have no signs, also pass a crossing without a bend.
+    """Modes of a triad also pass a crossing of configuration curves without a bend.
 
-    Without `crossings="pass"` each step keeps the sign of a determinant, so that modes end
-    at the crossing or change to another curve.
+    The ways to assemble a triad are not distinguished by signs, as those of a dyad are.
+    Without `crossings="pass"` a mode keeps the sign of the determinant of the closure
+    equations, so that it ends at the crossing or changes to another curve. The meeting is
+    resolved: it is known which mode continues which. A mode has no bend if its steps change
+    by less than half of the largest step there.
     """
     samples = 28
     mechanism = six_bar_with_a_flat_loop()

@@ -191,8 +191,16 @@ def test_a_run_writes_every_configuration_of_a_sample_once(
 ):
     """`motion.csv` has as many rows of a sample as an independent count, none twice.
 
-    `sample_options` gives the samples of the command to `PositionAnalysis`; None stands
-    for the input values of the study file, which are repeated here in degrees.
+    The independent count solves the polynomial equations of the 3-RRR at the same samples.
+    It is -1 at samples where it is in doubt, which are left out. At least 80 % remain.
+
+    Parameters
+    ----------
+    arguments
+        File and samples of the command.
+    sample_options
+        The same samples as arguments of `PositionAnalysis`. None stands for the input
+        values of the study file, which are repeated here in degrees.
     """
     file_name, *options = arguments
     _, configurations = run_command(
@@ -209,10 +217,10 @@ def test_a_run_writes_every_configuration_of_a_sample_once(
     else:
         mechanism = sk.load(FILES / file_name)
     expected = count_platform_configurations(PositionAnalysis(mechanism, **sample_options))
-    certain = np.flatnonzero(expected >= 0)
-    assert len(certain) > 0.8 * len(expected)
-    counts = [len(configurations.get(sample, [])) for sample in certain.tolist()]
-    assert counts == expected[certain].tolist()
+    counted_samples = np.flatnonzero(expected >= 0)
+    assert len(counted_samples) > 0.8 * len(expected)
+    counts = [len(configurations.get(sample, [])) for sample in counted_samples.tolist()]
+    assert counts == expected[counted_samples].tolist()
 
 
 @pytest.mark.many
@@ -228,7 +236,8 @@ def test_a_run_writes_every_configuration_of_a_sample_once(
 def test_many_inputs_at_once_have_the_configurations_of_each_alone(name, count, seed):
     """`evaluate` of random inputs finds for each the rotations that it finds for it alone.
 
-    `count` inputs are drawn within plus and minus 150 degrees.
+    `count` inputs are drawn within plus and minus 150 degrees. No configuration occurs
+    twice at one sample. The sentence on the search of modes names the number of samples.
     """
     mechanism = with_symmetric_ranges(name)
     low, high = np.array([(item.start, item.stop) for item in mechanism.inputs]).T
@@ -301,9 +310,10 @@ def test_six_modes_are_found_with_any_number_of_samples(samples):
     ],
 )
 def test_samples_many_turns_apart_have_all_their_configurations(name, backwards):
-    """A path whose samples are 200 rad apart has at each what that sample has alone.
+    """Each sample of a path has as many configurations as if it were the only sample.
 
-    Whole turns added to the inputs change nothing.
+    Successive samples are 200 rad apart. No configuration occurs twice at one sample. Whole
+    turns added to the inputs change no number.
     """
     mechanism = sk.load(name)
     input_count = len(mechanism.inputs)
@@ -392,8 +402,10 @@ def test_a_grid_has_the_configurations_of_each_sample_alone(size):
 def test_a_lost_configuration_is_noticed(monkeypatch):
     """A sample at which one configuration is missing is reported, and the mode is kept.
 
-    The determinant signs of all configurations of a sample add up to zero, so that a
-    single missing one is noticed. Row 9 of the enumeration is removed here.
+    The determinant of the closure equations with locked inputs has a sign in each
+    configuration. Modes appear and vanish in pairs with opposite signs, so the signs of all
+    configurations of a sample add up to zero. A single missing one is therefore noticed.
+    Row 9 of the enumeration, an arbitrary one, is removed here.
     """
     from spherekit.positions import modes_over_samples
 
@@ -515,10 +527,20 @@ def test_wrong_paths_never_make_two_equal_nodes_for_any_batch_size(
 ):
     """A graph built along faulty paths has no double nodes and does not depend on batches.
 
-    Every third path is made to jump to the first configuration of the sample to which it
-    leads, so that several paths end at one node. `batch_size` paths are followed together,
-    compared with all at once. With `known_of_four` 3, each fourth configuration is left
-    out at first and only the paths can find it.
+    The nodes of the graph are configurations at the samples of a grid of inputs. Paths lead
+    from a node to the neighbouring samples. Every third path is made to jump to the first
+    configuration of the sample to which it leads, so that several paths end at one node.
+
+    Parameters
+    ----------
+    name, shape
+        A shipped mechanism, and the number of samples of each input.
+    batch_size
+        Number of paths that are followed together. The result is compared with that of all
+        paths at once.
+    known_of_four
+        4 if all configurations are nodes at first. If it is 3, each fourth configuration is
+        left out, and only the paths can find it.
     """
     graph, configurations = graph_of(name, shape)
     follow = ConfigurationGraph._follow_paths
@@ -546,9 +568,12 @@ def test_wrong_paths_never_make_two_equal_nodes_for_any_batch_size(
         for sample in range(len(graph.input_grid)):
             sample_values = np.exp(1j * graph.values[graph.sample == sample])
             distances = distances_to_nearest(sample_values)
+            # A sample without configurations has no distances.
             assert np.min(distances, initial=SELF_DISTANCE) > SAME_CONFIGURATION
     in_batches, at_once = graphs
     assert np.array_equal(in_batches.sample, at_once.sample)
+    # The node to which the path from each node led in each direction, and the set of joined
+    # nodes to which each node belongs.
     assert np.array_equal(in_batches._partner, at_once._partner)
     assert np.array_equal(in_batches._piece, at_once._piece)
 
@@ -620,9 +645,17 @@ def test_the_limit_of_configurations_at_one_input_is_reported(monkeypatch):
 
 
 def test_over_the_limit_the_modes_with_most_samples_remain(monkeypatch):
-    """If there are more modes than the limit, here 5, those that close most often stay."""
+    """If there are more modes than the limit, here 5, those that close most often stay.
+
+    The limit is the larger one of `MAX_ASSEMBLY_MODES` and of the number of modes with
+    `MOST_MODE_ROWS` rows in total, so both are made small.
+    """
 
     def count_closed_samples():
+        """Return at how many samples each mode closes, sorted, and the text on the search.
+
+        The guide of a mode has its verified configurations at the samples.
+        """
         position_analysis = PositionAnalysis(with_symmetric_ranges("three_rrr"), samples=30)
         counts = [
             np.sum(mode.guide.status == Status.OK)
@@ -645,7 +678,9 @@ def test_over_the_limit_the_modes_with_most_samples_remain(monkeypatch):
 def test_random_platforms_have_the_counts_of_an_independent_formula(seed):
     """A random 3-RRR has at every sample as many configurations as its polynomial says.
 
-    Grids and paths take turns. They are also compared with elimination sample by sample.
+    The counts by the polynomial are -1 at samples where they are in doubt, which are left
+    out. Counts are also compared with elimination at each sample alone. Grids of inputs and
+    paths take turns.
     """
     random = np.random.default_rng(seed)
     mechanism = random_platform(random)
@@ -653,7 +688,8 @@ def test_random_platforms_have_the_counts_of_an_independent_formula(seed):
     try:
         position_analysis = PositionAnalysis(mechanism, samples=samples)
     except sk.SolveError:
-        # An error is right only if the platform closes at no sample.
+        # An error is right only if the platform closes at no sample. Without modes
+        # (`follow`) there is no such error.
         position_analysis = PositionAnalysis(mechanism, samples=samples, follow=False)
         assert np.max(count_platform_configurations(position_analysis)) <= 0
         return
@@ -661,8 +697,9 @@ def test_random_platforms_have_the_counts_of_an_independent_formula(seed):
     assert count_repeats(motion) == 0
     counts = count_rows(motion, len(position_analysis.input_grid))
     expected = count_platform_configurations(position_analysis)
-    certain = expected >= 0
-    assert np.array_equal(counts[certain], expected[certain])
+    is_counted = expected >= 0
+    assert np.array_equal(counts[is_counted], expected[is_counted])
+    # Elimination at each sample alone.
     assert np.array_equal(counts, count_one_by_one(position_analysis))
 
 
@@ -690,7 +727,8 @@ def test_random_chains_have_all_modes_of_each_sample_once(seed):
         mechanism = choose_random_inputs(random, chain, freedoms)
     inputs = [replace(item, start=-0.6, stop=0.9) for item in mechanism.inputs]
     mechanism = replace(mechanism, inputs=tuple(inputs))
-    samples = [(6,) * len(inputs), 26][seed % 2]
+    # A grid of 6 samples of each input, or a path of 26 samples.
+    samples = (6,) * len(inputs) if seed % 2 == 0 else 26
     position_analysis = PositionAnalysis(mechanism, samples=samples)
     motion = position_analysis.motion()
     assert count_repeats(motion) == 0
@@ -701,6 +739,7 @@ def test_random_chains_have_all_modes_of_each_sample_once(seed):
         len(enumerate_assemblies(position_analysis.solver, grid.q[sample]).values)
         for sample in chosen
     ]
+    # If elimination does not apply to a group, the run claims less, and may miss some.
     if "all configurations at each" in position_analysis.search:
         assert count_rows(motion, len(grid))[chosen].tolist() == counts_alone
 
@@ -725,7 +764,8 @@ def test_without_a_search_only_the_reference_mode_is_claimed(degrees, is_reached
     """With `search=False` only the mode of the reference pose is computed and claimed.
 
     If that mode does not reach the only sample (three input angles in degrees), all
-    configurations are searched after all.
+    configurations are searched after all. Samples are independent: they are no motion, so
+    it is no error if a mode does not reach the sample.
     """
     wrist = sk.load(FILES / "coaxial_wrist.toml")
     path = np.radians([degrees])
