@@ -77,8 +77,9 @@ def test_columns_of_reactions_describe_one_wrench(which, request):
     """Moments and forces of pairs, in the frames of both links, belong together.
 
     - The transverse moment is the size of the moment's x and y components.
-    - At a contact the force F acts at the point d z, d the distance from the centre, and
-      has the moment d z x F. So F_x is traction / d and F_y is -(contact torque) / d.
+    - At a contact the force F acts at the point d z, where d is the distance from the
+      centre. Its moment is d z x F = (-d F_y, d F_x, 0). The table has the x component as
+      the contact torque and the y component as the traction, both in N m.
     - The frame of the first link is turned about z by the angle of the pair.
     """
     run = request.getfixturevalue(which)
@@ -92,7 +93,9 @@ def test_columns_of_reactions_describe_one_wrench(which, request):
 
     is_contact = table["contact_torque"].notna()
     contacts = table[is_contact]
+    # The bevel gears have one contact in each of 7 samples, the five-bar has none.
     assert len(contacts) == (7 if which == "gears" else 0)
+    # Two columns for one number agree exactly.
     assert_equal(contacts["contact_torque"], contacts["moment_x"], rel=0.0)
     assert_equal(contacts["force_x"], contacts["traction"] / DISTANCE, abs=1e-15)
     assert_equal(contacts["force_y"], -contacts["contact_torque"] / DISTANCE, abs=1e-15)
@@ -107,10 +110,11 @@ def test_columns_of_reactions_describe_one_wrench(which, request):
 
 
 def test_torques_of_eksergian_and_dynamics_satisfy_the_equation_of_motion(gears):
-    """tau = B ddq + (dB/dq) dq^2 / 2 - Q, with the equivalent inertia B and the loads Q.
+    """tau = B ddq + (dB/dq) dq^2 / 2 - Q is the driving torque.
 
-    Both analyses agree. Power is tau dq, kinetic energy B dq^2 / 2. The parts by load and
-    by link add up to the whole.
+    B is the equivalent inertia, Q the generalised force of all loads. Both analyses agree.
+    Power is tau dq, kinetic energy B dq^2 / 2. The parts by load and by link add up to the
+    whole. Tolerances are absolute where a difference of larger numbers is compared.
     """
     eksergian = gears.frame("eksergian")
     dynamics = gears.frame("dynamics")
@@ -198,13 +202,14 @@ def test_columns_of_poles_are_integrals_of_their_derivatives():
         ("five_bar", {"links.2.arc": [40.0]}, (3, 3), ("_by_21", "_by_51")),
     ],
 )
-def test_coefficients_have_one_sign_in_figures_and_tables(name, vary, samples, suffixes):
-    """Figures of a sweep count coefficients as its tables do, except for one convention.
+def test_figures_of_merit_take_coefficients_from_tables(name, vary, samples, suffixes):
+    """Figures of merit of a sweep have the coefficients of its tables.
 
-    About the axis of a pair the sign is that of the table. About other poles, whose sense
-    is arbitrary, a figure uses the size of the velocity coefficient, and the derivative of
-    that size. Up to five poles with a negative coefficient are compared. With several
-    inputs a suffix names the input that moves.
+    A figure of merit is a number of a design, such as the smallest coefficient. About the
+    axis of a pair a coefficient has the sign of the table. The direction of any other pole
+    axis is arbitrary, so a figure takes the absolute value of the velocity coefficient, and
+    the derivative of this absolute value. Up to five poles with a negative coefficient are
+    compared. With several inputs a suffix names the input that moves.
     """
     mechanism = sk.load(name)
     numbers = {key: values[:1] for key, values in vary.items()}
@@ -255,7 +260,9 @@ def test_mechanical_advantage_and_stiffness_follow_from_the_velocity_coefficient
     """With one input the advantage is 1/|w| and the stiffness of the output k/w^2.
 
     w is the velocity coefficient of the output 41, k = 200 N m/rad the stiffness of the
-    input. At rest the torque balances the springs at crank and rocker; dampers do nothing.
+    input. The output yields about one axis only, so its first principal stiffness is the
+    only finite one. At rest the torque balances the loads of the file: torques
+    -sin(theta_21) at the crank and -5 sin(theta_41) at the rocker. Dampers do nothing.
     """
     mechanism = sk.load("four_bar")
     run = sk.run(mechanism, ["statics:stiffness=200", "poles:only=41"], samples=37)
@@ -269,16 +276,17 @@ def test_mechanical_advantage_and_stiffness_follow_from_the_velocity_coefficient
     assert_equal(cosines * np.sign(coefficient), np.ones(len(cosines)))
 
     motion = run.frame("motion")
-    torque_of_springs = np.sin(motion["theta_21"])
-    torque_of_springs += 5.0 * np.sin(motion["theta_41"]) * coefficient
-    assert_equal(run.frame("statics")["tau"], torque_of_springs, abs=1e-13)
+    torque_of_loads = np.sin(motion["theta_21"])
+    torque_of_loads += 5.0 * np.sin(motion["theta_41"]) * coefficient
+    assert_equal(run.frame("statics")["tau"], torque_of_loads, abs=1e-13)
 
 
 def test_bearing_loads_follow_from_the_moment_and_the_force_of_a_pair():
     """Two bearings at positions a and b on the axis z carry moment M and force F.
 
     Across the axis the bearing at a carries (b F - M x z) / (b - a), the one at b
-    (M x z - a F) / (b - a). Along the axis each carries its stated part of F.
+    (M x z - a F) / (b - a). Only the size of these forces is compared, so the sign of b - a
+    does not matter. Along the axis each carries its stated part of F.
     """
     weight = sk.Gravity("weight", (1.0, 2.0, -9.0))
     mechanism = sk.load("universal_joint").with_loads(weight)
@@ -295,8 +303,8 @@ def test_bearing_loads_follow_from_the_moment_and_the_force_of_a_pair():
         force = rows[["force_x", "force_y", "force_z"]].to_numpy()
         a, b = load.positions
         moment_cross_z = np.cross(moment, [0.0, 0.0, 1.0])
-        force_at_a = (b * force - moment_cross_z) / abs(b - a)
-        force_at_b = (moment_cross_z - a * force) / abs(b - a)
+        force_at_a = (b * force - moment_cross_z) / (b - a)
+        force_at_b = (moment_cross_z - a * force) / (b - a)
         for position, bearing_force in ((a, force_at_a), (b, force_at_b)):
             is_bearing = bearings["load"] == load.name
             is_bearing &= bearings["position"] == position
@@ -321,10 +329,11 @@ def test_relations_of_singularities_are_coefficients():
     assert_equal(ratio[table["form"] == "i"], poles["velocity_coefficient"], abs=1e-11)
 
 
-def test_sensitivities_count_coefficients_as_sizes():
-    """The pole 51 is no axis of a pair: its velocity coefficient is counted positive.
+def test_sensitivities_take_absolute_values_of_coefficients():
+    """The pole 51 is no axis of a pair, so the direction of its axis is arbitrary.
 
-    The acceleration coefficient is the derivative of that size.
+    The velocity coefficient of the sensitivity is the absolute value of that of the table.
+    Its acceleration coefficient is the derivative of this absolute value.
     """
     quantities = "of=velocity_coefficient_5_1+acceleration_coefficient_5_1"
     sensitivity = f"sensitivity:{quantities},by=links.2.arc,draws=0"

@@ -81,9 +81,10 @@ def test_tests_of_the_recipe_pass_in_an_empty_folder(recipe, tmp_path, monkeypat
 
 
 def test_the_workflow_runs_the_commands_that_the_readme_has_for_developers(workflow):
-    """They are the second block of commands, without the first line, which makes a venv.
+    """The commands are in the second block of the README, after a line that makes a venv.
 
     The workflow names programs without their folder, and may leave out `pip` or `python`.
+    It also runs the command of the pixi task that builds the site.
     """
     readme = (ROOT / "README.md").read_text("utf-8")
     developers_block = re.findall(r"^```sh\n(.*?)^```$", readme, re.M | re.S)[1]

@@ -53,8 +53,12 @@ def check_error_against_measure(error, measure):
 def test_a_direction_returns_from_its_inputs_and_inputs_from_their_direction(name, count):
     """Random directions to inputs in every working mode, to directions, and to inputs.
 
-    Of the assembly modes at the inputs, the one nearest to the first direction counts.
+    A working mode is one way to assemble the legs at a given pose, an assembly mode one way
+    at given inputs. Of the assembly modes at the inputs, the one nearest to the first
+    direction counts. The errors are some rounding errors over the measure of singularity of
+    the configuration: type II for directions, type I for inputs.
     """
+    # `labels` are the working modes. `type_1` and `type_2` of a row are the two measures.
     solver = output_kinematics(sk.load(name))
     directions = np.random.default_rng(1).normal(size=(count, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -87,7 +91,9 @@ def test_an_orientation_returns_from_its_inputs_and_inputs_from_their_orientatio
 
     Forward kinematics is Newton's method on all loops with the inputs held. It starts from
     the angles of the passive pairs, disturbed by about 1e-4 rad times the measure of type
-    II, so that it stays within the same assembly mode.
+    II, so that it stays within the same assembly mode. The measure is 0 at a singularity of
+    type II and 1 at best. The errors are some rounding errors over it, or over the measure
+    of type I for inputs.
     """
     solver = output_kinematics(sk.load(name))
     newton = ForwardKinematics(solver.mechanism).solver
@@ -100,7 +106,9 @@ def test_an_orientation_returns_from_its_inputs_and_inputs_from_their_orientatio
         reached = np.asarray(rows.status == Status.OK)
         type_2 = rows.type_2[reached]
         start = rows.values[reached]
-        start[:, passive] += 1e-4 * type_2[:, None] * noise[: np.sum(reached)]
+        # As many rows of random numbers as there are poses that the mode reaches.
+        noise_of_reached = noise[: np.sum(reached)]
+        start[:, passive] += 1e-4 * type_2[:, None] * noise_of_reached
         values = newton.closure.solve(start, newton.driven).values
         rotations = newton.closure.linearise(values).rotations
         returned = output_orientations(solver.mechanism, solver.output, rotations)

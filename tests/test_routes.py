@@ -70,6 +70,18 @@ def check_pole(field, reference, pole, rows, rate_scale, change_scale):
     """Assert that directions and coefficients of a pole agree, up to the axis's sense.
 
     Coefficients change sign with the sense. Rows without the pole are left out.
+
+    Parameters
+    ----------
+    field, reference
+        Results of two ways to compute poles.
+    pole
+        The pole, by numbers of its two links.
+    rows
+        Which rows are compared.
+    rate_scale, change_scale
+        Largest rate of any link and largest derivative of a rate, at least 1. Differences
+        of velocity and acceleration coefficients are relative to these.
     """
     u = field.direction[pole][rows]
     v = reference.direction[pole][rows]
@@ -93,8 +105,9 @@ def check_pole(field, reference, pole, rows, rate_scale, change_scale):
 def test_all_routes_agree_where_all_are_well_conditioned(name):
     """Rates of links, poles and coefficients, at 25 samples with each input moving.
 
-    The velocity equations are the reference. More than 0.3 of the rows have to be well
-    conditioned by every route.
+    A route is a way to compute them, by great circles or by the velocity equations. The
+    velocity equations are the reference. More than 0.3 of the rows have to be well
+    conditioned by every route, so that the test compares enough of them.
     """
     position_analysis = PositionAnalysis(sk.load(name), samples=25)
     motion = position_analysis.motion()
@@ -127,7 +140,10 @@ def nearly_parallel_four_bar():
 def test_only_the_default_route_computes_ill_conditioned_rows_in_quad_precision():
     """With two nearly parallel axes, the default route takes quad precision in all rows.
 
-    Routes by great circles fail, in double precision, with a status and without numbers.
+    A route is a way to compute the poles and rates of links. The routes "first" and
+    "conditioned" construct each pole by two great circles, the first ones of the plan or
+    the best conditioned ones. They fail, in double precision, with a status and without
+    numbers.
     """
     position_analysis = PositionAnalysis(
         nearly_parallel_four_bar(), search=False, samples=2
@@ -141,6 +157,7 @@ def test_only_the_default_route_computes_ill_conditioned_rows_in_quad_precision(
         field = evaluate(motion, pole_request, route=route)
         assert not np.any(field.is_quad_precision)
         assert np.all(field.status == Status.ILL_CONDITIONED)
+        # Angular velocities by number of the link.
         coupler = 2
         assert np.all(np.isnan(field.w[coupler]))
 

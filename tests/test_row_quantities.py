@@ -69,11 +69,13 @@ def laws_at(mechanism, q, rates=RATES):
 def sweep_first_sample(name, quantities, q):
     """Return quantities (modes,) by name at the first sample of laws, from a sweep.
 
-    The sweep has two samples. A figure is the sum of a quantity over them, times 1 at t = 0
-    and 0 at the later time.
+    A sweep returns figures of merit: numbers that are reduced over the samples of a run.
+    Here there are two samples, and a figure is the sum of quantity * (1 - sign(t)) over
+    them. This weight is 1 at t = 0 and 0 at the later time.
     """
     mechanism = with_masses(name)
-    key = CASES[name][0]
+    # A sweep needs a number of the file that varies. It has its nominal value only.
+    key, _ = CASES[name]
     laws = laws_at(mechanism, q)
     study = Study("", mechanism, samples=2, duration=1e-3, laws=laws)
     nominal = design_variable(document_of(mechanism), key).value
@@ -115,7 +117,8 @@ class RowsOfFirstSample:
         laws = laws_at(self.mechanism, self.q)
         self.dynamics = sk.inverse_dynamics(self.mechanism, laws, [0.0])
 
-        # Sines and cosines of all pair angles identify the modes.
+        # The sweep and the evaluation may list modes in different orders. Sines and cosines
+        # of all angles of R pairs (those with an axis) identify the modes.
         pairs = [p.name for p in self.mechanism.pairs if p.kind.has_axis]
         sines = [f"sin(theta_{pair})" for pair in pairs]
         cosines = [f"cos(theta_{pair})" for pair in pairs]
@@ -127,7 +130,8 @@ class RowsOfFirstSample:
         swept = np.array([self.values_by_name[x] for x in (*sines, *cosines)])
         thetas = np.array([self.evaluation.variable(pair) for pair in pairs])
         evaluated = np.concatenate([np.sin(thetas), np.cos(thetas)])
-        # (modes of the sweep, modes of the evaluation)
+        # (modes of the sweep, modes of the evaluation). For each mode of the evaluation the
+        # nearest mode of the sweep is found.
         distances = np.max(np.abs(swept[:, :, None] - evaluated[:, None]), axis=0)
         self.order = np.argmin(distances, axis=0)
         assert np.all(np.min(distances, axis=0) < 1e-9)
@@ -157,11 +161,18 @@ class RowsOfFirstSample:
 
 @pytest.fixture(scope="module")
 def compared_rows():
-    """Return a function that evaluates the vectors of about five links, once per case."""
+    """Return a function of a mechanism's name that returns its `RowsOfFirstSample`.
+
+    Results are kept for other tests. Quantities of links, such as orientations and poles,
+    are evaluated for about five links only, because a mechanism with many links has many.
+    """
     rows_by_name = {}
 
     def evaluate_rows(name):
         if name not in rows_by_name:
+            # Names of quantities are such as angular_velocity_3_x, pole_4_2_y or
+            # velocity_coefficient_4_1_by_21. Those with another link are left out. "-" is
+            # in no name, so that nothing is left out if there are no other links.
             links = links_to_compare(name)
             other_links = "|".join({*sk.load(name).links} - {*links}) or "-"
             left_out = re.compile(
@@ -184,9 +195,13 @@ def links_to_compare(name):
 @pytest.mark.many
 @pytest.mark.parametrize("name", MARKED)
 def test_orientations_and_rates_by_quantities_are_those_of_evaluation(name, compared_rows):
-    """Rotation matrices, angular velocities per unit rate and their derivatives.
+    """Row quantities of links are compared with `sk.evaluate`.
 
-    Errors count relative to 1 plus the largest rate, and to its square for derivatives.
+    A row quantity is a number of one configuration by its name. Compared are the entries of
+    rotation matrices, and the components of angular velocities per unit rate of an input
+    and of their derivatives. With several inputs, a suffix of the name says which one
+    moves. Errors count relative to 1 plus the largest rate, and to its square for
+    derivatives.
     """
     rows = compared_rows(name)
     links = links_to_compare(name)
@@ -253,14 +268,17 @@ def test_directions_of_outputs_by_quantities_are_those_of_rotations(name, compar
 def test_forces_and_free_accelerations_are_those_of_inverse_dynamics(name):
     """Generalised forces, torques, kinetic energy, and accelerations without torques.
 
-    M (free acceleration - acceleration of the law) = -torque, with the mass matrix M.
+    The free acceleration is that of the inputs if no torque drives them. The inputs follow
+    a law of time with another acceleration. From M ddq + h = torque, with the mass matrix
+    M, follows M (free acceleration - acceleration of the law) = -torque.
     """
+    # "B_" are derivatives of the acceleration by torques.
     rows = RowsOfFirstSample(
         name, lambda x: x.startswith(("torque", "gen", "free", "kin", "B_"))
     )
     dynamics = rows.dynamics
     input_suffixes = [suffix for suffix, _ in rows.input_suffixes()]
-    is_good = dynamics.status == 0
+    is_good = dynamics.status == sk.Status.OK
     assert np.any(is_good)
     free = rows.quantities("free_acceleration", rows.component_suffixes())
     excess = free - dynamics.input_accelerations
@@ -305,14 +323,17 @@ def test_linearised_accelerations_agree_with_differences_of_inverse_dynamics(nam
     torque by q and dq at given accelerations, and B_torque is M^-1. The derivatives are
     five-point differences in each input, with steps of `STEP` rad or rad/s.
 
-    One run of inverse dynamics evaluates all states of the differences, one at each time.
-    The times are `MOMENT` apart, and `StencilLaw` returns the state of number t / `MOMENT`.
+    One run of inverse dynamics evaluates all states of the differences. It takes laws of
+    time, so the states are put at times that are `MOMENT` apart, and `StencilLaw` returns
+    the state of number t / `MOMENT`. Loads hardly change in so short a time.
     """
+    # The quantities by their names, at the first sample of a run.
     rows = RowsOfFirstSample(name, lambda x: x.startswith(("A_", "B_torque")))
     count = len(rows.inputs)
     state = np.array([rows.q, RATES[:count], ACCELERATIONS[:count]])
     # Order: angle or rate, input, position in the stencil.
-    changes = list(product((0, 1), range(count), (-2, -1, 1, 2)))
+    positions = (-2, -1, 1, 2)
+    changes = list(product((0, 1), range(count), positions))
     states = np.tile(state, (len(changes), 1, 1))
     for row, (kind, j, steps) in enumerate(changes):
         states[row, kind, j] += steps * STEP
@@ -324,7 +345,7 @@ def test_linearised_accelerations_agree_with_differences_of_inverse_dynamics(nam
     torques = torques.reshape(-1, 2, count, 4, count)
     # The axes are those of `changes`, for every mode and torque. In the letters below,
     # n: modes, k: angle or rate, j: changed input, s: stencil, i: torque.
-    weights = [1.0, -8.0, 8.0, -1.0]
+    weights = [1.0, -8.0, 8.0, -1.0]  # of `positions`
     slopes = np.einsum("s,nkjsi->nkij", weights, torques) / (12.0 * STEP)
     inverse_mass = np.linalg.inv(rows.dynamics.M)
     expected = -np.einsum("nim,nkmj->nkij", inverse_mass, slopes)
@@ -336,6 +357,7 @@ def test_linearised_accelerations_agree_with_differences_of_inverse_dynamics(nam
         suffixes = [f"{component}{suffix}" for component in rows.component_suffixes()]
         for kind, quantity in enumerate(("A_q", "A_dq")):
             derivative = expected[is_good, kind, :, j]
+            # Errors are relative, or for small derivatives absolute.
             scale = np.max(np.abs(derivative), axis=1, keepdims=True) + 1e-3
             computed = rows.quantities(quantity, suffixes)[is_good]
             assert np.max(np.abs(computed - derivative) / scale) < 3e-7
@@ -347,14 +369,18 @@ def test_linearised_accelerations_agree_with_differences_of_inverse_dynamics(nam
 def test_condition_numbers_are_those_of_the_jacobian_of_inverse_kinematics(name):
     """Ratio of singular values, and the determinant, of the Jacobian at the same pose.
 
-    The Jacobian of an output that points has the direction as a further column.
+    The Jacobian (3, inputs) has the angular velocity of the output per unit rate of each
+    input. That of an output that points has two columns. Its determinant is that of the
+    square matrix with the direction as a further column.
     """
+    # Only quantities whose names begin so are evaluated.
     rows = RowsOfFirstSample(name, lambda x: x.startswith(("condition", "jacobian")))
     (output,) = rows.mechanism.outputs
     has_direction = output.direction is not None
     pose = rows.evaluation.rotation(output.link)
     if has_direction:
         pose = pose @ output.direction
+    # The Jacobian is computed from the normals.
     inverse = sk.InverseKinematics(rows.mechanism).at(pose, normals=True)
     # The working mode of each pose is the one with the inputs of the configuration.
     differences = np.angle(np.exp(1j * (inverse.inputs - rows.q)))
@@ -402,8 +428,9 @@ def test_singular_values_by_expressions_are_those_of_lapack(columns):
 def test_derivatives_by_a_size_are_differences_of_designs(name, key, quantities):
     """Five-point differences of the same quantities at four other sizes, 1e-4 rad apart.
 
-    All rows have the same rates and accelerations of the inputs, and the time 0. Errors
-    count relative to the derivative, or to 0.01 where that is smaller.
+    `key` names the size in the mechanism file, an arc of a link. All rows have the same
+    rates and accelerations of the inputs, and the time 0. Errors count relative to the
+    derivative, or to 0.01 where that is smaller.
     """
     nominal = with_masses(name)
     count = len(nominal.inputs)
@@ -414,8 +441,9 @@ def test_derivatives_by_a_size_are_differences_of_designs(name, key, quantities)
         samples = 4 if count == 1 else (2,) * count
         motion = sk.trace(mechanism, samples=samples, search=False)
         sensitivity = Sensitivity(mechanism, [key], quantities)
-        # Columns: inputs, their rates, their accelerations, and the time.
-        rows = np.pad(motion.inputs, ((0, 0), (0, 2 * count + 1)))
+        # Columns: inputs, their rates, their accelerations, and the time 0.
+        rows = np.zeros((len(motion.inputs), 3 * count + 1))
+        rows[:, :count] = motion.inputs
         rows[:, count:-1] = [*RATES[:count], *ACCELERATIONS[:count]]
         return sensitivity.at(rows, motion.values)
 

@@ -145,8 +145,10 @@ def test_a_folder_without_permission_to_write_is_refused(result, tmp_path):
 def test_scenes_come_block_by_block_while_the_run_goes_on():
     """25 samples in blocks of 10: after each block the recorder has more scenes.
 
-    At the end, every plot has all samples, and the camera looks along a unit vector. The
-    page "Construction" has rows of its own, one for each of three steps of the plan.
+    At the end, every plot has all samples, and the camera looks along a unit vector
+    (`focus`). The page "Construction" has rows of its own, one for each of three steps in
+    which the poles are constructed. Titles of modes have the number, the sign of the dyad,
+    and the name of the mode in the file.
     """
     listener = SceneListener()
     reports = []

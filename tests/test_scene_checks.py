@@ -54,12 +54,16 @@ ONE_TRIANGLE = np.array([[0, 1, 2]])
 def unchecked(kind, *values, **values_by_name):
     """Return an instance of a dataclass as its constructor would, without any check.
 
+    So wrong primitives can be made, as a class of a plugin may do that is not checked. A
+    field without a default has to be given.
+
     Parameters
     ----------
     kind
         Class of a primitive or of a scene.
     *values, **values_by_name
-        Values of its fields, in their order and by name; other fields have their default.
+        Values of its fields, in their order and by name. Others get their default, which no
+        class of a primitive makes by a function (`default_factory`).
     """
     instance = object.__new__(kind)
     names = [field.name for field in fields(kind)]
@@ -258,7 +262,11 @@ def test_wrong_pages_and_axes_are_refused(scene, fragment):
 @final
 @dataclass(frozen=True, kw_only=True)
 class AnalysisWithWrongScene(MinimalAnalysis):
-    """Analysis whose only scene has one of the primitives of `WRONG`."""
+    """Analysis whose only scene has one of the primitives of `WRONG`.
+
+    `fault` is the key of the primitive in `WRONG`. The analysis is called "crooked" on the
+    command line. It is `rowwise`, so that it receives samples in blocks.
+    """
 
     name: ClassVar = "crooked"
     version: ClassVar = "1"
@@ -277,7 +285,9 @@ class AnalysisWithWrongScene(MinimalAnalysis):
 
     def scene(self, batch):
         """Return the scene with the fault that the parameter names."""
-        return (unchecked(Scene, 0, (WRONG[self.fault][0],)),)
+        primitive, _ = WRONG[self.fault]
+        # The scene of page 0, made without the check of its constructor.
+        return (unchecked(Scene, 0, (primitive,)),)
 
 
 @pytest.mark.slow
@@ -288,7 +298,8 @@ class AnalysisWithWrongScene(MinimalAnalysis):
 def test_a_command_with_a_wrong_scene_loses_no_other_result(fault, tmp_path, capsys):
     """The exit status is 4, and one line names the analysis that failed, page and fault.
 
-    The other analysis has its table and figures, and recording and summary are complete.
+    The analysis "crooked" is `AnalysisWithWrongScene`. The other analysis has its table and
+    figures, and recording and summary are complete.
     """
     pytest.importorskip("matplotlib")
     folder = tmp_path / "out"
@@ -302,7 +313,8 @@ def test_a_command_with_a_wrong_scene_loses_no_other_result(fault, tmp_path, cap
     lines = errors.splitlines()
     (line,) = [text for text in lines if "crooked" in text and "failed" in text]
     assert line.startswith("spherekit: analysis crooked failed: scene of page 0: ")
-    fragment = WRONG[fault][1]
+    # The message of `WRONG` has the form "PATH: FAULT, DETAILS".
+    _, fragment = WRONG[fault]
     without_path_and_details = fragment.rpartition(": ")[2].split(",")[0]
     assert without_path_and_details in line
     assert "Traceback" not in errors
