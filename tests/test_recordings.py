@@ -51,7 +51,10 @@ def number(text):
 def test_cursors_legends_and_curves_of_charts_agree_with_the_table(tmp_path):
     """The cursor is at the input; legends show coefficients to three digits.
 
-    A curve is the column of the table to some scale, within the frame below y = 0.
+    The recording has a chart of the velocity coefficients for each assembly mode. "p1" and
+    "p0" are the names of the modes in the file of the four-bar. The input goes from 0 to
+    360 deg. y points down in a chart, and the upper edge of its frame is y = 0. A curve is
+    the column of the table to some scale, within the frame.
     """
     path = tmp_path / "a.rrd"
     result, pages = recorded(path, "four_bar", "poles:only=31+41", samples=73)
@@ -62,12 +65,14 @@ def test_cursors_legends_and_curves_of_charts_agree_with_the_table(tmp_path):
         cursors = np.array(read_component(path, f"{chart}/cursor", "LineStrips2D:strips"))
         x = cursors[:, 0, 0, 0]
         motion = result.frame("motion").query("assembly_mode == @mode")
+        # The last cursor is at 360 deg.
         assert x / x[-1] == pytest.approx(np.degrees(motion["q"]) / 360.0, abs=1e-6)
 
         legends = read_component(path, f"{chart}/legend", "Points2D:labels")
         for k, link in enumerate("34"):
             is_pole = (frame["assembly_mode"] == mode) & (frame["link"] == link)
             coefficient = frame[is_pole]["velocity_coefficient"].to_numpy()
+            # A label is the name of a curve, two spaces, and its value at the cursor.
             shown = np.array([number(labels[k].split("  ")[1]) for labels in legends])
             assert shown == pytest.approx(coefficient, rel=6e-4)
             (curve,) = read_component(path, f"{chart}/curves/{k}", "LineStrips2D:strips")
@@ -134,9 +139,11 @@ def test_colours_go_from_the_first_to_the_last_of_the_scale():
 
 @pytest.mark.slow
 def test_figures_and_recordings_of_a_result_share_one_pass_through_the_run(tmp_path):
-    """After `plot`, further plots and `save` do not compute the views again.
+    """After `plot`, further plots and `save` do not repeat the run.
 
-    The recording that is saved afterwards is equal to that of a fresh result.
+    A result has no scenes. It repeats its run when figures are first drawn, and then keeps
+    the scenes (`result.views`). The legend of the recording that is saved afterwards is
+    equal to that of a fresh result, in all 13 samples.
     """
     pytest.importorskip("matplotlib", reason="figures are drawn by matplotlib")
     options = {"samples": 13, "block": 5}
@@ -145,16 +152,17 @@ def test_figures_and_recordings_of_a_result_share_one_pass_through_the_run(tmp_p
     figure_names = list(result.plot())
 
     def refuse_second_pass(recorder):
-        raise AssertionError("it went through the run again")
+        raise AssertionError("it repeated the run again")
 
-    result.views.go = refuse_second_pass
+    assert callable(result.views.repeat_run)
+    result.views.repeat_run = refuse_second_pass
     assert list(result.plot(columns=1)) == figure_names
     result.save(tmp_path / "b.rrd")
     legend = "/four_bar/assembly_mode_1/charts/velocity_coefficients/legend"
     fresh = read_component(tmp_path / "a.rrd", legend, "Points2D:labels")
     saved_later = read_component(tmp_path / "b.rrd", legend, "Points2D:labels")
     assert fresh == saved_later
-    assert len(fresh) == 13
+    assert len(fresh) == options["samples"]
 
 
 @pytest.mark.slow
@@ -220,14 +228,18 @@ def test_the_moving_axode_rolls_on_the_fixed_one():
 @pytest.mark.many
 @pytest.mark.parametrize("name", ["stephenson", "double_butterfly", "four_bar"])
 def test_each_step_of_the_pole_construction_puts_a_pole_where_two_lines_meet(name):
-    """A diagram adds one secondary pole per step, in the plane of its projection.
+    """A diagram shows how the pole axes follow from those of the pairs, step by step.
 
-    A line is a x + b y + c = 0. The distance of the new pole from both lines of its step is
-    below 1e-7. One pole of the double butterfly follows from no two lines; its step says
-    that the group is irreducible.
+    It is a gnomonic chart: the sphere is projected from its centre to a plane, in which
+    great circles are straight lines a x + b y + c = 0. Each step adds one pole that is no
+    axis of a pair (a secondary pole), and shows two lines. The distance of the new pole
+    from both lines is below 1e-7. One pole of the double butterfly follows from no two
+    lines; its step, in `diagram.words`, says that the group is irreducible.
     """
     listener = SceneListener()
-    poles = "poles:circles=4/1" if name == "four_bar" else "poles"  # the axis of a pair
+    # The construction does not depend on the pole whose circles are drawn in other pages,
+    # even if it is the axis of a pair, such as 4/1 of the four-bar.
+    poles = "poles:circles=4/1" if name == "four_bar" else "poles"
     result = sk.run(name, poles, recorder=listener, samples=3, assembly_mode=0)
     (page,) = [scene for scene in listener.scenes if scene.page == "Construction"]
     (diagram,) = [item for item in page.primitives if isinstance(item, Diagram)]
@@ -236,6 +248,7 @@ def test_each_step_of_the_pole_construction_puts_a_pole_where_two_lines_meet(nam
     for step, (before, after) in enumerate(pairwise(is_shown), start=1):
         new_poles = np.flatnonzero(after & ~before)
         lines = diagram.lines[step]
+        # Steps without two lines: the irreducible group.
         if not np.isfinite(lines).all() or len(new_poles) != 1:
             continue
         position = diagram.places[step, new_poles[0]]
@@ -258,11 +271,16 @@ def test_each_step_of_the_pole_construction_puts_a_pole_where_two_lines_meet(nam
 def test_a_preview_shows_sizes_and_angles_at_the_start_of_the_range(tmp_path):
     """The table has arcs of links in degrees; a fan shows the angle of each passive pair.
 
-    The fan's angle about the pair's axis is added up from chords, so it is accurate to
-    2e-3. It equals the angle of the first sample.
+    A row of the table is such as "| 2 | 12-23 15 |": link 2 has an arc of 15 deg between
+    the axes of the pairs 12 and 23. A fan is a line from the axis of the pair (first strip)
+    and an arc about it (second strip). The angle of the arc about the axis is added up from
+    its chords, so it is accurate to 2e-3. It equals the pair variable at the start of the
+    input's range, which is the only sample of a run with one sample.
     """
     path = tmp_path / "a.rrd"
-    assert preview(sk.load("stephenson"), path) == ""
+    assert (
+        preview(sk.load("stephenson"), path) == ""
+    )  # no message that something is missing
     (text,) = read_component(path, "/stephenson/assembly_mode_0/sizes", "TextDocument:text")
     assert "| 2 | 12\u201323 15 |" in text[0]
     motion = sk.run("stephenson", "poles:only=21", samples=1).frame("motion")

@@ -49,20 +49,27 @@ def models(four_bar, tmp_path_factory):
 def largest_error(mechanism, model, assembly_mode, count, names):
     """Return the largest error of a stored model at random inputs within one turn.
 
-    Directions count absolutely, coefficients relative to their largest size, angles modulo
-    whole turns. The reference is the evaluation of poles by the pole plan.
+    The model stores pole directions, velocity and acceleration coefficients and pair
+    variables of one assembly mode as series in the input. They are compared with the
+    ordinary evaluation of positions and poles. Directions count absolutely, coefficients
+    relative to their largest size (absolutely if all are nearly 0), angles modulo whole
+    turns.
 
     Parameters
     ----------
+    mechanism, model, assembly_mode
+        The mechanism, and the stored model of one of its assembly modes.
     count
         Number of inputs.
     names
         Poles that are compared, such as "3/1".
     """
     position_analysis = PositionAnalysis(mechanism, assembly_mode=assembly_mode)
+    # Rising inputs, so that the directions of poles are continuous from row to row.
     inputs = np.sort(np.random.default_rng(5).uniform(0.0, TURN, count))
     motion = position_analysis.at(inputs)
     poles = [parse_pole(mechanism, name) for name in names]
+    # The directions of these poles, and their rates.
     pole_request = request(mechanism, position_analysis.inputs[0], poles, rates=poles)
     field = evaluate(motion, pole_request)
     errors = []
@@ -107,7 +114,12 @@ def test_a_pole_that_turns_fast_has_narrow_cells_and_the_same_error():
 def test_stored_inertia_and_torque_are_those_of_inverse_dynamics(
     four_bar, models, assembly_mode
 ):
-    """Along a polynomial law with 400 times, and for single floats of a pickled model."""
+    """A stored model gives the same inertia, forces and torque as `inverse_dynamics`.
+
+    B is the equivalent inertia of the input, Q the generalised force of all loads, and tau
+    the driving torque. They are compared along a polynomial time law at 400 times, and at
+    single times (float) after the model was pickled.
+    """
     model = models[assembly_mode]
     t = np.linspace(0.0, 2.0, 400)
     law = Polynomial((0.3, 1.0, 2.0, -0.5))
@@ -122,7 +134,7 @@ def test_stored_inertia_and_torque_are_those_of_inverse_dynamics(
     ):
         assert np.max(np.abs(expected - stored)) < 1e-12 * np.max(np.abs(expected))
     for row in range(0, 400, 57):
-        # By then the model has compiled functions, which are not pickled.
+        # From the second pass on, the model has compiled functions, which are not pickled.
         model = pickle.loads(pickle.dumps(model))
         torque = model.torque(*(float(values[row]) for values in state))
         assert isinstance(torque, float)
@@ -188,8 +200,10 @@ def test_bad_requests_name_the_nearest_match(models, call):
 def test_damaged_files_of_stored_models_are_refused(models, tmp_path):
     """Wrong versions, coefficients and columns, foreign archives, and cut files.
 
-    Files with a changed content are written with a valid checksum, so that the content
-    itself is what is refused; one is written without.
+    A stored model is an archive of NumPy with a header in JSON and a checksum. The array
+    "coefficients_k" has the series of group k of functions, one function per column. Files
+    with a changed content are written with a valid checksum, so that the content itself is
+    refused. The file "no_checksum.npz" has the right content and no checksum.
     """
     valid_file = tmp_path / "good.npz"
     models[0].save(valid_file)
@@ -203,11 +217,13 @@ def test_damaged_files_of_stored_models_are_refused(models, tmp_path):
         write_archive(tmp_path / name, file_format, fields, {**arrays, **changed_arrays})
         return tmp_path / name
 
+    # A number of the inertia "B", which is a function of group 0.
     with_nan = arrays["coefficients_0"].copy()
     with_nan[3, 2, 8] = np.nan
+    # Group 1 has five functions, and so five columns.
     too_few_columns = arrays["coefficients_1"][..., :3]
     np.savez(tmp_path / "foreign.npz", a=np.zeros(3))
-    np.savez(tmp_path / "again.npz", header=np.array(json.dumps(header)), **arrays)
+    np.savez(tmp_path / "no_checksum.npz", header=np.array(json.dumps(header)), **arrays)
     for path, message in (
         (
             write_changed("version.npz", version=1),
@@ -222,7 +238,7 @@ def test_damaged_files_of_stored_models_are_refused(models, tmp_path):
             "columns for 5 functions",
         ),
         (tmp_path / "foreign.npz", "is not a spherekit reduced model"),
-        (tmp_path / "again.npz", "checksum is missing.*changed.*make it anew"),
+        (tmp_path / "no_checksum.npz", "checksum is missing.*changed.*make it anew"),
         (tmp_path / "absent.npz", "cannot be read: No such file"),
     ):
         with pytest.raises(FileError, match=message):

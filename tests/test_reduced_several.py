@@ -127,11 +127,18 @@ def test_a_given_torque_may_overflow_and_has_to_act_on_an_input(stored_model):
 
 @pytest.mark.slow
 def test_a_stored_model_is_defined_where_its_assembly_mode_is_away_from_its_ends(tmp_path):
-    """In this box the mode ends, so functions are stored in a part of the box only.
+    """A stored model is defined in a part of its box of inputs, if the mode ends in the
+    box.
 
-    At 300 random inputs, the share of the domain agrees with the share that the file
-    states; all of the domain can be reached, and angles have the tolerance of the export.
-    Outside, numbers of arrays are NaN and single ones are refused.
+    Functions of the two inputs of the five-bar are stored in a box of input ranges. The
+    assembly mode ends inside this box, at a singularity. The model is defined where the
+    mode exists and is not too near to this end: its domain.
+
+    At 300 random inputs of the box, the share of the domain agrees with the share that the
+    file states (`covered`). The mode exists in all of the domain, and in some inputs
+    outside. The angle is accurate to 1e-5 rad, ten times the tolerance of the export.
+    Outside of the domain results are NaN for arrays of inputs, and an error for single
+    inputs.
     """
     five_bar = with_input_ranges(sk.load("five_bar"), (1.2, 1.45), (1.25, 1.5))
     path, _, notes = sk.export(five_bar, tmp_path / "part.npz", tolerance=1e-6)

@@ -30,6 +30,7 @@ from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
 
 FIFTY = Digits(50)
+"""Arithmetic with 50 digits, in which reference rows are computed here."""
 
 
 @pytest.fixture(autouse=True)
@@ -56,9 +57,11 @@ def traced(name, samples=5):
 def test_reference_rows_of_four_bars_agree_with_the_closed_form(name):
     """The output angle and its first three derivatives by the input, in 50 digits.
 
-    The closed form is that of Di Gregorio 2024; derivatives are its Taylor coefficients.
-    The angle is compared up to the constant of the file's zero, modulo whole turns. The
-    first and the last sample are left out, where the range begins and ends.
+    The closed form is that of Di Gregorio 2024. Its derivatives are Taylor coefficients,
+    which mpmath computes from differences in 60 digits, so that higher derivatives have
+    fewer correct digits. The zero of the angle is different in the file and in the closed
+    form. The difference of both angles must therefore be the same in all rows, modulo whole
+    turns. The first and the last sample are left out, where the range begins and ends.
     """
     motion = traced(name, 6)
     mechanism = motion.mechanism
@@ -68,7 +71,7 @@ def test_reference_rows_of_four_bars_agree_with_the_closed_form(name):
     (output_variable,) = mechanism.variables_of(mechanism.pair_number["41"])
     (input_variable,) = mechanism.variables_of(mechanism.pair_number["21"])
     output_axis = exact.axes[:, mechanism.pair_number["41"]]
-    output_link = 3
+    output_link = 3  # the number of link 4, counted from 0
 
     def distance_from_whole_turns(angle_difference):
         turns = angle_difference / (2 * mp.pi)
@@ -112,10 +115,20 @@ CHAINS = (
 
 
 def check_arcs(mechanism, exact):
-    """Check that arcs between axes are those of the file, in 50 digits.
+    """Check that arcs between axes of a link are those of the file, in 50 digits.
 
-    Sizes of links give cosines of arcs directly. A reference pose gives those between axes
-    of one link. Wheels of a planetary train are closed to float64 only.
+    If the file gives sizes of links, these are the arcs from the first axis of a link to
+    the others. If it gives the axes of all pairs in a reference pose, the arcs between any
+    two axes of one link follow from these. The loops of the planetary gear train are
+    over-constrained: its numbers in the file are float64 numbers, with which the loops
+    close to float64 only.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    exact
+        Reference rows, with the axes of all pairs at some configurations.
     """
     links = getattr(mechanism.geometry, "links", {})
     pose_axes = getattr(mechanism.geometry, "axes", {})
@@ -150,7 +163,9 @@ def test_reference_rows_satisfy_the_equations_of_every_pair(name):
 
     The relative rate of an input pair is 1 or 0. Derivatives agree with differences of
     reference rows at inputs about 1e-15 apart. None of these is how the rows are computed.
-    Over-constrained wheels are closed to float64 only.
+
+    The planetary gear train is over-constrained: with the float64 numbers of its file the
+    loops close to float64 only. At most two inputs are driven, since more take long.
     """
     motion = traced(name, 5)
     chosen = select_good_rows(motion, 1)
@@ -175,7 +190,8 @@ def test_reference_rows_satisfy_the_equations_of_every_pair(name):
                 rate_along_axis = np.sum(relative_rate * axis, axis=1)
                 assert np.max(np.abs(rate_along_axis - expected_rate)) < tolerance
 
-        # A power of 2, so that the inputs remain exact.
+        # A power of 2 that is at least the spacing of float64 numbers of the size of the
+        # inputs (2^-52), so that the changed inputs are exact.
         step = 2.0 ** np.ceil(np.log2(np.abs(motion.inputs).max()) - 50)
         inputs_above = motion.inputs.copy()
         inputs_above[:, column] += step
@@ -185,6 +201,9 @@ def test_reference_rows_satisfy_the_equations_of_every_pair(name):
         below = sk.exact_rows(replace(motion, inputs=inputs_below), chosen, driven, FIFTY)
         width = exact_balls(inputs_above[chosen][:, column])
         width = width - exact_balls(inputs_below[chosen][:, column])
+        # The error of a central difference is the square of the step, about 1e-30, times a
+        # third derivative. Each order of derivatives of the configuration grows with the
+        # condition number. The factor leaves room for the size of the derivatives.
         truncation = 1e-12 if is_over_constrained else 1e-24 * exact.condition.max() ** 4
         rate_difference = (above.w - below.w) / width[:, None, None]
         assert np.max(np.abs(rate_difference - exact.dw)) < truncation
@@ -256,7 +275,9 @@ def test_a_shaped_cam_of_a_reference_row_touches_its_roller():
 def test_a_failed_or_wrong_row_has_no_reference():
     """Row 0 has failed, row 1 is off by 1e-4 rad, row 2 by 1e-9 rad.
 
-    Only a row that is near a solution has a reference; the distance from it is stated.
+    A row has a reference if a solution is near it: within 1e-6 rad, or within the error
+    bound of the row. The distance from the solution is stated in any case. All variables of
+    row 1 but the input are changed, and one variable of row 2.
     """
     motion = traced("four_bar", 5)
     driven = motion.assembly.inputs[0]
@@ -303,11 +324,17 @@ def four_bar_with_dead_centre():
 
 
 def test_near_a_dead_centre_the_reference_is_right_or_missing():
-    """Both modes approach each other as the square root of the distance.
+    """Reference rows next to a dead centre of the input, at which two modes meet and end.
 
-    A reference is nearer to its row than a fifth of the gap between the modes. Its distance
-    is rounding times the condition number, which grows towards the dead centre. Beyond the
-    dead centre, where nothing closes, there is no reference.
+    Both modes approach each other as the square root of the distance of the input from the
+    dead centre. Inputs are 1e-2 to 1e-14 rad before it, with two rows each. A reference is
+    nearer to its row than a fifth of the gap between the modes. Its distance is rounding
+    times the condition number, which grows towards the dead centre. At most two rows, the
+    nearest ones, may have no reference.
+
+    Beyond the dead centre nothing closes, so there is no reference. The inputs of the rows
+    are moved by twice their distance, to the same distance beyond it. Those moved by 1e-14
+    rad are left out, since rounding may leave them on either side.
     """
     position_analysis, dead_centre = four_bar_with_dead_centre()
     distances_rad = 10.0 ** -np.array([2.0, 5.0, 8.0, 10.0, 14.0])
@@ -385,11 +412,12 @@ def test_wrong_arguments_of_reference_rows_are_refused():
 
 @pytest.mark.parametrize("name", ["stephenson", "two_dof_spm", "roller_cam", "shaped_cam"])
 def test_pole_fields_of_reference_rows_agree_with_float64_within_its_bounds(name):
-    """Reference rows rounded to float64 have the senses of the given pole field.
+    """Reference rows rounded to float64 agree with the float64 evaluation of poles.
 
-    Directions lie within the field's error bounds. Velocity coefficients differ by at most
-    60 roundings times the condition number, and are NaN where the field has none.
-    Coefficient times direction is the relative rate of both links.
+    The directions of poles have the signs of the float64 field, and lie within its error
+    bounds. Velocity coefficients differ by at most 60 roundings times the condition number,
+    and are NaN where the field has none. Coefficient times direction is the relative rate
+    of both links.
     """
     motion = traced(name, 5)
     mechanism = motion.mechanism
@@ -424,8 +452,11 @@ def test_pole_fields_of_reference_rows_agree_with_float64_within_its_bounds(name
             assert np.allclose(rate[has_rate], exact_rate[has_rate], rtol=0.0, atol=1e-15)
         refined = exact_motion(motion, chosen, exact)
         assert np.max(np.abs(refined.values - motion.values[chosen])) < 1e-13
-        # The loops of the mid-plane mechanism repeat each other up to rounding.
+        # Reference rows close their loops in 20 digits. The loops of the mid-plane
+        # symmetric mechanism are redundant, and its numbers agree with each other in
+        # float64 only.
         assert np.max(refined.residual) < 1e-18 or name == "two_dof_spm"
+    # The status of a reference replaces that of the field, here for the last input.
     lost_status = np.full(4, Status.MODE_LOST, dtype=np.int8)
     lost = replace(exact_by_input[-1], status=lost_status)
     assert np.all(exact_field(lost, pole_request, field).status == Status.MODE_LOST)
@@ -459,17 +490,20 @@ def test_inertia_and_its_derivative():
     "seeds", [range(20), pytest.param(range(20, 1000), marks=pytest.mark.long)]
 )
 def test_errors_of_random_mechanisms_lie_within_their_bounds(seeds):
-    """Configurations, directions, rates and derivatives, compared with reference rows.
+    """Errors of configurations, directions, rates and derivatives of random mechanisms.
 
-    More than 500 directions are judged. The largest error exceeds a thousandth of its
-    bound, since bounds that are far too wide everywhere would say nothing.
+    The errors are differences from reference rows in many digits. They must be within their
+    stated bounds, and no number with status OK may be NaN. The comparison has to have some
+    weight: more than 500 directions are compared, some error is larger than a rounding, and
+    some direction error exceeds a thousandth of its bound. Bounds that are far too wide
+    everywhere would say nothing.
     """
     direction_count = 0
     largest_ratio = 0.0
     largest_error = 0.0
     for seed in seeds:
         try:
-            mechanism = random_mechanism(seed)[1]
+            _, mechanism = random_mechanism(seed)
             position_analysis = PositionAnalysis(
                 mechanism, search=False, samples=3, assembly_mode=0
             )

@@ -264,8 +264,14 @@ def exact_tables(q, rates):
 def largest_relative_error(tables, exact):
     """Return the largest error of a column, relative to its largest number.
 
-    Angles count absolutely, and torques `tau`, which are zero, relative to the forces `Q`.
-    Both arguments have columns by name for each table by name. The result is EPS at least.
+    Angles count absolutely. The driving torques `tau` of a simulation are zero, because all
+    torques are loads, so that their errors are relative to the generalised forces `Q`. The
+    result is at least EPS, the error of rounding the exact numbers to float64.
+
+    Parameters
+    ----------
+    tables, exact
+        The columns by name for each table by name, and the same in many digits.
     """
     largest = EPS
     for name, columns in exact.items():
@@ -288,7 +294,17 @@ trade_eksergian = partial(trade, analysis="eksergian", rounds=1)
 def tables_of_simulation(mechanism, analysis, setting, t, start):
     """Return the tables of a simulation by a setting, as an ordinary run gives them.
 
-    `t` are the times (s) of the rows, `start` the input and its rate at t = 0.
+    Parameters
+    ----------
+    mechanism, analysis
+        The mechanism, and the name of the analysis that makes the tables.
+    setting
+        The integrator of the simulation and its tolerance. The analysis itself is run with
+        the default setting.
+    t
+        (n,) times (s) of the rows.
+    start
+        The input and its rate at t = 0.
     """
     simulation = simulate(
         mechanism,
@@ -297,6 +313,9 @@ def tables_of_simulation(mechanism, analysis, setting, t, start):
         tolerance=setting.tolerance,
         engine=setting.integrator,
     )
+    # The simulation has its own configurations. The position analysis only tells how the
+    # rows are evaluated, so that the least number of samples is enough. Its arguments are
+    # the declared input (None) and assembly mode 0.
     position_analysis = PositionAnalysis(mechanism, None, 0, samples=2)
     samples = sample_simulation(position_analysis, simulation, t, setting.tolerance)
     tables, *_ = compute_timed_tables(samples, create_analysis(analysis), Setting())
@@ -307,9 +326,10 @@ def tables_of_simulation(mechanism, analysis, setting, t, start):
 def test_errors_that_a_trade_measures_are_right_within_a_factor_two(four_bar_motion):
     """Errors by a trade are at least half and at most twice the errors from 50 digits.
 
-
-    The reference of the trade is a simulation in 20 digits. The settings are engines with
-    tolerances of 1e-4 to 1e-15.
+    A trade measures the time and the error of an analysis with several settings. Here the
+    settings are the engines of simulations, with tolerances of 1e-4 to 1e-15. Errors are
+    differences from a reference, a simulation in 20 digits. `floor` is the error of this
+    reference.
     """
     t, q, rates = four_bar_motion
     result = trade_eksergian(
@@ -340,9 +360,12 @@ def test_a_trade_says_that_its_reference_has_20_digits():
 
 
 def test_a_trade_without_a_reference_in_20_digits_says_what_it_compares_with(monkeypatch):
-    """Wide numbers and the compiled engine are made to fail; NumPy at 1e-13 remains.
+    """A trade compares with a simulation by NumPy if there is no reference in 20 digits.
 
-    The error of this reference is its difference from a solution at 1e-12.
+    A trade measures the errors of simulations with several settings from a reference. The
+    reference in 20 digits (`refined`) and the compiled engine are made to fail, so that a
+    simulation by NumPy with the tolerance 1e-13 remains. Its own error, `floor`, is its
+    difference from a simulation with the tolerance 1e-12.
     """
 
     def fail(*_, **__):

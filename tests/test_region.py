@@ -226,9 +226,12 @@ def test_nearest_point():
 
 
 def test_a_margin_that_is_undefined_outside_its_region_gives_the_same_area():
-    """A margin that is NaN outside a cap, beside the cap's own margin and alone.
+    """The area of a cap is the same if a margin is NaN outside of it.
 
-    Alone, its border is where no margin is zero, so that it has the number -1.
+    A region is the set of directions at which all margins are at least 0. The margin of a
+    cap is 0 at its border. Another margin is at least 1 inside the cap and NaN outside.
+    Both together give the same region, whose border has the number 0 of the first margin.
+    With the second margin alone no margin is 0 at the border, which then has the number -1.
     """
     cap = caps([[1, 2, 3]], [0.7], [True])
     exact_area = cap_area(0.7)
@@ -327,7 +330,12 @@ def test_the_volume_of_tilts_by_at_most_an_angle_is_its_closed_form(angle):
 
 @pytest.mark.slow
 def test_the_volume_of_orientations_of_one_axis_is_two_pi_times_its_area():
-    """A body axis has to lie in two random caps and outside a third."""
+    """The volume of orientations at which a body axis points into a region of directions.
+
+    The axis has to lie in two random caps and outside a third. For each direction of the
+    axis the body can have any angle of rotation about it, from 0 to 2 pi. The volume of the
+    orientations is therefore 2 pi times the area of the region.
+    """
     random = np.random.default_rng(11)
     for _ in range(4):
         centres = unit(random.normal(size=(3, 3)))
@@ -341,6 +349,7 @@ def test_the_volume_of_orientations_of_one_axis_is_two_pi_times_its_area():
             return sign * (cosines - np.cos(radii))
 
         exact_volume = 2.0 * np.pi * common_area(centres, radii, keep)
+        # At most 200000 evaluations, for a relative error of the volume of 2 %.
         region = find_orientations(margins, 2e-2, most=200_000)
         assert abs(region.volume - exact_volume) <= region.error
 
