@@ -21,7 +21,7 @@ from spherekit.runs.proven_poles import check_provable, prove_poles
 
 DISCS = mechanism_text("proof_contacts_discs")
 BARS = {"a": (70.0, 0.0, 25.0), "b": (75.0, 55.0, 31.5), "c": (50.0, 0.0, 19.0)}
-"""Three discs, a and b on link 1 and c on link 2: arc, angle of the centre and radius (deg).
+"""Discs a and b on link 1, and c on link 2: arc and angle of the centre, and radius (deg).
 
 Arcs and angles are polar coordinates in the axes of the link."""
 PLATE = {"a": (0.0, 0.0, 14.0), "b": (35.0, 0.0, 20.25), "c": (28.0, 62.0, 26.0)}
