@@ -103,7 +103,12 @@ def test_derivatives_agree_with_differences_in_fifty_digits(
     link_number = mechanism.link_number[link]
 
     def exact_quantities(changed):
-        """Return the quantities (rows, columns) of a changed mechanism in 50 digits."""
+        """Return quantities (rows, columns) of a changed mechanism in 50 digits.
+
+        They are pair angles, their rates, and the acceleration coefficient of one link at
+        the rows of the nominal motion. The loops of the changed mechanism are closed again
+        at the same inputs.
+        """
         closure = Closure.of_mechanism(changed, make_joints(changed))
         input_variables = list(mechanism.variables_of(driven))
         solution = closure.solve(motion.values, input_variables)
@@ -112,8 +117,8 @@ def test_derivatives_agree_with_differences_in_fifty_digits(
         exact = exact_rows(changed_motion, motion.sample >= 0, driven, sk.Digits(50))
         w = exact.w[:, link_number]
         dw = exact.dw[:, link_number]
-        # The velocity coefficient is |w| or -|w|; the derivative is that of |w|:
-        # d|w|/dq = w . dw / |w|.
+        # The velocity coefficient is |w| or -|w|, since a pole axis has two senses. Here it
+        # is |w|, whose derivative is d|w|/dq = w . dw / |w|. The caller adapts the sign.
         acceleration = np.sum(w * dw, axis=1) / np.sum(w * w, axis=1) ** 0.5
         return np.concatenate(
             [exact.values[:, columns], exact.rates[:, columns], acceleration[:, None]],
@@ -198,10 +203,11 @@ def test_nothing_matters_most_where_a_quantity_hangs_on_no_size():
 
 @pytest.mark.slow
 def test_derivatives_of_transmission_angles_predict_those_of_a_sweep():
-    """A sweep computes transmission angles of dyads in closed form, mode by mode.
+    """The derivative by an arc predicts the transmission angle at another arc.
 
-    The least angle of each dyad is compared for the nominal arc of link 2 and for one that
-    is 1e-4 degrees larger, which the derivative predicts.
+    A sweep computes transmission angles of dyads in closed form, mode by mode. The least
+    angle of each dyad is compared for the nominal arc of link 2, 15 degrees, and for one
+    that is 1e-4 degrees larger. Terms of second order are smaller than the tolerance.
     """
     motion = sk.trace("stephenson", samples=5)
     names = [f"transmission_angle_{pair}" for pair in ("34", "56")]
@@ -243,10 +249,12 @@ def test_draws_of_deviating_profiles_are_mechanisms_with_these_profiles(tmp_path
     quantity = ["velocity_coefficient_3_1"]
     motion = sk.trace(mechanism, samples=4)
     sensitivity = Sensitivity(mechanism, keys, quantity)
-    # (rows, draws) values of the only quantity; there is a single draw.
+    # `scattered` returns the values of quantities with deviating sizes, (rows, draws) for
+    # each quantity. There is one quantity, and a single draw.
     (drawn,) = sensitivity.scattered(sample_rows(motion), motion.values, deviations)
     drawn = drawn[:, 0]
 
+    # The nominal mechanism has no failed rows.
     other_motion = sk.trace(other, samples=4)
     other_motion = other_motion.rows(~other_motion.failed)
     other_sensitivity = Sensitivity(other, keys, quantity)
@@ -256,7 +264,7 @@ def test_draws_of_deviating_profiles_are_mechanisms_with_these_profiles(tmp_path
     for q, value in zip(motion.q, drawn, strict=True):
         possible = other_values[np.isclose(other_motion.q, q)]
         assert np.min(np.abs(possible - value)) < 1e-9 * np.max(np.abs(possible))
-    # All drawn values differ, so no two modes lead to the same configuration.
+    # All drawn values differ, so configurations of different modes have stayed apart.
     assert len(set(np.round(drawn, 9))) == len(motion.q)
 
 
@@ -320,15 +328,18 @@ BESIDE_A_DEAD_CENTRE = {"base": 179.9, "crank": 30.0, "coupler": 100.0, "rocker"
 def test_draws_beside_a_dead_centre_stay_in_their_assembly_mode():
     """256 draws of deviations of 0.1 degrees are compared with spherical triangles.
 
-    The side of the diagonal is that of the nominal configuration. Some draws cannot be
-    assembled; they are NaN in both.
+    A draw is a set of deviations of the four arcs. The side of the diagonal to which
+    coupler and rocker bend, that is the assembly mode, is that of the nominal
+    configuration. Some draws cannot be assembled; they are NaN in both.
     """
     mechanism = crank_rocker(**BESIDE_A_DEAD_CENTRE)
     sensitivity = Sensitivity(mechanism, (), ["theta_hinge"])
     motion = sk.trace(mechanism, samples=25)
     motion = motion.rows(~motion.failed)
+    # (4 arcs, 256 draws)
     deviations = SizeDeviations(np.radians(0.1), count=256).draws(4)
     samples = sample_rows(motion)
+    # The hinge angles with deviating arcs, (rows, draws).
     drawn_by_row = sensitivity.scattered(samples, motion.values, deviations)[0]
     hinge = mechanism.variable_names.index("theta_hinge")
     nominal_arcs = np.radians(list(BESIDE_A_DEAD_CENTRE.values()))
@@ -347,6 +358,7 @@ def test_draws_beside_a_dead_centre_stay_in_their_assembly_mode():
         assert np.array_equal(np.isnan(drawn), np.isnan(expected))
         differences = np.abs(np.exp(1j * drawn) - np.exp(1j * expected))
         assert np.nanmax(differences) < 1e-8
+        # Drawn angles are near the nominal one, not a revolution away.
         assert np.nanmax(np.abs(drawn - theta)) < 1.0
         some_draw_fails.append(np.isnan(drawn).any())
     assert any(some_draw_fails)
@@ -371,7 +383,8 @@ def test_the_first_order_is_said_to_be_so_where_it_is_not_enough():
 def test_sensitivities_of_a_reference_pose_are_those_of_its_link_sizes(name):
     """A mechanism given by the axes of a pose has the same derivatives as by its arcs.
 
-    Sizes of links deviate, not axes of the pose, with which it would always close there.
+    In both cases the sizes of links deviate. If the axes in the pose were changed instead,
+    the mechanism would always close in this pose.
     """
     sized = sk.load(name)
     motion = sk.trace(sized, samples=3)
@@ -387,6 +400,7 @@ def test_sensitivities_of_a_reference_pose_are_those_of_its_link_sizes(name):
         f"rate_{passive_pairs[1]}",
         f"theta_{passive_pairs[-1]}",
     ]
+    # An empty tuple stands for all sizes.
     of_pose = Sensitivity(posed, (), quantities)
     of_sizes = Sensitivity(sized, (), quantities)
     assert of_pose.keys == of_sizes.keys
@@ -396,7 +410,7 @@ def test_sensitivities_of_a_reference_pose_are_those_of_its_link_sizes(name):
     assert np.allclose(values, values_by_sizes, rtol=1e-10, atol=1e-10)
     largest = np.max(np.abs(gradients))
     assert np.max(np.abs(gradients - gradients_by_sizes)) < 1e-9 * largest
-    # Each size matters somewhere, so that the comparison is not of zeros.
+    # Each size changes the first quantity somewhere, so the comparison is not of zeros.
     assert np.all(np.max(np.abs(gradients[:, 0]), axis=0) > 1e-2)
 
 
@@ -415,6 +429,12 @@ def acted_on(stiffness=3.0, rest=40.0, tensor=0.4):
 
 
 def test_derivatives_by_masses_and_loads_are_those_of_differences():
+    """Derivatives by a stiffness, a rest angle and an inertia are central differences.
+
+    The driving torque and the equivalent inertia B are linear functions of these numbers,
+    so that large steps give exact derivatives. Another size, which is added to the list,
+    has the same derivatives as alone.
+    """
     keys = ("loads.coil.stiffness", "loads.coil.rest", "mass.rocker.tensor.2.2")
     steps = {"stiffness": 1.0, "rest": np.degrees(1e-3), "tensor": 0.05}
     mechanism = acted_on()
@@ -422,16 +442,19 @@ def test_derivatives_by_masses_and_loads_are_those_of_differences():
     sensitivity = Sensitivity(mechanism, (*keys, "links.rocker.arc"), ["torque", "B"])
     _, gradients = sensitivity.at(sample_rows(motion), motion.values)
     nominal = {"stiffness": 3.0, "rest": 40.0, "tensor": 0.4}
-    for key, (name, step), own in zip(keys, steps.items(), gradients, strict=False):
+    # The last gradient, that by the arc, is compared below.
+    for key, (name, step), gradient in zip(keys, steps.items(), gradients, strict=False):
         sides = []
         for side in (step, -step):
             other = acted_on(**{name: nominal[name] + side})
             numbers = Sensitivity(other, ["links.rocker.arc"], ["torque", "B"])
             sides.append(numbers.at(sample_rows(motion), motion.values)[0])
-        unit = np.radians(step) if name == "rest" else step
-        wanted = (sides[0] - sides[1]) / (2.0 * unit)
-        assert np.max(np.abs(own - wanted)) < 1e-9 * max(1.0, np.max(np.abs(wanted))), key
-        assert np.max(np.abs(own)) > 1e-3
+        # The file has angles in degrees, and derivatives are by rad.
+        step_in_rad = np.radians(step) if name == "rest" else step
+        expected = (sides[0] - sides[1]) / (2.0 * step_in_rad)
+        scale = max(1.0, np.max(np.abs(expected)))
+        assert np.max(np.abs(gradient - expected)) < 1e-9 * scale, key
+        assert np.max(np.abs(gradient)) > 1e-3
     alone = Sensitivity(mechanism, ["links.rocker.arc"], ["torque", "B"])
     same = alone.at(sample_rows(motion), motion.values)[1]
     assert np.allclose(gradients[3], same[0], rtol=1e-12, atol=1e-12)
@@ -439,14 +462,27 @@ def test_derivatives_by_masses_and_loads_are_those_of_differences():
 
 @pytest.mark.slow
 def test_each_number_may_have_a_deviation_of_its_own():
-    by = "by=links.crank.arc+links.rocker.arc+loads.coil.stiffness+loads.coil.rest"
-    own = "deviations=links.rocker.arc:0.02+loads.coil.stiffness:0.3+loads.coil.rest:2"
-    run = sk.run(acted_on(), f"sensitivity:of=torque,{by},{own},draws=512", samples=5)
+    """The spread of the torque follows from the deviation of each number.
+
+    Three of four numbers have a deviation of their own. The arc of the crank has the
+    default, 0.1 degrees. The spread by the derivatives is the root of the sum of squares of
+    derivative times deviation. The spread of 512 draws agrees with it roughly.
+    """
+    keys = [
+        "links.crank.arc",
+        "links.rocker.arc",
+        "loads.coil.stiffness",
+        "loads.coil.rest",
+    ]
+    by = f"by={'+'.join(keys)}"
+    stated = "deviations=links.rocker.arc:0.02+loads.coil.stiffness:0.3+loads.coil.rest:2"
+    run = sk.run(acted_on(), f"sensitivity:of=torque,{by},{stated},draws=512", samples=5)
     table = run.frame("sensitivity")
     rows = run.frame("sensitivity", "tolerances")
-    own = (*np.radians([0.1, 0.02]), 0.3, np.radians(2.0))
-    sizes = dict(zip(by[3:].split("+"), own, strict=True))
-    parts = table["derivative"] * table["size"].map(sizes).astype(float)
+    # In rad, and N m/rad for the stiffness.
+    deviations = (np.radians(0.1), np.radians(0.02), 0.3, np.radians(2.0))
+    deviation_by_key = dict(zip(keys, deviations, strict=True))
+    parts = table["derivative"] * table["size"].map(deviation_by_key).astype(float)
     spread = (parts**2).groupby([table["assembly_mode"], table["sample"]]).sum() ** 0.5
     assert np.allclose(rows["spread"], spread.to_numpy(), rtol=1e-12)
     assert np.allclose(rows["drawn_spread"], rows["spread"], rtol=0.1)
@@ -471,6 +507,8 @@ ROLLED = (
 def test_profiles_of_a_reference_pose_touch_where_they_are_nearest(kind, pairs, tmp_path):
     """Derivatives by sizes are differences of mechanisms whose sizes deviate.
 
+    The mechanism is given in a reference pose, in which a cam and its follower touch. If a
+    size changes, the profiles touch at the points at which they are nearest in this pose.
     The loops of the deviating mechanisms are closed again. Central differences over one and
     over two steps are combined, so that their errors of second order cancel.
     """
@@ -484,6 +522,8 @@ def test_profiles_of_a_reference_pose_touch_where_they_are_nearest(kind, pairs, 
     sensitivity = Sensitivity(mechanism, keys, quantities)
     motion = sk.trace(mechanism, samples=3)
     motion = motion.rows(np.flatnonzero(~motion.failed))
+    # A sample is input, rate, acceleration and time. Rate and acceleration are changed to
+    # arbitrary values other than 1 and 0, so that they matter.
     samples = sample_rows(motion) * [1.0, 1.3, 1.0, 1.0] + [0.0, 0.0, 0.7, 0.0]
     _, gradients = sensitivity.at(samples, motion.values)
     step = 2.0**-10
@@ -491,10 +531,10 @@ def test_profiles_of_a_reference_pose_touch_where_they_are_nearest(kind, pairs, 
     deviations = step * np.concatenate(
         [np.eye(3), -np.eye(3), 2 * np.eye(3), -2 * np.eye(3)]
     )
+    # (quantities, rows, 12 draws): the four steps of each of the three sizes.
     drawn = sensitivity.scattered(samples, motion.values, deviations.T)
-    above, below, far_above, far_below = np.moveaxis(
-        drawn.reshape(*drawn.shape[:2], 4, 3), 2, 0
-    )
+    drawn_by_step = drawn.reshape(*drawn.shape[:2], 4, 3)
+    above, below, far_above, far_below = np.moveaxis(drawn_by_step, 2, 0)
     expected = (8.0 * (above - below) - (far_above - far_below)) / (12.0 * step)
     expected = np.moveaxis(expected, 2, 0)
     scale = np.max(np.abs(expected), axis=2, keepdims=True)

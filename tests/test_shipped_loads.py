@@ -24,8 +24,9 @@ MuJoCo closes loops of pairs by soft constraints, and a cam by a soft contact.
 def test_tables_of_forces_have_numbers_and_no_failed_rows(name):
     """Dynamics, reactions and statics fill all their tables, without failed rows.
 
-    Loads must not vanish: the largest torque of each input exceeds 1e-3 N m, and the
-    largest force that the couple of a pair causes in each bearing exceeds 0.1 N.
+    Loads must not vanish: the largest torque of each input exceeds 1e-3 N m. The moment
+    that a pair transmits loads its bearings with a couple of forces. The largest of these
+    forces exceeds 0.1 N in each pair with bearings.
     """
     run = sk.run(name, ["dynamics", "reactions", "statics"], samples=13)
     assert not run.failures
@@ -35,7 +36,7 @@ def test_tables_of_forces_have_numbers_and_no_failed_rows(name):
             numbers = rows.select_dtypes("number")
             finite_numbers = numbers.to_numpy()[np.isfinite(numbers)]
             assert len(rows) > 0, table.name
-            assert finite_numbers.any(), table.name
+            assert np.any(finite_numbers != 0.0), table.name
             assert not np.isin(rows["status"], ("OVERFLOW", "NOT_CONVERGED")).any()
     for analysis in ("dynamics", "statics"):
         torques = run.frame(analysis).filter(like="tau")

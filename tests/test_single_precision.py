@@ -136,15 +136,30 @@ int main()
 
 
 def compute_results(exported, scalar, folder):
-    """Return the results of a compiled header at the first mode's own inputs.
+    """Return the results of exported C source, which is compiled with one type of numbers.
 
-    They are computed with a type of numbers, and returned as doubles.
+    Parameters
+    ----------
+    exported
+        The formulas. They are evaluated at the inputs at which the first assembly mode was
+        recorded.
+    scalar
+        The type of all numbers in C++, such as "float" or "double".
+    folder
+        Folder for the program.
+
+    Returns
+    -------
+    (results,) the results as float64 numbers.
     """
     object_path = compile_object(exported, scalar, folder)
     mode = exported.modes[0]
     text = MAIN_FUNCTION
-    for word, numbers in (("MOTION", exported.motion and mode.at), ("MODE", mode.values)):
+    # Results that depend on no input have no arguments of the motion.
+    motion_values = mode.at if exported.motion else ()
+    for word, numbers in (("MOTION", motion_values), ("MODE", mode.values)):
         literals = [f"({scalar}){number!r}L" for number in numbers]
+        # An array without elements is not allowed in C++, so it gets a zero.
         text = text.replace(word, ", ".join(literals) or "0")
     text = text.replace("COUNT", str(len(exported.results))).replace("SCALAR", scalar)
     path = folder / f"main_{scalar.replace(' ', '_')}.cpp"

@@ -67,10 +67,12 @@ def solve_exactly(mechanism, singularities, point, links):
 
 
 def check_points_in_50_digits(position_analysis, singularities):
-    """Assert that each singularity is where and what its exact solution says.
+    """Assert that each singularity agrees with its exact solution, in place and type.
 
-    The exact configuration is within 1e-12, the links of its type rest there, and the rates
-    of input and output agree with those of the analysis to 1e-12.
+    The exact configuration, in 50 digits, is within 1e-12 rad. There the two links of the
+    output rest relative to each other at type I, and those of the input at type II. At a
+    self-motion both rest. The rates of input and output agree with those of the analysis to
+    1e-12.
     """
     solution_by_point = {}
     for point in singularities.points:
@@ -81,6 +83,8 @@ def check_points_in_50_digits(position_analysis, singularities):
                 position_analysis.mechanism, singularities, point, resting_links
             )
         exact = solution_by_point[key]
+        # The rotation from the point to the exact configuration, the closure residual, and
+        # the relative rate of the links that have to rest.
         assert exact.rotation_change < 1e-12
         assert exact.residual < RESTING
         assert exact.relative_rate < RESTING
@@ -106,22 +110,34 @@ def check_points_in_50_digits(position_analysis, singularities):
 def check_mode_counts(position_analysis, configurations, singularities):
     """Assert that numbers of modes change at dead centres only, and as they have to.
 
-    Where the input has a minimum on its configuration curve, two modes appear as the input
-    grows; where it has a maximum, two vanish. Modes are enumerated at random inputs over a
-    turn, and counted from the first of these.
+    At a dead centre the input reverses along its configuration curve. Where the input has a
+    minimum, two modes appear as the input grows; where it has a maximum, two vanish. Modes
+    are enumerated at random inputs over a turn. The number at each input is compared with
+    that at the smallest one, plus 2 for each minimum and minus 2 for each maximum between.
+
+    Parameters
+    ----------
+    position_analysis
+        The mechanism.
+    configurations
+        Its configuration curves. They state the number of modes at further inputs.
+    singularities
+        Its singularities, among which are the dead centres.
 
     Returns
     -------
-    dead_centre_count, count_of_counts
+    dead_centre_count, distinct_count
         Number of dead centres, and of different numbers of modes.
     """
     variable = position_analysis.solver.input_variable
     dead_centre_inputs = []
     curvatures = []  # of the input along the arc length of its curve
     for point in singularities.points:
+        # `input_turns`: the input reverses. Each dead centre is listed for every output.
         if point.output == singularities.outputs[0] and point.input_turns:
             curve = singularities.curve_motions[point.curve].curve
             dead_centre_inputs.append(point.values[variable])
+            # Second derivative of the input by the arc length: positive at a minimum.
             curvatures.append(curve.at(point.s).bends[0, variable])
 
     random_inputs = np.random.default_rng(1).uniform(-np.pi, np.pi, INPUT_COUNT)
@@ -153,10 +169,12 @@ def chain_parameter(number):
 @pytest.mark.many
 @pytest.mark.parametrize("number", [chain_parameter(k) for k in range(len(CHAINS))])
 def test_singularities_of_random_chains_are_exact_and_none_is_missing(number):
-    """Each one is solved for in 50 digits, and the modes change in number only at these.
+    """Each singularity is solved for in 50 digits, and none is missing.
 
-    A chain with random axes has no special positions: no curves that cross, no links that
-    rest on a whole curve, and an even number of dead centres.
+    The number of assembly modes changes only at the singularities that are dead centres. A
+    chain with random axes has no special positions: no curves that cross, no links that
+    rest on a whole curve, and an even number of dead centres. There have to be some
+    singularities and dead centres, at least 8 and 4, so that the test compares something.
     """
     position_analysis, configurations, singularities = analyse_random_chain(number)
     assert configurations.guarantee is Guarantee.COMPLETE
@@ -168,9 +186,9 @@ def test_singularities_of_random_chains_are_exact_and_none_is_missing(number):
     assert len(singularities.points) >= 8
     assert all(point.certain and not point.double for point in singularities.points)
     check_points_in_50_digits(position_analysis, singularities)
-    dead_centre_count, count_of_counts = check_mode_counts(
+    dead_centre_count, distinct_count = check_mode_counts(
         position_analysis, configurations, singularities
     )
-    assert count_of_counts > 1
+    assert distinct_count > 1
     assert dead_centre_count >= 4
     assert dead_centre_count % 2 == 0

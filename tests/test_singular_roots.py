@@ -37,10 +37,13 @@ def geared_five_bar(tmp_path, low_deg, high_deg):
 def dead_centres_of_geared_five_bar(mechanism, low, high):
     """Return the inputs (rad) at which both couplers are in line, sorted.
 
-    Axes of one configuration are read off a motion. From there both crank tips are turned
-    about the fixed axes, the second back by the ratio of teeth 20/40. The couplers are in
-    line where the tips are the sum or the difference of their arcs, 60 and 55 degrees,
-    apart. Sign changes at 2001 inputs are refined.
+    The two cranks, left and right, are geared to each other, with 20 and 40 teeth. The
+    couplers join their tips. The axes of one configuration are computed by the position
+    analysis. From there both tips are turned about the fixed axes: the left one by the
+    change of the input, the right one by half of it in the opposite sense.
+
+    The couplers have arcs of 60 and 55 degrees. They are in line where the arc between the
+    tips is the sum or the difference of these. Sign changes at 2001 inputs are refined.
     """
     motion = PositionAnalysis(mechanism, samples=61).motion()
     row = int(np.flatnonzero(~motion.failed)[0])
@@ -103,10 +106,11 @@ does not grow with the input, but comes back with it."""
 
 
 def test_singularities_outside_the_range_are_listed_at_the_nearest_turn():
-    """A range just below a dead centre of a rocker: it is marked as outside.
+    """A dead centre just above the range of the input is marked as outside the range.
 
-    Of its angles modulo a turn, the listed one is nearest to the range. The full run has
-    the dead centre of the closed form, where coupler and rocker are in line.
+    Its input is determined up to whole turns, and the listed value is the one nearest to
+    the range. A run over the full range has the dead centre of the closed form, where
+    coupler and rocker are in line.
     """
     closed_form = np.max(angles_with_links_in_line(*ROCKER))
     frame = sk.run(four_bar(ROCKER), NAME, samples=9).frame()
@@ -128,6 +132,7 @@ def test_singularities_outside_the_range_are_listed_at_the_nearest_turn():
     assert np.all(listed > 0.0)
     assert np.all(listed <= turn_later)
     assert np.all(listed <= turn_earlier)
+    # The summary counts singularities within the range by their types, and those outside.
     findings, _ = findings_and_warnings(result)
     assert "II" not in findings["singularities"]
     assert findings["outside"]["II"] == len(type_2)
@@ -139,7 +144,9 @@ def test_singularities_outside_the_range_are_listed_at_the_nearest_turn():
 def test_singularities_are_listed_for_every_turn_of_a_range(low_deg, high_deg):
     """Dead centres of a rocker by the spherical law of cosines, in seven turns.
 
-    The margin of a row is the distance of its input to the nearest dead centre.
+    All dead centres from three turns below to three turns above are computed. Those within
+    the range have to be listed. The column ``input_margin_II`` of a row is the distance of
+    its input (rad) to the nearest singularity of type II, which is a dead centre.
     """
     turns_deg = np.arange(-3, 4)[:, None] * 360.0
     dead_centres_deg = turns_deg + np.degrees(angles_with_links_in_line(*ROCKER))
@@ -151,6 +158,7 @@ def test_singularities_are_listed_for_every_turn_of_a_range(low_deg, high_deg):
     frame = result.frame()
     type_2 = frame[frame["kind"] == "II"]
     assert np.degrees(np.sort(type_2["q"])) == pytest.approx(expected_deg, abs=1e-7)
+    # All are within the range, and both assembly modes meet at each.
     assert set(type_2["inside"]) == {"yes"}
     assert set(type_2["assembly_mode"]) == {"0+1"}
     findings, _ = findings_and_warnings(result)
@@ -220,11 +228,16 @@ def check_points(position_analysis, points, kind):
 def test_surfaces_from_random_starts_lie_within_the_ranges_of_inputs(kind):
     """The mesh is consistently oriented: no directed edge belongs to two triangles.
 
-    The border of the surface of type II lies on ends of input ranges, and its edges are at
-    most 0.75 times the side of 0.25. Sheets of type I cross, so that does not hold there.
+    All vertices are singular configurations within the ranges. The surface of type II is
+    complete: its border is on ends of input ranges. Its edges are at most half of 1.5 times
+    the wanted side, 0.25, because the first mesh has edges of up to 1.5 sides, which are
+    halved once. Sheets of type I cross, and the mesh ends there, so that border and edges
+    are not checked.
     """
     side = 0.25
     mechanism = sk.load("three_rrr")
+    # Without slices (curves of configurations with two of three inputs locked) the search
+    # starts from random configurations.
     mesh = singular_surface(mechanism, kind, side=side, halved=1, slices_of_each=0)
     assert len(mesh.points.values)
     assert mesh.claim.guarantee is Guarantee.SAMPLED
@@ -242,6 +255,7 @@ def test_surfaces_from_random_starts_lie_within_the_ranges_of_inputs(kind):
     distances = np.abs(mesh.points.inputs[mesh.border][..., None] - range_ends)
     # Both vertices of an edge lie on the same end of the same input.
     assert np.max(np.min(np.max(distances, axis=1), axis=(1, 2))) < 1e-9
+    # One edge of each triangle.
     first = mesh.points.values[mesh.triangles[:, 0]]
     second = mesh.points.values[mesh.triangles[:, 1]]
     differences = first - second
@@ -252,9 +266,11 @@ def test_surfaces_from_random_starts_lie_within_the_ranges_of_inputs(kind):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["I", "II"])
 def test_random_starts_find_the_curves_that_slices_find(kind):
-    """Each point of the curves by slices lies on a curve that random starts found.
+    """Each point of the curves by slices is on a curve that random starts lead to.
 
-    Slices lock inputs in turn and guarantee all curves to a box size; random starts do not.
+    A slice is the set of configurations with all inputs but one locked. A search by slices
+    (here at 4 values of each input) guarantees all curves down to a box size. A search from
+    random configurations, without slices, guarantees nothing.
     """
     mechanism = sk.load("five_bar")
     by_slices = singular_curves(mechanism, kind, slices_of_each=4)
@@ -265,16 +281,19 @@ def test_random_starts_find_the_curves_that_slices_find(kind):
     for curve in by_slices.curves:
         check_points(position_analysis, curve.points, kind)
         inside = curve.points.rows(curve.points.inside)
-        is_on_curve = [
-            other.traced[1].find(inside.values, inside.motion) for other in by_starts.curves
-        ]
+        is_on_curve = []
+        for other in by_starts.curves:
+            _report, followed_curve = other.traced
+            is_on_curve.append(followed_curve.find(inside.values, inside.motion))
         assert np.all(np.any(is_on_curve, axis=0))
 
 
 def test_a_search_without_time_says_so():
     """With 0 s of processor time nothing is searched, and each part of the run says so.
 
-    The agile eye is of type I in every row of four modes, which is a remark, no warning.
+    A search that was stopped only claims that it has sampled (`Guarantee.SAMPLED`), because
+    anything may be missing. The rows of the motion are examined nevertheless: the agile eye
+    is of type I in every row of four assembly modes, which is a remark, no warning.
     """
     time_limit = TimeLimit(0.0, "curves of type II")
     curves = singular_curves(sk.load("five_bar"), "II", budget=time_limit)
