@@ -78,12 +78,16 @@ def test_shipped_eight_bars_are_the_sixteen_chains():
 
 
 def test_two_eight_bars_need_a_pole_from_rates():
-    """Great circles give all poles of 14 eight-bars, none or two of the other two.
+    """Great circles give all poles of 14 eight-bars. Two others need a pole from rates.
 
-    The double butterfly has no pole by Aronhold-Kennedy and the single flier two of 18. A
-    block of their plan gets one opening pole from rates; then great circles give the
-    others.
+    Ten of the 28 poles of an eight-bar are axes of pairs. The other 18 follow by passes:
+    in each pass, a step intersects great circles through poles that are known
+    (Aronhold-Kennedy theorem). By this, the double butterfly (number 9) has none of the 18
+    poles, and the single flier (6) has two. The rest are poles of an irreducible part, a
+    block of the plan. One of them, the opening pole, is computed from rates. Then great
+    circles give the others.
     """
+    # Number of the eight-bar, and number of poles in its block.
     blocks = []
     for number, chain in enumerate(EIGHT_BARS, start=1):
         axes = random_axes(np.random.default_rng(number), 10)
@@ -93,10 +97,13 @@ def test_two_eight_bars_need_a_pole_from_rates():
             continue
         (block,) = planned.blocks
         blocks.append((number, len(block.poles)))
+        # Poles that are known before the block: `rounds` has the pass of each pole.
         poles = {step.pole for step in planned.steps if hasattr(step, "pole")}
         available = {pole for pole in poles if planned.rounds[pole] < block.round}
         available.add(block.opening)
         for step in block.passes:
+            # `via` lists the great circles that meet in the pole, `sources` the poles that
+            # they go through.
             assert len(step.via) >= 2
             assert set(step.sources) <= available
             available.add(step.pole)
@@ -144,12 +151,14 @@ def test_unknown_pole_and_input():
 
 
 def test_mechanism_with_contact_pairs_uses_contact_lines():
-    """The pole of a disc cam and its follower is on the contact plane and on the line of
-    pivots.
+    """The pole of a disc cam and its follower is where two planes intersect.
 
-    The cam (1-2 R, 2-3 Cs, 1-3 R) has mobility 1.
+    The cam 2 and the follower 3 have R pairs with the ground 1, and a sliding contact (Cs)
+    with each other. Their pole P32 lies in the plane of the poles P21 and P31
+    (Aronhold-Kennedy theorem) and in the plane through the normal at the contact. A line of
+    a plan has the pass (I), the pole, the case of the lecture's table ((b): one plane is
+    that of a contact) and both planes.
     """
-    # a disc cam (1-2 R, 2-3 Cs, 1-3 R) has mobility 1, P23 by A-K and the contact plane
     circle = Profile("circle", (0.0, 0.0, 1.0), 0.3)
     pairs = [Pair(name, "R", tuple(name)) for name in ("12", "13")]
     pairs.append(Pair("23", "Cs", ("2", "3"), (circle, circle)))
@@ -163,21 +172,29 @@ def test_mechanism_with_contact_pairs_uses_contact_lines():
 def test_pruned_plans_do_not_take_one_circle_twice():
     """A plan for one pole never intersects a great circle with itself.
 
-    In a train with two planets the great circles through the coaxial gears are all the same
-    one. Results must be well conditioned.
+    A plan for one pole contains only the steps that this pole needs. A step intersects
+    great circles through known poles. In this train of bevel gears, four links turn about
+    one vertical axis, and two planets about axes of their carrier. The pole of a planet and
+    its gear is along their line of contact. All great circles through the vertical axis and
+    a planet's axis are then the same one. A step that intersected it with itself would give
+    no pole. The requested poles must therefore be computed, and well conditioned.
     """
     up, down, first, second = (0, 0, 1.0), (0, 0, -1.0), (1.0, 0, 0), (0, 1.0, 0)
+    # The axes of a gear and a planet are at right angles, and so the half angles of their
+    # pitch cones add up to 90 degrees.
     gear_half_angle = np.arctan(2.0)
 
-    def mesh(name, gear, axis, planet, at):
+    def mesh(name, gear, gear_axis, planet, planet_axis):
+        """Return a rolling contact (Cr) of the pitch circles of a gear and a planet."""
         circles = (
-            Profile("circle", axis, gear_half_angle),
-            Profile("circle", at, np.pi / 2 - gear_half_angle),
+            Profile("circle", gear_axis, gear_half_angle),
+            Profile("circle", planet_axis, np.pi / 2 - gear_half_angle),
         )
         return Pair(name, "Cr", (gear, planet), circles)
 
     axles = dict.fromkeys(("left", "right", "carrier", "extra"), up)
     planets = {"one": first, "two": second}
+    axis_of_link = {**axles, **planets}
     train = Mechanism(
         "train",
         "frame",
@@ -190,7 +207,7 @@ def test_pruned_plans_do_not_take_one_circle_twice():
             mesh("m3", "left", up, "two", second),
             mesh("m4", "extra", down, "two", second),
         ),
-        PoseGeometry({f"a_{x}": axis for x, axis in {**axles, **planets}.items()}),
+        PoseGeometry({f"a_{link}": axis for link, axis in axis_of_link.items()}),
         inputs=(Input("a_left", 0.1, 1.0), Input("a_right", 0.1, 0.5)),
     )
     for text in ("two/frame", "one/extra"):

@@ -87,7 +87,9 @@ class AnalysisWithUndeclaredReads(MinimalAnalysis):
 class Ranges(MinimalAnalysis):
     """An analysis with the inputs by name, findings, a warning and a remark.
 
-    `batch.once` computes a value once per batch.
+    `batch.once` computes a value once per batch. In a table, `INPUTS` stands for a column
+    of each input. With `tracer=True` the analysis may read the position analysis of the
+    run, from which it takes the number of assembly modes.
     """
 
     name: ClassVar = "ranges"
@@ -105,7 +107,11 @@ class Ranges(MinimalAnalysis):
     def findings(self, batch: Batch):
         widest = float(np.max(np.ptp(batch.inputs, axis=0)))
         modes = len(batch.tracer.assembly_modes)
-        return Findings({"widest": widest, "modes": modes}, ("So.",), ("Yes.",))
+        return Findings(
+            figures={"widest": widest, "modes": modes},
+            warnings=("So.",),
+            remarks=("Yes.",),
+        )
 
 
 def test_columns_for_each_input_and_findings_in_the_summary():

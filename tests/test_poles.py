@@ -18,7 +18,11 @@ from spherekit.velocities.pole_request import request
 
 
 def _vector(field, pole, rows):
-    """Return angular velocity vectors (rows, 3) per unit rate of the input."""
+    """Return angular velocity vectors (rows, 3) per unit rate of the input.
+
+    They are those of the second link of a pole relative to the first one. `rows` is an
+    index of the rows of the field.
+    """
     return field.direction[pole][rows] * field.velocity_coefficient[pole][rows][:, None]
 
 
@@ -50,9 +54,12 @@ def test_coefficients_of_a_universal_joint_are_the_derivatives_of_its_closed_for
 
 
 def test_coefficient_where_the_published_formula_is_indeterminate():
-    """Eq. (26a) is 0/0 where link 3 stands still on link 2; w31 = w21 is the limit.
+    """A velocity coefficient is right where the published formula is 0/0.
 
-    A drag-link four-bar (ground 15, then 60, 55, 70 degrees) passes there twice a turn.
+    Eq. (26a) of Di Gregorio (2024) for w31 / w21 is 0/0 where link 3 stands still relative
+    to link 2. The limit is w31 = w21. A drag-link four-bar (ground 15, then 60, 55, 70
+    degrees) has such a configuration twice a turn. Links have the numbers 1 to 4 in the
+    equation, and 0 to 3 in the code.
     """
     made = four_bar(np.radians([15.0, 60.0, 55.0, 70.0]))
     tracer = PositionAnalysis(made)
@@ -61,18 +68,21 @@ def test_coefficient_where_the_published_formula_is_indeterminate():
     for assembly_mode in range(2):
         one = PositionAnalysis(made, assembly_mode=assembly_mode)
 
-        def still(q, one=one):
+        def relative_rate(q, one=one):
+            """Return the velocity coefficient of link 3 relative to link 2 at an input."""
             return evaluate(one.at(q), asked).velocity_coefficient[1, 2][0]
 
         grid = np.linspace(0.0, 2 * np.pi, 100)
         values = evaluate(one.at(grid), asked).velocity_coefficient[1, 2]
         k = int(np.flatnonzero(values[1:] * values[:-1] < 0.0)[0])
-        low, high = grid[k], grid[k + 1]
-        root = brentq(still, low, high, xtol=1e-15)
+        root = brentq(relative_rate, grid[k], grid[k + 1], xtol=1e-15)
+        # The configuration, and one on each side of it.
         field = evaluate(one.at(root + np.array([-1e-7, 0.0, 1e-7])), asked)
         assert np.all(np.abs(field.velocity_coefficient[1, 2]) < 1e-6)
-        total = _vector(field, (0, 1), slice(None)) + _vector(field, (1, 2), slice(None))
-        assert np.max(np.abs(_vector(field, (0, 2), slice(None)) - total)) < 1e-13
+        # The angular velocities add up: w31 = w21 + w32.
+        all_rows = slice(None)
+        total = _vector(field, (0, 1), all_rows) + _vector(field, (1, 2), all_rows)
+        assert np.max(np.abs(_vector(field, (0, 2), all_rows) - total)) < 1e-13
         assert abs(abs(field.velocity_coefficient[0, 2][1]) - 1.0) < 1e-13
 
 
@@ -83,8 +93,11 @@ def test_poles_of_badly_conditioned_eight_bars_match_the_null_space_of_velocitie
     The independent result `w` (links, 3) is the null space of the velocity equations of all
     pairs; `gap` is the smallest singular value that is not zero. A pole is computed from
     others by steps, which may multiply rounding so much that quad precision is needed: of
-    these mechanisms some need it, and not all. One chain is used six more times, with
-    other axes.
+    these mechanisms some need it, and not all. The fifth chain of the list is used six more
+    times, with other axes.
+
+    The null space has errors too. They are rounding errors of float64 (1e-16) divided by
+    `gap`, times factors of 100 to 10000 that no case here exceeds.
     """
     random = np.random.default_rng(5)
     quad_count = 0
@@ -101,18 +114,19 @@ def test_poles_of_badly_conditioned_eight_bars_match_the_null_space_of_velocitie
             relative_velocity = w[j] - w[i]
             speed = np.linalg.norm(relative_velocity)
             distance = sine_between_lines(field.direction[i, j][middle], relative_velocity)
-            # The null space itself is uncertain by rounding over gap.
+            # The error of a direction in the null space. It is larger for slow links.
             null_space_error = 1e-14 / (gap * speed)
             bound = max(field.direction_error[i, j][middle], null_space_error)
             assert distance < bound, (i, j, distance, bound)
-            # In quad precision loops are closed first, beside the configuration of w.
+            # In quad precision, loops are first closed to more digits. This changes the
+            # configuration a little from that of `w`, and so the pole.
             if is_quad:
                 assert distance < 1e-13 / (gap * speed)
             rate = abs(field.velocity_coefficient[i, j][middle])
             stated_error = field.velocity_coefficient_error[i, j][middle]
             bound = stated_error + 1e-12 / (gap * input_rate)
             assert abs(rate - speed / input_rate) < bound * (1.0 + rate), (i, j)
-    # At least two show that quad precision is used; the upper limit that it is no habit.
+    # Quad precision is used where it is needed, but not for all 22 mechanisms.
     assert 2 <= quad_count <= 4 + len(EIGHT_BARS)
 
 

@@ -39,7 +39,9 @@ CASES = [
 def certified_modes_of(name, pair, inputs, tolerance=0.0):
     """Certify the modes of a shipped mechanism at inputs (deg, as texts).
 
-    `tolerance` (rad) is that of all sizes for which the proof is valid.
+    A mode is one of the ways to assemble the mechanism at these inputs. `pair` is the name
+    of the driven pair; with None the inputs are those of the file. The proof is valid for
+    all sizes that differ from those of the file by up to `tolerance` (rad).
     """
     mechanism = driven_at(sk.load(name), pair)
     return certify_modes(read_decimals(mechanism, tolerance=tolerance), inputs)
@@ -50,8 +52,10 @@ def certified_modes_of(name, pair, inputs, tolerance=0.0):
 def test_all_complex_modes_are_proven_and_the_real_ones_are_those_found(
     name, pair, inputs, bound
 ):
-    """All complex modes are proven, and the real ones are those assemblies by elimination.
+    """All complex modes are proven, and the real ones are those that elimination gives.
 
+    Modes are solutions of the closure equations, so they can be complex. Only the real ones
+    can be assembled. `pair` is the driven pair, and None for the inputs of the file.
     `bound` is the number of complex modes. The proven angles are balls (intervals about a
     centre) of less than 1e-15 rad. An independent checker accepts the certificate.
     """
@@ -64,6 +68,7 @@ def test_all_complex_modes_are_proven_and_the_real_ones_are_those_found(
         solver, np.radians([float(value) for value in inputs])
     )
     assert len(assemblies.values) == len(modes.real)
+    # (real modes, variables) the angles of the real modes.
     balls = np.array(modes.angles())
     assert max(map(upper_magnitude, (balls - exact_centres(balls)).flat)) < 1e-15
     centres = centre_floats(balls)
@@ -73,9 +78,11 @@ def test_all_complex_modes_are_proven_and_the_real_ones_are_those_found(
 
 
 def test_every_pair_of_every_chain_can_drive_it_by_the_construction():
-    """Driven at any pair, the eight-bars have a construction with three unknowns.
+    """Driven at any pair, the eight-bars have a construction with three unknown angles.
 
-    It bounds the number of modes, by 8 to 32.
+    A construction places all links one after another, as functions of the input and of some
+    unknown angles, with as many equations. The degrees of the equations bound the number of
+    assembly modes; the bound is between 8 and 32. Six of the sixteen chains are tested.
     """
     for number in (1, 2, 4, 7, 10, 15):
         mechanism = sk.load(f"eight_bar_{number:02d}")
@@ -83,15 +90,17 @@ def test_every_pair_of_every_chain_can_drive_it_by_the_construction():
             construction = find_construction(
                 extract_structure(driven_at(mechanism, pair.name))
             )
-            assert (
-                8 <= construction.mode_bound <= 32
-                and len(construction.equation_steps) == construction.unknown_count == 3
-            )
+            assert 8 <= construction.mode_bound <= 32
+            assert len(construction.equation_steps) == construction.unknown_count == 3
 
 
 def test_sizes_within_a_tolerance_have_the_modes_that_are_proven_for_all_of_them():
-    """Modes proven for all arcs within 1e-6 rad enclose those of five random such sizes."""
-    modes = certified_modes_of("four_bar", None, ("40",), 1e-6)
+    """Modes proven for all sizes within 1e-6 rad enclose those of such mechanisms.
+
+    The modes of five mechanisms, whose arcs differ from the file by random numbers of up to
+    1e-6 rad, are in the proven intervals.
+    """
+    modes = certified_modes_of("four_bar", pair=None, inputs=("40",), tolerance=1e-6)
     assert modes.is_complete
     assert len(modes.real) == 2
     enclosures = modes.angles()
@@ -109,39 +118,60 @@ def test_sizes_within_a_tolerance_have_the_modes_that_are_proven_for_all_of_them
             )
 
 
-def tampered(certificate, moves):
+def tampered(certificate, random_choice):
     """Return a certificate with one random change, so that it is false or proves nothing.
 
-    `moves` is the random generator.
+    The certificate states all complex modes (solutions) of a mechanism at given inputs.
+
+    Parameters
+    ----------
+    certificate
+        Dictionary with the text of the mechanism file, its construction, inputs, "roots"
+        (complex modes as balls), their largest number "bound" and the number of real ones,
+        "modes".
+    random_choice
+        Random generator.
     """
     changed = copy.deepcopy(certificate)
     roots = changed["roots"]
-    text = changed["mechanism"]
-    root = moves.choice(roots)
-    step = moves.choice(changed["construction"]["steps"])
-    coordinate = moves.choice(root["centre"])
+    root = random_choice.choice(roots)
+    step = random_choice.choice(changed["construction"]["steps"])
+
+    # A coordinate of a root is mantissa * 2**exponent. One of the first 30 digits (bits) of
+    # the mantissa is changed, which is outside of the ball.
+    coordinate = random_choice.choice(root["centre"])
     mantissa, exponent = coordinate[0]
-    shift = 1 << max(mantissa.bit_length() - moves.randrange(2, 30), 1)
+    shift = 1 << max(mantissa.bit_length() - random_choice.randrange(2, 30), 1)
+
+    # Another root, which then occurs twice, while this one is missing.
     other_roots = [x for x in roots if x is not root]
-    other_root = moves.choice(other_roots)
+    other_root = random_choice.choice(other_roots)
+
+    # The mechanism gets another arc.
+    text = changed["mechanism"]
     arc_places = [k for k in range(len(text)) if text.startswith("arcs = [", k)]
-    place = moves.choice(arc_places) + len("arcs = [")
+    place = random_choice.choice(arc_places) + len("arcs = [")
     changed_text = f"{text[:place]}0.001{text[place + 1 :]}"
-    sources = step["by"][::-1] if len(step["by"]) == 2 else 2 * step["by"]
+
+    # A step of the construction places a link by one or two pairs. Two pairs are
+    # interchanged, and one pair is listed twice.
+    changed_pairs = step["by"][::-1] if len(step["by"]) == 2 else 2 * step["by"]
+
     input_pair, input_value = next(iter(changed["inputs"].items()))
-    changed_input = repr(float(input_value) + 10.0 ** -moves.randrange(1, 9))
-    # (table or list, key or index, new value)
-    container, key, value = moves.choice(
+    changed_input = repr(float(input_value) + 10.0 ** -random_choice.randrange(1, 9))
+    # (table or list, key or index, new value). No root can be proven in a ball that is much
+    # smaller than that of the certificate.
+    container, key, value = random_choice.choice(
         [
             (coordinate, 0, [mantissa + shift, exponent]),
             (root, "real", not root["real"]),
             (changed, "roots", other_roots),
-            (changed, "bound", changed["bound"] + moves.choice((-1, 1, 8))),
-            (changed, "modes", changed["modes"] + moves.choice((-1, 1, 2))),
+            (changed, "bound", changed["bound"] + random_choice.choice((-1, 1, 8))),
+            (changed, "modes", changed["modes"] + random_choice.choice((-1, 1, 2))),
             (roots, roots.index(root), copy.deepcopy(other_root)),
-            (root, "radius", root["radius"] * 2.0 ** -moves.randrange(20, 60)),
+            (root, "radius", root["radius"] * 2.0 ** -random_choice.randrange(20, 60)),
             (changed["inputs"], input_pair, changed_input),
-            (step, "by", sources),
+            (step, "by", changed_pairs),
             (changed, "mechanism", changed_text),
         ]
     )
@@ -151,20 +181,25 @@ def tampered(certificate, moves):
 
 @pytest.mark.slow
 def test_the_checker_refuses_a_hundred_tampered_certificates():
-    """An independent checker refuses 100 randomly falsified certificates of three
-    mechanisms.
+    """An independent checker refuses 100 randomly falsified certificates.
+
+    A certificate states all assembly modes of a mechanism at given inputs. Those of three
+    mechanisms are falsified in turn.
     """
-    moves = random.Random(17)
-    certificates = [
-        recorded(modes_certificate(certified_modes_of(*case)))
-        for case in (
-            ("four_bar", None, ("40",)),
-            ("stephenson", "16", ("30",)),
-            ("three_rrr", None, ("10", "20", "30")),
-        )
+    random_choice = random.Random(17)
+    # Name of the mechanism, its driven pair (None: those of the file), and inputs (deg).
+    cases = [
+        ("four_bar", None, ("40",)),
+        ("stephenson", "16", ("30",)),
+        ("three_rrr", None, ("10", "20", "30")),
     ]
+    certificates = []
+    for name, pair, inputs in cases:
+        modes = certified_modes_of(name, pair, inputs)
+        # `recorded` returns a certificate as it is read from its JSON file.
+        certificates.append(recorded(modes_certificate(modes)))
     for number in range(100):
-        changed = tampered(certificates[number % 3], moves)
+        changed = tampered(certificates[number % 3], random_choice)
         assert changed not in certificates
         refuse(changed)
 
@@ -181,17 +216,24 @@ def stretched(coupler):
 def test_modes_however_close_are_told_apart_and_a_double_one_is_never_certified(digits):
     """Near a double mode, two or no modes are certified; the double one itself is not.
 
-    At the input 0 a dyad of 30 deg and a coupler of nearly 10 deg spans 40 deg. `digits` is
-    the number of decimal digits after which the coupler differs from 10 deg. The half angle
-    between both modes falls with the square root of the difference.
+    At the input 0 of this four-bar, a follower of 30 deg and a coupler have to reach over
+    40 deg. If the coupler has 10 deg, they are stretched, and both modes (ways to assemble
+    them) are the same. `digits` is the number of decimal digits after which the coupler
+    differs from 10 deg. If it is too short, there is no mode. If it is longer, the angle
+    between both modes is of the order of the square root of the difference.
     """
     too_short = certify_modes(stretched("9." + "9" * digits), ("0",))
     assert too_short.is_complete and not too_short.real
     longer = certify_modes(stretched("10." + "0" * digits + "1"), ("0",))
     assert longer.is_complete and len(longer.real) == 2
     check(recorded(modes_certificate(longer)))
-    half = [0.5 * (a.mid() - b.mid()) for a, b in zip(*longer.angles(), strict=True)]
-    assert 0 < max(2.0 * abs(angle.sin()) for angle in half) < 30 * 10.0 ** (-digits / 2)
+    # Chords between the angles of both modes. The factor 30 is above that of this four-bar.
+    first_mode, second_mode = longer.angles()
+    half_angles = [
+        0.5 * (a.mid() - b.mid()) for a, b in zip(first_mode, second_mode, strict=True)
+    ]
+    largest_chord = max(2.0 * abs(angle.sin()) for angle in half_angles)
+    assert 0 < largest_chord < 30 * 10.0 ** (-digits / 2)
     double = certify_modes(stretched("10"), ("0",))
     assert (
         not double.is_complete and double.completeness.guarantee is not Guarantee.CERTIFIED

@@ -17,11 +17,14 @@ BASE, TIP = 40, 75
 
 
 def tripod(plate):
-    """Return a platform on three equal legs, all of which are in line at inputs of zero.
+    """Return a platform on three equal legs, with two equal modes at inputs of zero.
 
-    `plate` is the angle (deg) from the axis of symmetry to the plate's axes. Turning the
-    plate about the axis by D takes cos(link) = cos(tip) cos(plate) + sin(tip) sin(plate)
-    cos(D), so that at zero D is a double root.
+    Each leg has a crank and a bar. At inputs of zero, the three axes of every leg are in
+    one plane with the axis of symmetry: the axis at the base and that between crank and bar
+    at the angles BASE and TIP from it, and that at the plate at the angle `plate` (deg). If
+    the plate turns about the axis of symmetry by D, the arc of the bars requires cos(bar) =
+    cos(tip) cos(plate) + sin(tip) sin(plate) cos(D). At D = 0 this is a double root, so
+    that two modes (ways to assemble the platform) are equal.
     """
     text = 'format = 1\nname = "tripod"\nangle_unit = "deg"\nground = "base"\n'
     text += "[links.base]\n[links.plate]\n"
@@ -41,15 +44,24 @@ def tripod(plate):
 
 
 def half_angle_between_modes(plate, digits):
-    """Compute half the angle between the two modes beside the double one, in 200 bits.
+    """Compute half the angle between two modes of the tripod that are nearly equal.
 
-    All inputs are 10 ** -digits degrees. The cosine of the half angle follows from the
-    spherical law of cosines, and its square from 2 (1 - cosine).
+    At inputs of zero, two modes of the `tripod` are equal. Here all inputs are
+    10 ** -digits degrees. In one mode the plate turns about the axis of symmetry by an
+    angle D, in the other one by -D. cos(D) follows from the spherical law of cosines, in
+    200 bits. As D is small, its square is nearly 2 (1 - cos(D)).
+
+    Parameters
+    ----------
+    plate
+        Angle (deg) from the axis of symmetry to the axes of the plate.
+    digits
+        The inputs are 10 ** -digits degrees.
 
     Returns
     -------
     half_angle
-        In radians.
+        |D| in radians.
     is_real
         Whether there are two modes; otherwise there is none.
     """
@@ -57,7 +69,8 @@ def half_angle_between_modes(plate, digits):
         degree = pi_ball() / 180
         base, tip, top = (degree * exact_ball(float(a)) for a in (BASE, TIP, plate))
         step = degree * exact_ball(10.0) ** -digits
-        # Arc from the axis of symmetry to a crank's end
+        # The arcs of cranks and bars are those at inputs of zero, when all is in one plane.
+        # `end` is the arc from the axis of symmetry to the end of a crank at the input.
         crank = tip - base
         cosine_of_end = base.cos() * crank.cos() - base.sin() * crank.sin() * step.cos()
         sine_of_end = (1 - cosine_of_end * cosine_of_end).sqrt()
@@ -75,18 +88,23 @@ def modes_beside(plate, digits):
 @pytest.mark.many
 @pytest.mark.parametrize("digits", range(4, 13))
 def test_modes_of_a_triad_from_a_millionth_to_1e_14_apart_are_told_apart(digits):
-    """Two modes of a platform that are 1e-6 to 1e-14 rad distance are both certified.
+    """Two modes of a platform that are 1e-6 to 1e-14 rad apart are both certified.
 
-    Their distance is computed independently in 200 bits.
+    Two modes (ways to assemble it) are equal at inputs of zero. Here the inputs are
+    10 ** -digits degrees, and the modes are between 1 and 2 times 10 ** (-digits - 2) rad
+    apart, by independent numbers of 200 bits.
     """
-    half_angle, is_real = half_angle_between_modes(50, digits)
+    plate = 50  # angle (deg) from the axis of symmetry to the axes of the plate
+    half_angle, is_real = half_angle_between_modes(plate, digits)
     assert is_real and 0.5 < half_angle * 10.0 ** (digits + 2) < 1.0
-    modes = modes_beside(50, digits)
+    modes = modes_beside(plate, digits)
     assert modes.is_counted and modes.mode_bound == 8
     rows = np.array([[centre_float(angle) for angle in row] for row in modes.angles()])
+    # Both modes are near the double one, in which all angles are zero.
     first, second = sorted(rows, key=lambda row: np.sum(1 - np.cos(row)))[:2]
     distance = np.max(np.abs(first - second))
     assert 0.1 * half_angle < distance < 10 * half_angle
+    # Only the certificate of the nearest modes is checked independently.
     if digits == 12:
         check(recorded(modes_certificate(modes)))
 
@@ -191,12 +209,22 @@ FOUR_BAR = mechanism_text("four_bar_proof_adversaries")
 def test_special_four_bars_have_the_modes_of_the_closed_form(arcs, crossings, still):
     """Proven intervals with two modes are those in which the triangle inequality holds.
 
-    `arcs` are those of ground, crank, coupler and rocker (deg), `crossings` the number of
-    crossings of curves, and `still` the inputs (deg) at which links may turn while the
-    input rests.
+    Coupler and rocker close the loop, in two modes, if the arc between crank and fixed axis
+    is between the difference and the sum of their arcs.
+
+    Parameters
+    ----------
+    arcs
+        Arcs (deg) of ground, crank, coupler and rocker.
+    crossings
+        Number of configurations in which curves of configurations cross.
+    still
+        Inputs (deg) at which other links may turn while the input rests.
     """
     curves = certify_curves(decimal_mechanism(FOUR_BAR.format(*arcs)), ("0", "360"))
     assert curves.completeness.guarantee is Guarantee.CERTIFIED
+    # Near a saddle two curves cross or miss each other. The sign is 0 if it is proven that
+    # they cross.
     assert [saddle.level_sign for saddle in curves.saddles] == [0] * crossings
     assert np.allclose(np.degrees(curves.constant_input_values), still, atol=1e-9)
     assert curves.intervals

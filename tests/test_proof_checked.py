@@ -35,11 +35,13 @@ def by_systems():
 
 
 @pytest.fixture(scope="module")
-def over_boxes():
-    """Return a certificate of a map of two inputs of a 5R that its type II curve crosses.
+def map_of_five_bar():
+    """Return a certificate of the map of both inputs of a spherical five-bar.
 
-    The map covers the inputs with boxes of known numbers of modes (kinds 0: regular, 1:
-    contains type II, 2: undecided).
+    A map divides the ranges of two inputs into boxes. A box is regular (kind 0) if it has a
+    proven constant number of assembly modes, contains a singularity of type II (1), at
+    which the inputs do not hold the output, or is undecided (2). The singularities are a
+    curve, which crosses the ranges of this map.
     """
     text = read_decimals(sk.load("five_bar")).document.text
     text = text.replace("from = 40.0\nto = 140.0", "from = 78.0\nto = 96.0")
@@ -48,8 +50,9 @@ def over_boxes():
         exact_mechanism.input_range_text(item.pair)
         for item in exact_mechanism.mechanism.inputs
     ]
-    input_map = certify_input_map(exact_mechanism, ends, 0.08)
+    input_map = certify_input_map(exact_mechanism, ends, cell=0.08)  # smallest boxes, rad
     assert {0, 1, 2} >= set(input_map.kind.tolist()) >= {0, 1}
+    # As it is read from its JSON file.
     certificate = recorded(map_certificate(input_map))
     check(certificate)
     return certificate
@@ -59,13 +62,15 @@ def over_boxes():
 def test_the_checker_accepts_ratios_of_wheels_and_refuses_changed_ones(name):
     """The checker recomputes ratios from the condition of rolling, without spherekit.
 
-    At the line of contact both wheels have the same velocity. Four copies of the
-    certificate are changed at random: the ratios of a pair are removed, or one ratio is
-    changed by 1e-7 to 0.1. Each must be refused.
+    At the line of contact both wheels have the same velocity. The certificate has a row for
+    each pair that wheels drive: the ratios of its rate to the rates of all inputs. Four
+    copies of the certificate are changed at random: the row of a pair is removed, or one
+    ratio is changed by 1e-7 to 0.1. Each must be refused.
     """
     exact_mechanism = read_decimals(sk.load(name))
     with working_precision(80):  # decimal digits
         ratios = exact_mechanism.follower_ratios()
+        # As it is read from its JSON file.
         certificate = recorded(wheels_certificate(exact_mechanism, ratios))
     check(certificate)
 
@@ -84,12 +89,16 @@ def test_the_checker_accepts_ratios_of_wheels_and_refuses_changed_ones(name):
 
 @pytest.mark.slow
 def test_the_checker_refuses_a_map_with_a_wrong_count_or_a_repeated_solution():
-    """The map of a small box of inputs (deg) rests on two systems of two unknowns each.
+    """The checker refuses a falsified certificate of the map of a small box of inputs.
 
-    All 16 modes exist over the whole box. The unchanged certificate is accepted.
+    A map states the number of assembly modes over boxes of two inputs. In this one, 16
+    modes exist over the whole box (deg). They are solutions of two systems of two equations
+    each. The certificate contains all complex solutions of each system at some inputs, from
+    which the checker starts. The unchanged certificate is accepted.
     """
     exact_mechanism = read_decimals(sk.load("two_dof_spm"))
     input_map = certify_input_map(exact_mechanism, [("20", "20.01"), ("17", "17.01")])
+    # Part of the area by number of modes.
     assert input_map.mode_shares == {16: 1.0}
     certificate = recorded(map_certificate(input_map))
     check(certificate)
@@ -99,8 +108,8 @@ def test_the_checker_refuses_a_map_with_a_wrong_count_or_a_repeated_solution():
     refuse(with_fewer_modes)
 
     with_repeated_solution = copy.deepcopy(certificate)
-    for start in with_repeated_solution["systems"][0]["solved"]:
-        start["solutions"][0] = start["solutions"][1]
+    for solved_choice in with_repeated_solution["systems"][0]["solved"]:
+        solved_choice["solutions"][0] = solved_choice["solutions"][1]
     refuse(with_repeated_solution)
 
 
@@ -173,7 +182,7 @@ def tamper_with_map(certificate, random_choice):
 @pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("count", [4, 40])
-def test_the_checker_refuses_tampered_certificates(by_systems, over_boxes, count):
+def test_the_checker_refuses_tampered_certificates(by_systems, map_of_five_bar, count):
     """Each of `count` random falsifications, of both certificates in turn, is refused."""
     random_choice = random.Random(4)
     for number in range(count):
@@ -181,7 +190,7 @@ def test_the_checker_refuses_tampered_certificates(by_systems, over_boxes, count
             certificate = by_systems
             falsify = tamper_with_systems
         else:
-            certificate = over_boxes
+            certificate = map_of_five_bar
             falsify = tamper_with_map
         changed = copy.deepcopy(certificate)
         falsify(changed, random_choice)
