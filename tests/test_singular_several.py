@@ -65,18 +65,19 @@ def through(random, line):
 def test_superposition_gives_the_motion_of_all_inputs_together():
     """Eq. (7) of Di Gregorio 2015: prod(c) w = sum of d_i (prod of other c) q'_i u_i.
 
-    c_i, d_i and u_i belong to the motion by input i alone. The rate w of the platform
-    (link 8) is computed from the velocity equations, for all inputs together and for each
-    alone.
+    Let input i move alone at the rate q'_i. The platform (link 8) then turns about the axis
+    u_i at a rate w_i with c_i w_i = d_i q'_i. The angular velocity w of the platform is
+    computed from the velocity equations, for all inputs together and for each alone.
     """
     random = np.random.default_rng(1)
     for _ in range(8):
         rows, motion = at_reference(three_legs(random_axes(random, 9)))
         assert rows.type[0] == RowType.REGULAR
-        assert rows.group[0] == 0
+        assert rows.group[0] == 0  # singular in no group
         input_pairs = motion.assembly.inputs
         input_rates = random.normal(size=3)
         rate_by_pair = dict(zip(input_pairs, input_rates, strict=True))
+        # Angular velocities of all links at row 0, the only one.
         link_rates_together, _ = locked_rates(motion, 0, rate_by_pair)
         platform_rate = link_rates_together[7]
 
@@ -97,16 +98,16 @@ def test_superposition_gives_the_motion_of_all_inputs_together():
             assert ratio == pytest.approx(np.linalg.norm(rate_alone), rel=1e-9)
 
 
-PAIRS = ("p1_2", "p2_3", "p1_4")
-"""Inputs at two pairs of one leg."""
+TWO_INPUTS_ON_ONE_LEG = ("p1_2", "p2_3", "p1_4")
+"""Inputs at the first two pairs of one leg, and at the first pair of another one."""
 
 
-def stretched(axes, leg=0):
+def stretch_leg(axes, leg=0):
     """Bring the three axes of a leg in one plane."""
     axes[3 * leg + 1] = in_plane(np.random.default_rng(3), *axes[3 * leg : 3 * leg + 3 : 2])
 
 
-def common(random):
+def axes_through_common_line(random):
     """Return a line, and axes of which each leg's moving ones are in a plane through it."""
     line = unit(random.normal(size=3))
     axes = random_axes(random, 9)
@@ -119,7 +120,7 @@ def common(random):
 def test_statement_1_a_stretched_leg_is_type_one(leg):
     """The case study's first example: the three axes of a leg are coplanar."""
     axes = random_axes(np.random.default_rng(2 + leg), 9)
-    stretched(axes, leg)
+    stretch_leg(axes, leg)
     found, _ = at_reference(three_legs(axes))
     assert found.type[0] == RowType.I and found.group[0] == 1
     assert abs(found.d[0, leg]) < 1e-13 and found.output_rate[0, leg] < 1e-13
@@ -133,7 +134,7 @@ def test_coincident_poles_of_a_three_rrr_are_type_two(seed):
 
     The planes of the distal axes of all legs have a common line, which is that of the u_i.
     """
-    line, axes = common(np.random.default_rng(5 + seed))
+    line, axes = axes_through_common_line(np.random.default_rng(5 + seed))
     rows, _ = at_reference(three_legs(axes))
     assert rows.type[0] == RowType.II
     assert rows.group[0] == 1
@@ -147,7 +148,7 @@ def test_coincident_poles_of_a_three_rrr_are_type_two(seed):
 @pytest.mark.parametrize("seed", range(5))
 def test_coincident_poles_with_a_stretched_leg_are_type_three(seed):
     """Statement 3: the crank axis of leg 1 is in the plane of its other two axes, too."""
-    _, axes = common(np.random.default_rng(5 + seed))
+    _, axes = axes_through_common_line(np.random.default_rng(5 + seed))
     axes[0] = in_plane(np.random.default_rng(seed), axes[1], axes[2])
     rows, _ = at_reference(three_legs(axes))
     assert rows.type[0] == RowType.III
@@ -159,15 +160,17 @@ def test_coincident_poles_with_a_stretched_leg_are_type_three(seed):
 def test_theorem_1_coplanar_poles_are_type_one_of_the_second_group(seed):
     """Inputs at two pairs of one leg; that leg is stretched, so the u_i are coplanar.
 
-    The triple product of the u_i vanishes although no c or d does (theorem 1 of Di
-    Gregorio 2015).
+    If input i moves alone at the rate q'_i, the platform turns about the axis u_i at a rate
+    w_i with c_i w_i = d_i q'_i. Type I of the first group means that some d_i vanishes. In
+    the second group none does, but the triple product of the axes u_i vanishes (theorem 1
+    of Di Gregorio 2015).
     """
     axes = random_axes(np.random.default_rng(6 + seed), 9)
-    rows, _ = at_reference(three_legs(axes, PAIRS))
+    rows, _ = at_reference(three_legs(axes, TWO_INPUTS_ON_ONE_LEG))
     assert rows.type[0] == RowType.REGULAR
     assert abs(rows.triples[0, 0]) > 1e-6
-    stretched(axes)
-    rows, _ = at_reference(three_legs(axes, PAIRS))
+    stretch_leg(axes)
+    rows, _ = at_reference(three_legs(axes, TWO_INPUTS_ON_ONE_LEG))
     assert rows.type[0] == RowType.I
     assert rows.group[0] == 2
     assert abs(rows.triples[0, 0]) < 1e-12
@@ -184,9 +187,9 @@ def test_a_pose_can_be_of_type_three_without_a_vanishing_d(seed):
     undriven axes of the leg with the third input.
     """
     axes = random_axes(np.random.default_rng(6 + seed), 9)
-    stretched(axes)
+    stretch_leg(axes)
     axes[4] = in_plane(np.random.default_rng(seed), axes[2], axes[5])
-    rows, _ = at_reference(three_legs(axes, PAIRS))
+    rows, _ = at_reference(three_legs(axes, TWO_INPUTS_ON_ONE_LEG))
     assert rows.type[0] == RowType.III
     assert np.all(np.abs(rows.c[0]) < 1e-12)
     assert np.all(np.abs(rows.d[0]) > 1e-4)
@@ -195,7 +198,7 @@ def test_a_pose_can_be_of_type_three_without_a_vanishing_d(seed):
 
 def near_type_two(distance):
     """Return a 3-RRR whose locked cranks hardly hold it: a leg misses the others' line."""
-    _, axes = common(np.random.default_rng(9))
+    _, axes = axes_through_common_line(np.random.default_rng(9))
     axes[2] = unit(axes[2] + distance * np.cross(axes[1], axes[2]))
     return three_legs(axes)
 
@@ -242,7 +245,7 @@ def five_bar():
     return mechanism.with_inputs(ranges=ranges, angle_unit="rad")
 
 
-def whole(made):
+def with_full_turns(made):
     """Return a mechanism whose inputs run through a turn."""
     turn = {item.pair: (-np.pi, np.pi) for item in made.inputs}
     return made.with_inputs(ranges=turn, angle_unit="rad")
@@ -251,6 +254,8 @@ def whole(made):
 def four_bars_of_singular_curves(kind):
     """Return the arcs (rad) of the four-bars whose motions are the singular curves.
 
+    In a singular configuration two links of the five-bar are in line, and may stay so: they
+    act as one bar, and a four-bar is left. Its motion is a curve of such configurations.
     Type I: a stretched or folded leg is one bar to the output point; the stretched legs
     come first. Type II: coplanar distal links are one bar between the ends of the cranks.
     """
@@ -272,18 +277,24 @@ def four_bars_of_singular_curves(kind):
 def test_type_one_curves_of_a_five_bar_are_the_borders_of_reach():
     """The output lies on a circle of radius |a - b| or a + b about one of the fixed axes.
 
-    a and b are a leg's arcs. The circles of the folded legs are closed curves. Those of the
-    stretched legs meet where both legs are stretched, so that four curves end there.
+    a and b are a leg's arcs. While a leg is stretched or folded, it acts as one bar, and
+    the mechanism is a four-bar. The curves of folded legs are closed. Each four-bar with a
+    stretched leg has one closed curve. Both of them meet where both legs are stretched, at
+    two places, which divide them into four curves.
     """
     mechanism = five_bar()
-    result = singular_curves(whole(mechanism), "I", pointing="43", slices_of_each=2)
+    # Curves are found on slices: curves on which one input is locked, at two values of
+    # each.
+    result = singular_curves(
+        with_full_turns(mechanism), "I", pointing="43", slices_of_each=2
+    )
     four_bars = four_bars_of_singular_curves("I")
     stretched_legs, folded_legs = four_bars[:2], four_bars[2:]
     closed_count = sum(count_configuration_curves(bars) for bars in folded_legs)
     assert sum(curve.closed for curve in result.curves) == closed_count
     assert [count_configuration_curves(bars) for bars in stretched_legs] == [1, 1]
     assert sum(not curve.closed for curve in result.curves) == 4
-    assert not len(result.stray)
+    assert not len(result.stray)  # a curve was followed from every point that was found
 
     legs = (np.radians(FIRST_LEG_DEG), np.radians(SECOND_LEG_DEG))
     for curve in result.curves:
@@ -303,7 +314,8 @@ def test_type_one_curves_of_a_five_bar_are_the_borders_of_reach():
         assert np.min(curve.points.input_rate) > 1e-12
         if not curve.closed:
             singular_ends = (Status.AT_SINGULARITY, Status.AT_SINGULARITY)
-            assert curve.traced[1].ends == singular_ends
+            _, followed_curve = curve.traced
+            assert followed_curve.ends == singular_ends
             # Both elbows (variables 1 and 3) are stretched at the ends.
             assert np.max(np.abs(np.sin(values[[0, -1]][:, [1, 3]]))) < 1e-4
 
@@ -312,15 +324,20 @@ def test_type_one_curves_of_a_five_bar_are_the_borders_of_reach():
 def test_type_two_curves_of_a_five_bar_have_coplanar_distal_axes():
     """On each curve the elbows are as far apart as the couplers reach, in or out.
 
-    Marked points of type III lie on the curves. Successive points are at most 0.31 rad
-    apart.
+    The two couplers are then in line and act as one bar, so the curves are those of
+    four-bars. Points at which types I and II occur together, those of type III, are listed
+    for each curve. Successive points are at most 0.31 rad apart, hardly more than the
+    longest step that is taken (`MAX_CURVE_STEP_RAD`), and the output moves at all of them.
     """
     mechanism = five_bar()
-    result = singular_curves(whole(mechanism), "II", pointing="43", slices_of_each=5)
+    result = singular_curves(
+        with_full_turns(mechanism), "II", pointing="43", slices_of_each=5
+    )
     four_bars = four_bars_of_singular_curves("II")
     assert len(result.curves) == sum(map(count_configuration_curves, four_bars))
-    assert not len(result.stray)
+    assert not len(result.stray)  # a curve was followed from every point that was found
 
+    # `both` has the points of a curve at which types I and II occur together.
     points_of_both_types = np.concatenate([curve.both.values for curve in result.curves])
     assert len(points_of_both_types)
     motion = make_motion(solver_of(mechanism), points_of_both_types)
@@ -382,12 +399,16 @@ def test_the_inputs_rest_at_a_cusp_of_a_singular_curve(monkeypatch):
     driven = position_analysis.solver.driven
     values = motion.values[~motion.failed][0]
     closure = position_analysis.solver.closure
-    locus = SingularityLocus(closure, 2, InputsLocked(driven))
+    # The configurations of type II: the links can move while the inputs are locked.
+    locus = SingularityLocus(closure, degrees_of_freedom=2, constraint=InputsLocked(driven))
     monkeypatch.setattr(curve_tracing, "MAX_SINGULAR_CURVE_LENGTH_RAD", 20.0)
-    (curve,) = trace_curves(locus, locus.project(values[None]))
+    # The nearest singular configuration, and the curve through it.
+    start = locus.project(values[None])
+    (curve,) = trace_curves(locus, start)
     assert curve is not None
     cusps = curve.cusps()
     assert len(cusps) >= 2
+    # (cusps, variables): the last axis has one tangent, as the locus is a curve.
     tangents = cusps.tangents[:, :, 0]
     assert np.max(np.abs(tangents[:, list(driven)])) < 1e-7
     cosines = np.abs(np.sum(tangents * cusps.motions, axis=1))
@@ -399,10 +420,12 @@ def test_aspects_of_a_five_bar_are_regions_of_a_flood_fill():
 
     The square of both inputs (a turn each) is sampled at 241 x 241 points; the dyad
     closes where the elbows are within reach of the couplers. Connected regions are counted
-    by an image library. Each region is two aspects, one for each sign of the dyad. The
-    analysis uses every tenth point of that grid.
+    by an image library. (It does not join opposite borders of the square, but here there is
+    a single region without that.) Each region is two aspects, one for each sign of the
+    dyad. The analysis uses every tenth point of that grid. Aspects of one or two of these
+    points would be parts whose connection the coarse grid does not show.
     """
-    result = aspects(whole(five_bar()), 25)
+    result = aspects(with_full_turns(five_bar()), 25)
     angles = np.linspace(-np.pi, np.pi, 241)
     first_input, second_input = np.meshgrid(angles, angles, indexing="ij")
     cosine = cosine_between_elbows(first_input, second_input)
@@ -415,7 +438,7 @@ def test_aspects_of_a_five_bar_are_regions_of_a_flood_fill():
     is_large = result.sizes > 2
     assert np.sum(is_large) == 2 * region_count
     assert set(result.sign_two[is_large]) == {1, -1}
-    assert np.all(result.modes == 1)
+    assert np.all(result.modes == 1)  # one configuration at each sample
     assert len(result.values) == 2 * np.sum(closes[::10, ::10])
 
 
@@ -431,16 +454,21 @@ def test_aspects_free_of_both_types_split_by_signs():
 def test_the_surface_of_type_two_of_a_three_rrr_is_a_sound_mesh(monkeypatch):
     """At each vertex the planes of the distal axes of all legs have a common line.
 
-    Each edge belongs to two triangles, or to one at the border. Edges are about 0.3 rad
-    long, as asked for. The mesh stops at 80 vertices and says so.
+    A leg has three pairs, numbered from the base. Its distal axes are the second and the
+    third, and lie in one plane with the centre. Each edge of the mesh belongs to two
+    triangles, or to one at the border. Edges are about 0.3 rad long, as asked for, and none
+    is longer than 2.5 times that. The mesh stops at 80 vertices and says so.
     """
     mechanism = sk.load("three_rrr")
     monkeypatch.setattr(surface_front, "MAX_FRONT_VERTICES", 80)
-    mesh = singular_surface(whole(mechanism), "II", slices_of_each=1, side=0.3)
+    # Starting points are found on curves along which one input moves, the others locked at
+    # one value each.
+    mesh = singular_surface(with_full_turns(mechanism), "II", slices_of_each=1, side=0.3)
     assert str(mesh.claim).endswith("searched; stopped at 80 vertices")
     assert np.max(mesh.points.residual) < 1e-12
 
     axes = axes_at_configuration(mechanism, mesh.points.values)
+    # (vertices, 3) normals of the planes of the distal axes of each leg.
     first_pairs = (0, 3, 6)
     normals = [np.cross(axes[:, k + 1], axes[:, k + 2]) for k in first_pairs]
     normals = np.stack(normals, axis=1)

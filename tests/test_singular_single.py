@@ -38,10 +38,12 @@ def all_curves(position_analysis):
 def test_a_double_zero_of_an_output_rate_is_one_singularity():
     """Two four-bars in a row, both with a dead point of the output in the reference pose.
 
-    The rate w61 is a product of two functions that vanish there, w41 is one of them. So
-    4/1 has a simple zero and reverses; 6/1 has a double zero and does not. With 4/1 as the
-    input of 6/1, both rest there. A double zero is located to 1e-7 only, the root of
-    rounding.
+    The link 2 drives link 4 through the first four-bar, and link 4 drives link 6 through
+    the second one. In the reference pose both transmission ratios, w41 / w21 and w61 / w41,
+    are zero and change their sign. So link 4 reverses there. The rate of link 6 is the
+    product of both ratios: it has a double zero, and link 6 does not reverse. If link 4
+    counts as the input of link 6, both rest there, and only the input reverses: a
+    self-motion. A double zero is located to 1e-7 only, the root of rounding.
     """
     axes = random_axes(np.random.default_rng(4), 7)
     # Three axes of each four-bar are coplanar, so that its output rests.
@@ -60,7 +62,7 @@ def test_a_double_zero_of_an_output_rate_is_one_singularity():
     ):
         assert point.type == Type.I
         assert point.double == is_double
-        assert point.output_turns == (not is_double)
+        assert point.output_turns == (not is_double)  # whether it reverses its sense
         assert point.certain
         assert np.max(np.abs(point.values)) < accuracy
 
@@ -89,8 +91,11 @@ FOLDING = [(60, 40, 60, 40), (60, 50, 70, 40), (60, 60, 40, 40), (50, 50, 50, 50
 def test_curves_of_folding_four_bars_cross_in_type_three_with_two_tangents(degrees):
     """Where a four-bar lies flat, all angles are 0 or pi and two curves cross.
 
-    Four points lead out of the crossing, two along each tangent. The relation of the form
-    "ii" is of type III there; the other relation holds along the tangent, if it is defined.
+    Four points lead out of the crossing, two along each tangent. For each tangent there are
+    two relations c w_out = d w_in between the rates of the output 4/1 and of the input,
+    with c and d from pole axes. They are called forms i and ii. In form ii c and d both
+    vanish (type III), because all axes are coplanar (condition III.a). Form i may have
+    values c and d other than zero. It then holds for the rates along the tangent.
     """
     position_analysis = PositionAnalysis(four_bar(np.radians(degrees)))
     curves = all_curves(position_analysis)
@@ -102,9 +107,9 @@ def test_curves_of_folding_four_bars_cross_in_type_three_with_two_tangents(degre
     for point in report.crossings:
         crossing = point.crossing
         assert point.certain, point.note
-        assert crossing.freedoms == 2
+        assert crossing.freedoms == 2  # four variables less the rank 2 of the equations
         assert len(crossing.tangents) == 2
-        assert crossing.miss < 1e-15
+        assert crossing.miss < 1e-15  # how far the configuration is from a crossing
         assert np.max(np.abs(np.sin(crossing.values))) < 1e-14
 
         outgoing = find_outgoing_points(closure, crossing.values)
@@ -112,30 +117,34 @@ def test_curves_of_folding_four_bars_cross_in_type_three_with_two_tangents(degre
         directions = outgoing - crossing.values
         points, _ = curve_points(closure, outgoing, directions)
         assert np.max(points.residual) < 1e-13
-        assert np.all(np.abs(points.bends) < 10.0)
+        assert np.all(np.abs(points.bends) < 10.0)  # second derivatives along the curves
 
-        first_forms = point.relations[::2]
-        second_forms = point.relations[1::2]
-        for tangent, first, second in zip(
-            crossing.tangents, first_forms, second_forms, strict=True
+        # Forms i and ii of the first tangent, then of the second one.
+        relations_i = point.relations[::2]
+        relations_ii = point.relations[1::2]
+        for tangent, relation_i, relation_ii in zip(
+            crossing.tangents, relations_i, relations_ii, strict=True
         ):
-            assert second.type == Type.III
-            assert second.agrees
-            assert any(c.label == "III.a" and c.certain for c in second.conditions)
-            if first.type is None:
-                output_term = first.c * tangent[output_variable]
-                input_term = first.d * tangent[input_variable]
+            assert relation_ii.type == Type.III
+            assert relation_ii.agrees  # geometric conditions and rates give one type
+            assert any(x.label == "III.a" and x.certain for x in relation_ii.conditions)
+            if relation_i.type is None:
+                output_term = relation_i.c * tangent[output_variable]
+                input_term = relation_i.d * tangent[input_variable]
                 assert abs(output_term - input_term) < 1e-12
-                assert first.residual < 1e-12
+                assert relation_i.residual < 1e-12
         if degrees == (60, 40, 60, 40):
-            assert report.resting_curves == []
+            assert report.resting_curves == []  # on no curve the output rests all along
 
 
 def test_curves_of_two_four_bars_that_fold_at_once_cross_with_four_tangents():
     """Both loops of a Watt chain lie flat, and each continues in two ways.
 
-    The slopes of each four-bar alone, output angle per input angle, give the four
-    combinations that the crossing of the whole chain must have.
+    The chain consists of two four-bars in a row. The pairs 0, 1, 2, 3 are those of the
+    first one, from its input 0 to its output 3. The pairs 3, 4, 5, 6 are those of the
+    second one. Each loop loses one rank, so 7 variables less the rank 4 of the equations
+    leave 3 freedoms. The slopes of each four-bar alone, output angle per input angle, give
+    the four combinations that the crossing of the whole chain must have.
     """
     common_axis = np.array([1.0, 0.0, 0.0])
 
@@ -156,6 +165,7 @@ def test_curves_of_two_four_bars_that_fold_at_once_cross_with_four_tangents():
     crossing = find_crossing(closure, np.full(7, 1e-6))
     assert crossing.freedoms == 3
     assert np.max(np.abs(crossing.values)) < 1e-15
+    # (tangents, 2) slopes of both four-bars along each tangent.
     slopes_of_chain = crossing.tangents[:, [3, 6]] / crossing.tangents[:, [0, 3]]
 
     slopes_of_four_bars = []
@@ -164,12 +174,13 @@ def test_curves_of_two_four_bars_that_fold_at_once_cross_with_four_tangents():
         tangents = find_crossing(four_bar_closure, np.full(4, 1e-6)).tangents
         slopes_of_four_bars.append(tangents[:, 3] / tangents[:, 0])
     expected = np.array(list(product(*slopes_of_four_bars)))
+    # Both lists are brought in one order; rounding errors must not decide on it.
     sorted_slopes = slopes_of_chain[np.lexsort(np.round(slopes_of_chain, 9).T)]
     sorted_expected = expected[np.lexsort(np.round(expected, 9).T)]
     assert np.max(np.abs(sorted_slopes - sorted_expected)) < 1e-12
 
     outgoing = find_outgoing_points(closure, crossing.values)
-    assert len(outgoing) == 8
+    assert len(outgoing) == 8  # in both directions along each tangent
     points, _ = curve_points(closure, outgoing, outgoing - crossing.values)
     assert np.max(points.residual) < 1e-13
 
@@ -180,14 +191,16 @@ def test_curves_of_two_four_bars_that_fold_at_once_cross_with_four_tangents():
 def test_rest_points_of_all_poles_are_where_relative_rates_vanish(chain, seed):
     """A pole rests where the relative rate of its links is zero along a curve.
 
-    The relative rate is sampled at 1501 points of the curve. Where it reverses its
-    direction, 201 finer points decide whether its size really goes to zero. There must be a
-    listed rest point, and no other ones. The signed rate changes its sign as often.
+    The relative rate, a vector, is sampled at 1501 points of the curve. Where it reverses
+    its direction, 201 finer points decide whether its size really goes to zero: below 2 %
+    of that at the ends of the step. There must be a listed rest point, and no other ones.
+    `signed_rate` is the component along the continuous pole axis. It changes its sign as
+    often as there are rest points.
     """
     axes = random_axes(np.random.default_rng(seed), len(parse_chain(chain)))
     mechanism = mechanism_from_chain(chain, axes, span=(-np.pi, np.pi))
     position_analysis = PositionAnalysis(mechanism, samples=41)
-    curves = all_curves(position_analysis)[:1]
+    curves = all_curves(position_analysis)[:1]  # one curve is enough
     singularities = SingleFreedomSingularities(position_analysis, curves, [])
     curve_motion = singularities.curve_motions[0]
     s = np.linspace(0.0, curve_motion.curve.length, 1501)
@@ -217,8 +230,11 @@ def test_rest_points_of_all_poles_are_where_relative_rates_vanish(chain, seed):
 def test_input_output_relations_hold_for_rates_by_velocity_equations(chain):
     """Relations c w_out = d w_in of both forms, for 55 quadruples of links of an eight-bar.
 
-    A quadruple names output o, its reference s, input i and its reference r. The
-    coefficients come from planned poles, the rates from the evaluation of all links. Gaps
+    A quadruple has the input link i and its reference r, and the output link o and its
+    reference s. w_in is the rate of i relative to r. w_out is the rate of o relative to s
+    in form i, and relative to r in form ii. There is no form ii if o is r or i. The
+    coefficients c and d come from pole axes, which a plan computes one after another as
+    intersections of great circles. The rates come from the evaluation of all links. Gaps
     are within ten times the error bound of the poles.
     """
     random = np.random.default_rng(11)

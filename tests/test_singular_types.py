@@ -49,17 +49,26 @@ def kernel_type(mechanism, values, output):
 
     Unknown are the angular velocities of all links but the first and the rates of all R
     pairs. The equations w_b - w_a = rate u of all pairs are written out, so that no loop
-    and no tree is chosen. Their kernel has all motions that the links can do.
+    and no tree is chosen. Their kernel (null space) has all motions that the links can do.
 
-    - Type II: the output can move while the inputs rest. Type I: the inputs can move
-      while the output rests, more than their number in excess of the output's freedoms
-      makes necessary. Type III: both.
+    - Type II: the output can move while the inputs rest.
+    - Type I: the inputs can move while the output rests. If there are more inputs than
+      freedoms of the output, this is possible everywhere. It is type I only if more
+      independent motions leave the output at rest than this excess.
+    - Type III: both.
     - Self-motion: links can move while inputs and output rest.
+
+    Where curves or surfaces of configurations cross, the kernel has more motions than there
+    are inputs. Type I is then not stated.
 
     Parameters
     ----------
+    mechanism
+        The mechanism, of R pairs alone.
     values
         (V,) variables of the configuration in rad.
+    output
+        The output: a link, the link it is seen from, and perhaps a direction of it.
     """
     closure = solver_of(mechanism).closure.linearise(values[None])
     link_count = len(mechanism.links)
@@ -92,8 +101,11 @@ def kernel_type(mechanism, values, output):
     both_rest = motion_count - rank(np.concatenate([input_rates, output_rates]))
     inputs_rest = motion_count - rank(input_rates)
     output_rests = motion_count - rank(output_rates)
-    # With more inputs than freedoms, some inputs can always move with the output at rest.
-    idle_inputs = max(min(motion_count - both_rest, input_count) - freedoms, 0)
+    # Independent motions apart from those of links that are neither input nor output; at
+    # most as many as inputs. Those in excess of the freedoms of the output leave it at
+    # rest in every configuration.
+    effective_motion_count = min(motion_count - both_rest, input_count)
+    idle_inputs = max(effective_motion_count - freedoms, 0)
     is_crossing = motion_count > input_count
     is_type_1_free = is_crossing or output_rests - both_rest == idle_inputs
     if inputs_rest != both_rest:
@@ -153,9 +165,12 @@ DRIVEN = posed(
 def test_types_of_singular_rows_are_those_of_the_kernel(mechanism, expected):
     """Each row of the table names a closed configuration and the type of its output there.
 
-    `expected` has the types that can occur, by output. Of the rows of an output about 60
-    are compared with the kernel of the velocity equations. Outputs 2/1 and 7/1 are also
-    singular in every configuration, which a row of its own says.
+    `expected` has the types that can occur, by output. Types I, II and III need not occur,
+    since the search follows few curves: one input is locked at one value each. Self-motion
+    has to. About 60 rows of an output are compared with the kernel (null space) of the
+    velocity equations. Outputs 2/1 and 7/1 have one freedom but two inputs, so one input
+    can always move while they rest. A row of its own says that every configuration is
+    singular.
     """
     result = sk.run(mechanism, f"{NAME}:input_grid=0,slices=1", samples=3)
     frame = result.frame(NAME)
@@ -225,9 +240,11 @@ def test_axes_that_coincide_are_not_called_coplanar(name):
 def random_mechanism_with_outputs(seed):
     """Return a random mechanism with two or three inputs and three outputs.
 
-    Seeds choose between a random chain, a five-bar with a passive leg, a five-bar with a
-    coupled leg, and three legs. The outputs are the relative positions of two random pairs
-    of links, and of the links of the first input.
+    Seeds choose between four kinds: a random chain; a five-bar with a further leg of two
+    links between two random links; a five-bar with such a leg between ground and first
+    crank; and a platform on three legs. An output is a link seen from another one. Two
+    outputs have two random links each, the third one has the links of the first input. If
+    there are two inputs, the first output is a direction fixed in its link (`AHEAD`).
     """
     random = np.random.default_rng(seed)
     freedoms = 3 if seed % 5 == 4 else 2
@@ -271,11 +288,13 @@ def closed(solver, count):
 
 
 def check_types(mechanism, count):
-    """Compare types of regular and singular configurations with the kernel.
+    """Compare types of regular and singular configurations with those of `kernel_type`.
 
-    For each output up to `count` configurations are projected to the loci (sets) of
-    types II, I and self-motion. Configurations near a type or near where two loci meet are
-    left out, since rounding decides there.
+    The kernel is the null space of the velocity equations of all pairs. For each output,
+    `count` closed configurations at most are projected to the loci (sets) of types II, I
+    and self-motion. Up to 6 of the regular and 8 of the projected configurations of each
+    type are compared. Configurations near a type or near where two loci meet are left out,
+    since rounding decides there.
 
     Returns
     -------
@@ -311,8 +330,11 @@ def check_types(mechanism, count):
         type_2_locus = reports["II"].locus
         for k, configuration in enumerate(configurations):
             kind = kernel_type(mechanism, configuration, output)
+            # Measures that vanish at types II and I, and where locked inputs do not hold
+            # all links. A measure from 1e-3 of the limit of singular rows up to 1e-3 is
+            # neither clearly zero nor clearly different from zero.
             least = min(rows.type_two[k], rows.type_one[k], rows.hold[k])
-            if SINGULAR_TRANSMISSION < 1e3 * least < 1.0:
+            if 1e-3 * SINGULAR_TRANSMISSION < least < 1e-3:
                 continue
             assert reports["II"].types(configuration[None])[0] == rows.type[k]
             # The codes are 0 regular, 1 to 3 types I to III, 4 self-motion.
@@ -358,7 +380,8 @@ def test_measures_of_singularities_agree_with_inverse_kinematics(name):
     - `type_1` of inverse kinematics is 1 / |row i of P|, a number for each input i;
     - `type_one` of singularities is 1 / hypot(1, |P|), one number for all inputs.
 
-    |P| is at least the largest |row| and at most sqrt(inputs) times that.
+    Row i of P has the rates of input i, so |row i| is 1 / `type_1`. |P| follows from
+    `type_one`. It has to be at least the largest |row| and at most sqrt(inputs) times that.
     """
     mechanism = sk.load(name)
     kinematics = output_kinematics(mechanism)
