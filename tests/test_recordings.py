@@ -278,9 +278,8 @@ def test_a_preview_shows_sizes_and_angles_at_the_start_of_the_range(tmp_path):
     input's range, which is the only sample of a run with one sample.
     """
     path = tmp_path / "a.rrd"
-    assert (
-        preview(sk.load("stephenson"), path) == ""
-    )  # no message that something is missing
+    # The empty text says that the mechanism can be assembled at the first input.
+    assert preview(sk.load("stephenson"), path) == ""
     (text,) = read_component(path, "/stephenson/assembly_mode_0/sizes", "TextDocument:text")
     assert "| 2 | 12\u201323 15 |" in text[0]
     motion = sk.run("stephenson", "poles:only=21", samples=1).frame("motion")

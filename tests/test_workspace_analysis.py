@@ -116,13 +116,20 @@ def test_area_of_the_five_bar_is_that_of_intersected_caps(least_angle_deg):
     """The area of each working mode lies within the error that the analysis states.
 
     Each dyad of this five-bar spans at most 150 degrees, so a direction is reachable if it
-    is at most 150 degrees from both driven axes (x and y) and, where a least angle is
-    asked for, at least that angle from them. The exact area of these intersected caps is
+    is at most 150 degrees from both driven axes (x and y). With a least angle it also has
+    to be at least that angle from them. The exact area of these intersected caps is
     computed by quadrature over parallels.
+
+    The parts of the sphere that cannot be reached are two caps of 30 degrees about -x and
+    -y, and with a least angle two more about x and y. One of them counts as the outside of
+    the workspace, the others as holes.
     """
+    # Caps about x and y: inside of 150 degrees, and outside of the least angle.
     cap_centres = np.eye(3)[[0, 1, 0, 1]]
     cap_radii = np.radians([150.0, 150.0, least_angle_deg, least_angle_deg])
     exact_area_sr = common_area(cap_centres, cap_radii, [True, True, False, False])
+    # The axes of the pairs 21 and 43, and 43 and 51, are at least this angle apart. The
+    # axis of pair 43 is the direction of the output.
     apart = f"21/43:{least_angle_deg}+43/51:{least_angle_deg}"
 
     hole_count = 3 if least_angle_deg else 1
@@ -161,9 +168,13 @@ def angle_between_21_and_43(directions):
 
 
 def test_samples_of_the_five_bar_agree_with_its_kinematics(five_bar_result):
-    """A sample is inside where inverse kinematics and the 10 degree rule allow it.
+    """A sample is inside where inverse kinematics and the least angle allow it.
 
-    The forward kinematics of its inputs leads back to the direction of the sample.
+    The workspace is that of working mode +- (signs 1 and -1 of the two legs), in which the
+    axes of the pairs 21 and 43 have to be at least 10 degrees apart. The forward kinematics
+    of the inputs of a sample leads back to its direction. The measures `type_1` (of each
+    input) and `type_2` are sines of the angle to a singularity. The table has the least
+    `type_1`.
     """
     table = five_bar_result.frame("workspace")
     directions = table[["x", "y", "z"]].to_numpy()
@@ -201,10 +212,13 @@ def test_points_of_the_five_bar_border_lie_on_their_limit(five_bar_result):
 
 
 def test_area_of_the_mid_plane_mechanism_is_that_of_the_paper(mid_plane_kinematics):
-    """The 10 degree rule of Chen et al. leaves two equal parts beside those beyond a fold.
+    """The workspace of a mechanism of Chen et al. (2021) has two equal largest parts.
 
-    The exact area of one part is a double integral over the mid-plane. The eight working
-    modes have the same workspace, so seven are reported to be the same as the first.
+    By the rule of the paper, two pairs of axes stay at least 10 degrees apart. With the
+    reach of the legs there are five limits (`bounds`). The exact area of one of the two
+    parts is a double integral over the mid-plane. There are smaller parts, beyond folds of
+    the legs. The eight working modes have the same workspace, so seven are reported to be
+    the same as the first (`same_as`).
     """
     exact_area_sr = mid_plane_area()
     bounds = bounds_of(mid_plane_kinematics, interference_limits_of_the_paper())
@@ -217,6 +231,7 @@ def test_area_of_the_mid_plane_mechanism_is_that_of_the_paper(mid_plane_kinemati
         assert is_computed == [True] + 7 * [False]
         region = workspaces[0].region
         assert region.error <= tolerance * region.area
+    # The two largest parts of the last region, each with a border of four corners.
     for component in region.components[:2]:
         assert abs(component.area - exact_area_sr) < 1e-6 * exact_area_sr
         (boundary,) = component.boundaries
@@ -267,11 +282,15 @@ def test_limits_of_a_five_bar_with_an_inner_loop_agree_with_brute_force(
 ):
     """Whether a direction is inside follows from rotation matrices of a position solver.
 
-    The limits of the case (rad): angle of f2 from -2 to 1, axes b1 and b2 at least 0.3
-    apart, e2 and c at most 1.9 apart, singularities at least 6 degrees away.
+    One crank of this five-bar is driven through a four-bar. The limits (rad), which the
+    fixture has as `bounds`, are: angle of f2 from -2 to 1, axes b1 and b2 at least 0.3
+    apart, e2 and c at most 1.9 apart, singularities at least 6 degrees away. `signs` is the
+    working mode: the sign of each dyad. The measures `type_1` (of each input) and `type_2`
+    are sines of the angle to a singularity.
     """
     mechanism, kinematics, bounds = seven_link_case
     inverse = InverseKinematics(mechanism)
+    # The position solver is driven by the direction, given by azimuth and tilt (rad).
     configurations = inverse.solver.evaluate(
         AssemblyMode(0, signs), azimuth_tilt(DIRECTIONS)
     )
@@ -296,6 +315,7 @@ def test_limits_of_a_five_bar_with_an_inner_loop_agree_with_brute_force(
     is_inside &= least_sine >= np.sin(np.radians(6.0))
 
     judgement = judge(kinematics, bounds, signs, DIRECTIONS)
+    # Many of the 20000 directions are inside, and many are outside.
     assert 1000 < is_inside.sum() < 15_000
     assert np.array_equal(judgement.inside, is_inside)
 
@@ -329,7 +349,10 @@ def test_orientations_away_from_singularities_have_a_volume():
 def test_a_direction_outside_gets_the_nearest_reachable_one():
     """No sampled direction inside is nearer than the one that the search returns.
 
-    The five-bar has a limit at the driven pair 21 (0.7 to 2.4 rad).
+    The five-bar has a limit at the driven pair 21 (0.7 to 2.4 rad). Its working mode is ++,
+    with the signs (1, 1) of the legs. The function `judge` tells which directions are
+    inside the workspace. The area of the workspace (sr) is computed to a relative error of
+    1e-3, and agrees with the share of sampled directions inside.
     """
     kinematics = closed_kinematics(FIVE_BAR)
     bounds = bounds_of(kinematics, Constraints(limits=(JointLimit("21", 0.7, 2.4),)))
@@ -348,7 +371,7 @@ def test_a_direction_outside_gets_the_nearest_reachable_one():
         assert angle <= arc(inside, direction).min() + 1e-8
         assert abs(angle - arc(direction, nearest)) < 1e-12
 
-    # A direction that is inside is its own nearest one.
+    # A direction that is inside, here any one of them, is its own nearest one.
     _, angle = nearest_reachable(kinematics, bounds, workspace, inside[7])
     assert angle < 1e-7
 
@@ -425,7 +448,10 @@ def unlike_legs():
 def test_volume_of_a_platform_with_unlike_legs_is_the_share_that_closes(unlike_legs):
     """The volume agrees with the share of random orientations whose loops close.
 
-    Whether the loops close is asked of a position solver of the mechanism's graph.
+    The legs of this platform differ. Whether the loops close at an orientation is computed
+    by a position solver from the graph of the mechanism. All orientations together have the
+    volume 8 pi^2. The second working mode either has the same workspace as the first
+    (`same_as` has the signs of the first), or one of its own (None).
     """
     kinematics, bounds, samples, (workspace, second_workspace) = unlike_legs
     signs = kinematics.modes[0]
@@ -440,6 +466,7 @@ def test_volume_of_a_platform_with_unlike_legs_is_the_share_that_closes(unlike_l
     # Four standard deviations of a share counted from independent samples.
     share_error = 4.0 * np.sqrt(share * (1.0 - share) / len(samples))
     volume = workspace.orientations
+    # `fraction` is the volume divided by 8 pi^2.
     volume_error_as_share = volume.error / (8.0 * np.pi**2)
     assert abs(volume.fraction - share) < share_error + volume_error_as_share
 
@@ -473,10 +500,13 @@ def test_orientations_are_written_as_unit_quaternions():
 
 
 def test_pages_show_map_border_and_areas():
-    """Each page of the recording has a coloured map of margins, borders and a text.
+    """Each page of the recording has a coloured map, borders, a mark and a text.
 
-    The values of the map are margins in rad. With `near=15` every point that the page
-    `Singularity` draws is at least 15 degrees away from singularities.
+    The map of the page "Workspace" has the margin of each direction, the angle (rad) that
+    is left to the nearest limit. That of the page "Singularity" has the angle to the
+    nearest singularity. With `near=15` it is at least 15 degrees everywhere. Each limit on
+    the border has its own colour (`tone`). The mark is at the direction with the largest
+    margin, farthest inside. The text states the limits on the border.
     """
     listener = SceneListener()
     workspace = "workspace:near=15,working_mode=++"
@@ -493,6 +523,7 @@ def test_pages_show_map_border_and_areas():
 
         curves = [item for item in primitives if isinstance(item, SphereCurves)]
         *borders, deepest_point = curves
+        # Singularities of type I of both inputs, and of type II.
         assert len(borders) == 3
         assert len({border.tone for border in borders}) == 3
         # The label is repeated at the mark, so that legends of figures name it once.
