@@ -27,9 +27,13 @@ def test_a_plan_uses_the_mobility_by_rank(path, capsys):
 
 
 def test_a_plan_of_a_rigid_mechanism_is_refused(tmp_path, capsys):
-    """A pair `tie` between rod and frame takes the last freedom."""
+    """The mechanism has one degree of freedom. A further pair makes it rigid.
+
+    The pair `tie` joins the links rod and frame.
+    """
     text = TEXT
-    # Both links get an axis for the new pair, with its sizes.
+    # The frame (passages 1 and 2) and the rod (3 and 4) get an axis for the new pair, with
+    # an arc and an angle.
     for passage, replacement in (
         ('"hinge"], arcs = [180.0, 60.0]', '"hinge", "tie"], arcs = [180.0, 60.0, 50.0]'),
         ("angles = [0.0] }\ndrum", "angles = [0.0, 40.0] }\ndrum"),

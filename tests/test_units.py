@@ -101,7 +101,11 @@ def test_numbers_in_degrees_differ_by_the_factor_of_their_unit(folders):
 
 
 def test_every_column_of_every_analysis_has_a_unit():
-    """Units of numbers are products of known units; other columns have an empty unit."""
+    """Units of numbers are products or quotients of known units.
+
+    One column has a unit in words: "sr or sr rad", of an area or a volume. Columns without
+    numbers have an empty unit.
+    """
     from spherekit.runs.registry import load_analysis
 
     known_units = {"1", "rad", "s", "s2", "kg", "m2", "N", "m", "W", "J", "sr", "or"}

@@ -175,12 +175,17 @@ def test_an_inertia_from_a_wrong_rate_deviates(change_pole_fields):
 def test_a_wrong_velocity_coefficient_is_reported_and_fails_a_strict_run(
     change_pole_fields, capsys
 ):
-    """The velocity coefficient of link 4 relative to link 1 is off by 1e-9."""
+    """The velocity coefficient of link 4 relative to link 1 is off by 1e-9.
+
+    The message names the link, the link it is seen from, and the pair of the moving input.
+    """
 
     def falsify_coefficient(field):
+        # Keys are the positions of two links, from 0: here links 1 and 4.
         field.velocity_coefficient[0, 3] += 1e-9
 
     change_pole_fields(falsify_coefficient)
+    # Four rows are verified.
     arguments = ["run", "four_bar", "--samples", "9", "--verify", "4"]
     assert main(arguments) == 0
     printed = capsys.readouterr().out
@@ -222,10 +227,12 @@ def test_a_wrong_configuration_is_reported_or_has_no_reference():
     """An error of 1e-8 rad is a deviation; one of 1e-4 rad leaves no reference.
 
     Newton's method in 50 digits starts at the row. From 1e-4 rad away it ends in a
-    configuration that is too far to be the same one.
+    configuration that is too far to be the same one. The distance between both has the
+    size of the error.
     """
     position_analysis = PositionAnalysis(sk.load("four_bar"), samples=7)
     motion = position_analysis.motion()
+    # As many as 20 rows would be verified, so all rows are.
     pole_request, verifier = make_verifier(position_analysis, 20)
     far_row, near_row = 3, 5
     values = motion.values.copy()
@@ -243,6 +250,7 @@ def test_a_wrong_configuration_is_reported_or_has_no_reference():
     assert lost["status"] == "MODE_LOST"
     assert lost["distance_rad"] == pytest.approx(1e-4, rel=0.5)
 
+    # Columns that deviate beyond their tolerance.
     assert "motion.theta_32" in verification["beyond"]
     column = find_column(verification, "motion", "theta_32")
     assert column["sample"] == motion.sample[near_row]
@@ -323,8 +331,10 @@ def test_an_analysis_of_whole_motions_is_verified():
 def test_angles_that_drift_are_noticed_in_an_analysis_of_whole_motions(monkeypatch):
     """Continued angles are falsified by 1e-9 rad per sample.
 
-    The verified row that deviates most is then the last one, several turns on. Its
-    reference is the value of the run without drift.
+    Continued angles have no jumps of whole turns. The verified row that deviates most is
+    then the last one, several turns on. The entry of a column in a verification is that
+    row: its sample, value, reference and deviation. The reference has to be the value of
+    the run without drift. `RiseSinceFirstSample` is the analysis.
     """
     drift_rad = 1e-9
     four_bar = sk.load("four_bar")
@@ -352,8 +362,10 @@ def test_angles_that_drift_are_noticed_in_an_analysis_of_whole_motions(monkeypat
 def test_errors_of_a_simulation_are_within_what_it_states(tolerance_rad):
     """Loops of a simulation stay open by its tolerance, not by rounding.
 
-    The verification allows for that: nothing deviates beyond it, although the worst row is
-    off by more than 1e4 times rounding.
+    The verification allows for that: no column is "beyond" its tolerance, although the
+    worst row is off by more than 1e4 times rounding. Pole directions are within the error
+    bounds that the run states. The stated error of configurations has the size of the
+    tolerance, here at most ten times as much. Six rows are verified.
     """
     summary = sk.run(
         sk.load("four_bar"),

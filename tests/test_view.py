@@ -48,7 +48,7 @@ SERIES = "plots/velocity/4_1"
 """Path of the plot of the velocity coefficient of link 4 relative to link 1."""
 PLOTTED = ("plots/velocity/3_1", SERIES, "plots/acceleration/4_1")
 NO_CRANK = (np.pi / 3, np.radians(50), np.radians(38), np.radians(50))
-"""Arcs (rad) of a four-bar that closes on part of the turn only."""
+"""Arcs (rad) of a four-bar whose input link cannot turn fully: no link is a crank."""
 
 
 @cache
@@ -74,6 +74,8 @@ def collect_scenes(arcs):
     primitives_by_mode = {0: (), 1: ()}
     for mode in (0, 1):
         for scene in collector.scenes():
+            # The page is the number of the mode in the program, which numbers the two modes
+            # in the opposite order.
             if scene.page == 1 - mode:
                 primitives_by_mode[mode] += tuple(
                     item
@@ -160,9 +162,10 @@ def test_a_recorded_series_has_every_digit_of_its_plot(recording, mode):
 
 
 def test_recorded_poles_and_links_agree_with_closed_forms(recording):
-    """The arrow of the pole 31 is 1.25 long; link 3 turns as its frame of eq. (22).
+    """The arrow of the pole 31 has its direction, and link 3 the rotation of its frame.
 
-    Both are stored in float32, hence 1e-6.
+    Both are compared with the closed forms of Di Gregorio (2024). Arrows of poles are drawn
+    1.25 radii of the sphere long. Numbers are stored in float32, hence 1e-6.
     """
     columns = read_recording_columns(recording)
     arrows = columns["/four_bar/assembly_mode_1/pole/3_1", "Arrows3D:vectors"]
@@ -178,7 +181,11 @@ def test_recorded_poles_and_links_agree_with_closed_forms(recording):
 
 
 def test_shapes_at_rest_are_logged_once(partial_recording):
-    """The shapes of links and the paths of poles are in the file once, not per block."""
+    """The shapes of links and the paths of poles are in the file once.
+
+    The samples were recorded in several blocks. A recording consists of chunks: columns of
+    an entity such as "LineStrips3D:strips", with a column of row identifiers.
+    """
     logged = []
     for chunk in RrdReader(partial_recording).stream():
         if chunk.is_static and chunk.entity_path.startswith("/four_bar"):
@@ -227,6 +234,11 @@ def test_file_size_grows_linearly_with_the_number_of_modes(tmp_path):
 
 @pytest.mark.slow
 def test_curves_of_a_chart_have_the_colours_of_its_legend(tmp_path):
+    """In the chart of velocity coefficients of each of two modes.
+
+    A chart that compares both modes has a curve of each. Paths begin with "/x", the name of
+    the recording.
+    """
     colours = {}
     entities = set()
     for chunk in RrdReader(record_assembly_modes(tmp_path / "few.rrd", 2)).stream():
@@ -537,7 +549,11 @@ COLOURS = ((86, 180, 233), (238, 108, 52), (32, 190, 142), (255, 196, 0))
 @pytest.mark.slow
 @pytest.mark.viewer
 def test_a_screenshot_shows_the_first_sample_that_closes(tmp_path):
-    """The range starts at 180 degrees, where this four-bar does not close."""
+    """The range starts at 180 degrees, where this four-bar does not close.
+
+    Its input link cannot turn fully. The links at inputs from 180 degrees on are recorded
+    as samples 0, 1, ... of a range, so that the first samples have no configuration.
+    """
     path = tmp_path / "a.rrd"
     samples_from_180 = np.roll(SAMPLES, -180)
     scene = moving_scene(0, SAMPLES, NO_CRANK)
@@ -567,11 +583,13 @@ def test_picture_without_graphics_names_the_package(recording, tmp_path, monkeyp
 def test_names_of_links_do_not_cover_each_other():
     """Names are placed once each, and their boxes do not overlap in the default view.
 
-    A box is estimated: half as wide as 0.016 per letter (and one more), 0.045 half high,
-    in units of the sphere's radius.
+    The box of a name is estimated by the test: its half width is 0.016 for each letter and
+    one more, its half height 0.045, in units of the sphere's radius. Names are those of
+    links, such as "2", and of pairs, such as "87"; pairs on one axis share a label.
     """
     motion = PositionAnalysis(sk.load("two_dof_spm"), samples=1).motion()
     bodies = link_bodies(motion.mechanism, motion.rotations[:1])
+    # The eye of the default view.
     sight = facing(None)
     names_by_body = Names(sight).place_names(bodies)
     texts = [text for names in names_by_body.values() for text, *_ in names]

@@ -65,11 +65,14 @@ def test_all_modes_of_a_linkage_on_wheels_are_found(tmp_path):
 def test_wheels_of_an_irrational_ratio_never_return(tmp_path):
     """Smooth wheels with half angles that no teeth give have an infinite period.
 
-    Each input therefore has two configurations and not those of other turns too. The right
-    wheel turns by -sin(57 deg) times the input, which its angle plus this product shows.
+    Each input therefore has two configurations and not those of other turns too. The left
+    wheel is a cone with the half angle 57 deg, so the wheels roll on each other by the arc
+    length -sin(57 deg) per rad of the input. The rolled length, the variable of the pair
+    `mesh`, plus sin(57 deg) times the input is therefore constant.
     """
     path = tmp_path / "irrational.toml"
     text = FIVE_BAR.replace("teeth = [{0}, {1}]", "half_angles = [57.0]")
+    # The fields are both numbers of teeth, which the text has no more, and the range.
     path.write_text(text.format(0, 0, 0.0, 720.0))
     mechanism = sk.load(path)
     position_analysis = PositionAnalysis(mechanism, samples=25)
@@ -181,8 +184,9 @@ def test_the_assembly_does_not_depend_on_where_the_range_starts(tmp_path, teeth,
 def test_every_analysis_puts_the_wheels_together_alike(tmp_path):
     """Forward kinematics, simulations and inverse dynamics agree with the ratio of teeth.
 
-    Inputs (deg) lie outside the range of the file. After two turns (teeth 20 : 40) the
-    wheels are back, so forward kinematics returns inputs from -360 to 360 degrees.
+    Inputs (deg) lie outside the range of the file, by up to 2000 turns. After two turns
+    (teeth 20 : 40) the wheels are back, so forward kinematics returns inputs from -360 to
+    360 degrees. At each input the couplers can be assembled in two ways.
     """
     teeth = (20, 40)
     mechanism = geared_five_bar(tmp_path, teeth, span=(0, 360))
@@ -199,11 +203,12 @@ def test_every_analysis_puts_the_wheels_together_alike(tmp_path):
         q_within_period = np.remainder(q_deg + 360.0, 720.0) - 360.0
         assert np.allclose(solutions.inputs / DEGREE, q_within_period, rtol=0.0, atol=1e-7)
 
+        # A simulation of 0.1 s with the initial rate 1 rad/s; only its start is computed.
         simulation_start = prepare(mechanism, Start(q, 1.0), 0.1)
         assert distance_from_whole_turns(simulation_start.values[right] - expected) < 1e-8
 
         law = ConstantSpeed(0.1, q)
-        (values, *_) = inverse_dynamics(mechanism, law, [0.0]).values
+        values = inverse_dynamics(mechanism, law, [0.0]).values[0]
         assert distance_from_whole_turns(values[right] - expected) < 1e-8
 
 
@@ -211,7 +216,9 @@ def test_a_reference_pose_alone_fixes_the_phase_of_wheels(tmp_path):
     """Wheels of a reference pose turn from that pose, in whichever turn the range lies.
 
     The axes of the pose are those of the geared five-bar at q = 60 degrees, so that there
-    the right crank reads 0. From there it turns back by the ratio of teeth, 17 : 23.
+    the right crank reads 0. From there it turns back by the ratio of teeth, 17 : 23. In
+    parts of both ranges the couplers cannot span the gap between the cranks, and the
+    five-bar has no configuration.
     """
     teeth = (17, 23)
     sized_mechanism = geared_five_bar(tmp_path, teeth, span=(59, 61))
@@ -221,6 +228,8 @@ def test_a_reference_pose_alone_fixes_the_phase_of_wheels(tmp_path):
         axes[pair.name] = tuple(axis.tolist())
     del axes["mesh"]
 
+    # Half angles of the pitch cones of both wheels, whose axes are `BASE` apart. In the
+    # file of the pose the wheels are circles that roll on each other (Cr).
     left_radius, right_radius = pitch_angles(teeth, BASE * DEGREE, "external")
     pitch_circles = (
         Profile("circle", axes["left"], left_radius),
@@ -274,7 +283,12 @@ def test_shipped_gear_trains_turn_by_their_ratio_in_any_range(name, pair, ratio)
 
 
 def test_carrier_of_a_differential_is_half_way_between_inputs_in_any_range():
-    """The carrier's angle is half the sum of those of both side gears, turns included."""
+    """The carrier's angle is half the sum of those of both side gears.
+
+    In a bevel differential both side gears have the same number of teeth, and the carrier
+    turns with the mean of their rates. One more turn of an input is half a turn of the
+    carrier, so turns of the inputs count. The carrier's angle is known up to whole turns.
+    """
     mechanism = sk.load("bevel_differential")
     for shifts_deg in ((0.0, 0.0), (360.0, 0.0), (-720.0, 1080.0)):
         inputs = []
@@ -293,11 +307,13 @@ def test_carrier_of_a_differential_is_half_way_between_inputs_in_any_range():
 @pytest.mark.many
 @pytest.mark.parametrize("shift_deg", [0.0, -360.0, 360.0])
 def test_wheels_on_moving_links_stay_on_the_curve_of_the_reference_pose(shift_deg):
-    """Wheels on moving links are followed along the curve through the reference pose.
+    """Wheels on moving links are followed along one curve of configurations only.
 
-    How far these wheels have rolled does not follow from the input, so only that curve is
-    traced. The input swings to and fro along it, so each input within the swing is met
-    twice. A range that is shifted by a turn of the input has the same configurations.
+    How far these wheels have rolled does not follow from the input alone. So only the curve
+    through the reference pose is traced, which the claim of completeness says. In this
+    random mechanism the input swings to and fro along the curve, so each input within the
+    swing is met twice. A range that is shifted by a turn of the input has the same
+    configurations.
     """
     mechanism = random_subject(4).mechanism
     (driven,) = (item.pair for item in mechanism.inputs)
@@ -315,6 +331,7 @@ def test_wheels_on_moving_links_stay_on_the_curve_of_the_reference_pose(shift_de
     differences = motion.values[motion.sample == 40] - position_analysis.solver.reference
     distances = np.max(np.abs(np.sin(0.5 * differences)), axis=1)
     assert np.min(distances) < 1e-9
+    # `claim` states how complete the assembly modes are, and why.
     assert "mode of the reference pose" in position_analysis.claim.reason
 
 

@@ -57,6 +57,8 @@ def unwrapped_angle(mechanism, pair, q, mode):
 def generalised_forces(mechanism, q, mode):
     """Yield the generalised force (N m) at a resting input by each route of spherekit.
 
+    A route is a way to obtain this force: an analysis, a simulation, a stored model, ...
+
     Yields
     ------
     route, force
@@ -64,6 +66,7 @@ def generalised_forces(mechanism, q, mode):
         load contribute it with the opposite sign.
     """
     (input_pair,) = (item.pair for item in mechanism.inputs)
+    # With few samples, angles cannot be followed from sample to sample.
     for sample_count in (2, 3, 40):
         result = sk.run(
             mechanism,
@@ -100,14 +103,16 @@ def generalised_forces(mechanism, q, mode):
     stored_torque = stored_model.torque(q, 0.0, 0.0)
     yield "stored model", -stored_torque
 
-    # A sweep over one design, the mechanism as it is. It has a row per assembly mode, of
-    # which the one nearest to the stored model is compared.
+    # A sweep over one design, the mechanism as it is. The input moves at 1 rad/s there, so
+    # the torque is dB/dq / 2 - Q with the generalised force Q. The figure is -Q. There is a
+    # row per assembly mode, of which the one nearest to the stored model is compared.
     key = next(iter(default_size_keys(mechanism)))
     nominal_size = design_variable(document_of(mechanism), key).value
     figure = f"force=at(torque - 0.5*dB_dq, {float(np.degrees(q))!r})"
     sweep = sk.sweep(mechanism, {key: [nominal_size]}, [figure], samples=4)
     forces = -sweep.frame()["force"].dropna().to_numpy()
-    yield "sweep", forces[np.argmin(np.abs(forces + stored_torque))]
+    stored_force = -stored_torque
+    yield "sweep", forces[np.argmin(np.abs(forces - stored_force))]
 
 
 CASES = [
@@ -128,7 +133,9 @@ CASES = [
 def test_every_route_gives_the_same_force_after_whole_turns(name, pair, q, mode):
     """The generalised force of a coil is -0.7 theta dtheta/dq, theta with whole turns.
 
-    theta is followed from q = 0 in small steps; its derivative is a central difference.
+    The coil is a linear spring of 0.7 N m/rad on a passive pair with the angle theta. A
+    route is a way to obtain the force. theta is followed from q = 0 in small steps; its
+    derivative is a central difference.
     """
     mechanism = mechanism_with_coil(name, pair)
     theta = unwrapped_angle(mechanism, pair, q, mode)
@@ -139,7 +146,8 @@ def test_every_route_gives_the_same_force_after_whole_turns(name, pair, q, mode)
     expected = -0.7 * theta * dtheta_dq
     for route, force in generalised_forces(mechanism, q, mode):
         assert force == pytest.approx(expected, rel=1e-7), route
-    values = find_pose(mechanism, mode, q)[1]
+    # The pose that is exported to other programs has the same angle.
+    _, values = find_pose(mechanism, mode, q)
     assert values[mechanism.angles[pair]] == pytest.approx(theta, abs=1e-9)
 
 
@@ -161,6 +169,7 @@ def test_joint_limits_of_passive_pairs_count_turns():
     The limit is the unwrapped angle of the pair at q = 5.5, so that the end is the same
     from q = 0 and from q = 5. A start one turn later is beyond the limit and is refused.
     """
+    # A mechanism with masses. Its only load, a spring, is removed below.
     mechanism = mechanism_with_coil("four_bar", "32")
     angle_at = sk.reduced_model(mechanism, poles=[]).value
     limit = angle_at("theta_32", 5.5)
