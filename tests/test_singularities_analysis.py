@@ -45,7 +45,10 @@ def test_dead_centres_of_a_rocker_are_where_two_links_are_in_line(rocker_result)
     """Inputs at which coupler and rocker are in line follow from the cosine theorem.
 
     At such a dead centre (type II) the input reverses and two assembly modes meet; at a
-    singularity of type I the output reverses. Conditions I.3 and II.3 hold at both.
+    singularity of type I the output reverses. Each has its geometric condition of two
+    parallel pole axes: that of crank and rocker is parallel to the crank's axis in the
+    ground (I.3), or to the rocker's (II.3). No type is uncertain, and no singularity is
+    double (touched without a change of sign).
     """
     frame = rocker_result[0].frame()
     type_1 = frame[frame["kind"] == "I"]
@@ -67,7 +70,13 @@ def test_dead_centres_of_a_rocker_are_where_two_links_are_in_line(rocker_result)
 
 
 def test_the_relation_of_rates_holds_in_every_row(rocker_result):
-    """c times the output's rate is d times the input's rate, in two forms (i and ii)."""
+    """c times the output's rate is d times the input's rate in every row with status OK.
+
+    Triple products of pole axes give c and d in two ways, the forms i and ii. A
+    double-rocker does not close at all samples, so some rows have another status. Numbers
+    that depend on the neighbourhood of a row, such as distances from singularities, may be
+    missing.
+    """
     frame = rocker_result[0].frame(NAME, "relation")
     good = frame[frame["status"].astype(str) == "OK"]
     assert 0 < len(good) < len(frame)
@@ -109,14 +118,20 @@ def test_singularities_are_warned_of_within_the_distance_that_near_states(rocker
 
 
 def test_pages_list_every_singularity_and_mark_it_on_the_phase_portrait(rocker_result):
-    """The page has a table with two head lines; each portrait a mark per singularity."""
+    """The page has a row for each singularity, and each phase portrait a mark.
+
+    A portrait has the marks of the whole configuration curve. Both assembly modes of this
+    double-rocker are parts of one curve, so the portraits of both have all marks. Their
+    inputs are those of the table, up to 1 deg.
+    """
     result, listener = rocker_result
     frame = result.frame()
     page, _ = listener.last_scene("Singularities")
-    assert len(page.over[0].values) == len(frame)
+    (axis,) = page.over  # the numbers of the singularities
+    assert len(axis.values) == len(frame)
     (text,) = (item.markdown for item in page.primitives if isinstance(item, Text))
     table_lines = [line for line in text.splitlines() if line.startswith("|")]
-    assert len(table_lines) == 2 + len(frame)
+    assert len(table_lines) == 2 + len(frame)  # two head lines
     for mode in set(result.frame("motion")["assembly_mode"]):
         (portrait,) = listener.primitives(Portrait, mode).values()
         labels = sorted(mark.label for mark in portrait.marks)
@@ -153,10 +168,12 @@ angle is; these circles are cut where the slope of the equation across them vani
 @pytest.mark.many
 @pytest.mark.parametrize("name", FOLDING)
 def test_folding_four_bars_have_the_right_types(name):
-    """Where configuration curves cross, all axes are in one plane (type III, III.a).
+    """Folding four-bars have singularities where curves cross, and on whole curves.
 
-    Numbers of rows by type are known for each shape. A link that rests on a whole curve
-    has a row without an input.
+    Where configuration curves cross, all axes are in one plane. This is a singularity of
+    type III, whose geometric condition has the label III.a. `FOLDING` has the numbers of
+    rows by type for each shape. A link that rests on a whole curve has a row without an
+    input; it is not said to swing by 0 deg. Transmission angles do not exist everywhere.
     """
     arcs, count_by_type, resting_count_by_type, expected_remarks = FOLDING[name]
     result = sk.run(four_bar(np.radians(arcs)), NAME, samples=37)
@@ -204,8 +221,10 @@ def test_near_a_parallelogram_the_type_is_right_or_said_to_be_undecided(power):
 def test_a_sample_on_a_dead_centre_or_beside_it_is_right_or_has_a_status(distance_rad):
     """The last of five samples is before a dead centre, on it, or beyond (negative).
 
-    There the input is a quadratic function of the arc length, so its rate is proportional
-    to the square root of the distance. Both modes end there; beyond it neither closes.
+    There the input q is a quadratic function of the arc length s of the configuration
+    curve, so its rate dq/ds is proportional to the square root of the distance (rad) of q
+    from the dead centre. Both modes end there; beyond it neither closes. `input_margin_II`
+    is this distance. `input_margin_I` is missing if there is no type I on the curve.
     """
     dead_centre = float(angles_with_links_in_line(*ROCKER)[0])
     span = Input("21", dead_centre - 0.5, dead_centre - distance_rad)
@@ -227,6 +246,7 @@ def test_a_sample_on_a_dead_centre_or_beside_it_is_right_or_has_a_status(distanc
         assert status <= {"AT_SINGULARITY", "OUT_OF_REACH"}
     else:
         assert status == {"OK"}
+        # The factor of the square root depends on the arcs; it is of the order of 1.
         root = np.sqrt(distance_rad)
         rates = np.abs(last["input_rate"])
         assert np.all(rates > 0.1 * root)
@@ -289,7 +309,10 @@ LONG = [pytest.param(name, marks=pytest.mark.long) for name in SINGLE.split()]
 def test_shipped_mechanisms_run_from_the_shell(name, tmp_path, capsys):
     """Every row has a type and a reason, and numbers are missing only where explained.
 
-    Where three axes are one line everywhere, coefficients c and d of form i are missing.
+    The coefficients c and d of the rate equation c y' = d q' follow from pole axes in two
+    ways, forms i and ii. They are missing in form i where three axes are one line
+    everywhere. Distances to singularities (`input_margin_I` and `_II`) are missing where
+    there are none, and transmission angles where the output is not placed by a dyad.
     """
     command = ["run", name, "-a", NAME, "--samples", "13", "-o", str(tmp_path)]
     assert main(command) == 0
@@ -319,10 +342,11 @@ GRASHOF = {
 
 @pytest.mark.parametrize("name", GRASHOF)
 def test_the_grashof_class_of_a_four_bar_says_which_links_turn_fully(name):
-    """A link turns fully if the triangle beyond the diagonal closes at 2001 angles.
+    """A link turns fully against a neighbour if the loop closes at all angles between them.
 
-    The diagonal is the third side of the triangle of both links at the turning axis. The
-    other two links must be able to span it.
+    The ends of both links are at the distance of a diagonal, which follows from the angle
+    by the law of cosines. The loop closes if the other two links can span the diagonal. It
+    is tested at 2001 angles.
     """
     ground, crank, coupler, rocker = np.radians(GRASHOF[name])
     angles = np.linspace(0.0, np.pi, 2001)
@@ -345,6 +369,8 @@ def test_the_grashof_class_of_a_four_bar_says_which_links_turn_fully(name):
         coupler_turns = turns_fully(coupler, crank, ground, rocker)
         assert coupler_turns == (name == "double-rocker")
     assert class_of(ground, crank, coupler, rocker) == name
+    # With this ground arc all links can lie in one great circle, with the crank on the
+    # coupler: ground = rocker + |crank - coupler|.
     change_point = class_of(abs(crank - coupler) + rocker, crank, coupler, rocker)
     assert change_point == "change-point"
 
@@ -373,12 +399,16 @@ def test_the_summary_of_a_four_bar_states_swing_transmission_angle_and_limits():
     assert f"swings {rocker_stretched - rocker_folded:.6g} deg" in remarks
 
     at_0_deg = corner_deg(ground - crank, coupler, rocker)
+    # The corner is obtuse there, and the transmission angle is the acute one.
     at_180_deg = 180.0 - corner_deg(ground + crank, coupler, rocker)
     least = min(at_0_deg, at_180_deg)
     assert f"least transmission angle of 4/1: {least:.4g} deg at 21 = 0 deg" in remarks
 
     crank_stretched = corner_deg(rocker, coupler + crank, ground)
+    # The coupler is folded back over the crank, so the crank points away from the rocker's
+    # tip.
     crank_folded = corner_deg(rocker, coupler - crank, ground) + 180.0
+    # The second assembly mode is the mirror image of the first, with opposite angles.
     for angle in (crank_stretched, crank_folded):
         assert f"{angle % 360.0:.6g}" in remarks
         assert f"{-angle % 360.0:.6g}" in remarks
@@ -387,10 +417,11 @@ def test_the_summary_of_a_four_bar_states_swing_transmission_angle_and_limits():
 @pytest.mark.many
 @pytest.mark.parametrize("rate", [6.0, -2.0])
 def test_a_simulation_lists_the_singularities_that_it_passes_in_their_turn(rate):
-    """Type I of the rocker is where its rate changes sign, at the whole angle of the input.
+    """Type I of the rocker is where its rate changes sign, in each turn of the crank.
 
-    Sign changes are read off 4001 times of the same simulation. Singularities that it does
-    not pass are marked as outside.
+    The table has the angle of the crank (input) with all its turns. Sign changes are read
+    off 4001 times of the same simulation. The four-bar has two configuration curves. The
+    simulation stays on curve 0; the two singularities of curve 1 are marked as outside.
     """
     mechanism = replace(sk.load("four_bar"), loads=())
     start = {"q": 0.3, "dq": rate}

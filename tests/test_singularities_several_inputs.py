@@ -25,10 +25,13 @@ def five_bar_run(tmp_path_factory):
 
 @pytest.mark.slow
 def test_points_of_singular_curves_say_why_they_are_singular(five_bar_run):
-    """Type II: both couplers in line, so that both velocity equations have one direction.
+    """Points of singular curves of a five-bar with two inputs state their condition.
 
-    Type I: the output's direction lies along a pole, or a coefficient d is 0. Both types
-    at once are at points where assembly modes 0 and 1 meet.
+    The condition is one of the equation c_k y' = d_k q_k' of each input k, while the other
+    one is locked; u_k is the pole axis of the output then. At type II both couplers are in
+    line: both c are 0, and both u coincide. At type I the direction that is the output lies
+    along such a u and rests, or a d is 0. The column `signs` has the sign of the dyad,
+    which is 0 where the assembly modes 0 and 1 meet.
     """
     result, _ = five_bar_run
     frame = result.frame("singularities")

@@ -138,10 +138,10 @@ def build_site(home):
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory, worker_id):
-    """Return the folder of the built site.
+    """Return the folder of the built site; fail if Sphinx warned of anything.
 
-    The first worker of pytest that needs the site builds it. The others wait, and use the
-    site and its messages.
+    The first worker of pytest that needs the site builds it, and writes the warnings to a
+    file (`messages`). The others wait, then use the site and this file.
     """
     temporary_folder = tmp_path_factory.getbasetemp()
     if worker_id != "master":
@@ -151,7 +151,7 @@ def site(tmp_path_factory, worker_id):
     with FileLock(f"{home}.lock"):
         if not messages_file.exists():
             messages = build_site(home)
-            home.mkdir(exist_ok=True)
+            home.mkdir(exist_ok=True)  # it exists if Sphinx has written anything
             messages_file.write_text(messages, "utf-8")
     assert not messages_file.read_text("utf-8")
     return home / "html"

@@ -47,18 +47,29 @@ def no_silent_division():
 
 
 def open_chain(chain):
-    """Return an open chain with random axes, masses and a weight, all pairs driven."""
+    """Return an open chain with random axes, masses and a weight, all pairs driven.
+
+    `chain` has the two links of each pair, such as "1-2 2-3". Each moving link has a mass
+    of 1 kg. The output is a direction of the last link, seen from link "1", the ground.
+    """
     edges = chain.split()
     axes = random_axes(np.random.default_rng(len(edges)), len(edges))
     mechanism = mechanism_from_chain(chain, axes)
     masses = []
     for link in mechanism.links[1:]:
-        masses.append(Mass(link, INERTIA, 1.0, (0.1, 0.2, -0.3)))
+        masses.append(Mass(link, INERTIA, mass=1.0, centre=(0.1, 0.2, -0.3)))
     return replace(
         mechanism,
         inputs=tuple(Input(pair.name, -1.0, 1.0) for pair in mechanism.pairs),
         masses=tuple(masses),
-        outputs=(Output("end", mechanism.links[-1], "1", (0.0, 0.0, 1.0)),),
+        outputs=(
+            Output(
+                "end",
+                link=mechanism.links[-1],
+                relative_to="1",
+                direction=(0.0, 0.0, 1.0),
+            ),
+        ),
         loads=(Gravity("weight", (0.0, 0.0, -9.81)),),
     )
 
@@ -91,7 +102,14 @@ def links_beyond(mechanism, pair_number):
 @pytest.mark.parametrize("chain", OPEN_CHAINS.values(), ids=OPEN_CHAINS)
 @pytest.mark.parametrize("route", ["best", "equations", "conditioned"])
 def test_rotations_and_rates_of_open_chains_are_those_by_exponentials(chain, route):
-    """With one pair moving, the links beyond it turn about its axis and the others rest."""
+    """Rotations of links are products of rotations about pair axes, and so are rates.
+
+    Rotations about an axis are matrix exponentials. While one pair moves, the links beyond
+    it turn about its axis and the others rest. Angular velocities are computed in three
+    ways (routes): from the velocity equations, from poles by the plan of the poles that is
+    conditioned best, and by the best of both. An open chain has one assembly mode, so the
+    set of modes is complete.
+    """
     mechanism = open_chain(chain)
     input_count = len(mechanism.inputs)
     path = LAST_ANGLES[:, None] * np.linspace(1.0, 0.5, input_count)

@@ -66,14 +66,16 @@ def test_crank_and_coupler_that_can_turn_together_are_singular(arcs, folded_angl
 def axes_at_dead_centre(chain, driven, random):
     """Return axes (pairs, 3) of a chain that is at a dead centre of the driven pair.
 
-    Axes are random except for one, which lies on a great circle where the determinant of
-    the loop equations without the driven pair is zero.
+    At a dead centre the determinant of the loop equations without the driven pair is zero.
+    All axes are random. One of them is moved along a great circle to a random goal, if the
+    determinant changes its sign on the way, and stopped where it is zero.
     """
     while True:
         axes = random_axes(random, len(chain.split()))
         moved = random.integers(len(axes))
         goal = random_axes(random, 1)[0]
 
+        # Default values bind the variables of this pass of the loop, as ruff demands.
         def axes_at(part, axes=axes, moved=moved, goal=goal):
             """Return the axes with the moved one some part of the way to its goal."""
             new_axes = axes.copy()

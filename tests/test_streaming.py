@@ -38,10 +38,12 @@ def test_rows_come_from_the_engine_that_ends(monkeypatch):
 
 
 def test_rows_come_from_a_tighter_simulation_where_the_tolerance_is_missed(monkeypatch):
-    """The first comparison of two solutions is made to say that they differ by 1.
+    """A run checks its simulation by a more accurate one, and takes that if they differ.
 
-    The run then simulates with a tolerance of 1e-11. Its rows agree with that simulation to
-    rounding, and not with the one of the default tolerance.
+    The default tolerance is 1e-9 rad, and the more accurate simulation has a hundredth of
+    it, 1e-11. The comparison is replaced by one that says that both differ by 1 rad. The
+    run then takes its rows from the simulation with 1e-11. They agree with that simulation
+    to rounding, and not with the one of the default tolerance.
     """
     largest_difference = forward_dynamics._largest_difference
     calls = []
@@ -156,7 +158,8 @@ def test_a_run_that_is_refused_because_of_unfinished_work_is_not_recorded(
 ):
     """The first run is interrupted half way, as by Ctrl-C; the second lacks `--resume`.
 
-    It is refused after the simulation, before it has started a recording.
+    The second run is refused after the simulation, before it has started a recording. So
+    the recorder has events of the solver ("step") only, and no rows.
     """
     interrupted = EventRecorder(monkeypatch)
 
@@ -166,6 +169,7 @@ def test_a_run_that_is_refused_because_of_unfinished_work_is_not_recorded(
 
     options = {"folder": tmp_path, "block": 50, "duration": 2.0}
     with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        # The recorder raises the error when it is given the middle rows.
         patched.setattr(interrupted, "log", interrupt_half_way)
         run_simulation("numpy", recorder=interrupted, **options)
     monkeypatch.setattr(progress, "REPORT_INTERVAL_S", 0.0)

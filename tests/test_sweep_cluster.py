@@ -31,6 +31,7 @@ os.access = lambda path, mode: ".sweep-work" not in str(path) and access(path, m
 """Code by which a worker takes the folders of sweeps for not writable (a blind worker)."""
 
 SLOW = """
+# Code by which a worker takes a second for each part.
 import time
 from spherekit.designs import sweep
 
@@ -107,7 +108,11 @@ class Machines:
         self.address = ""
 
     def start(self, arguments, site="", **environment):
-        """Start `python -m arguments`, with `site` as its sitecustomize; return it."""
+        """Start `python -m arguments` in a folder of its own, and return the process.
+
+        `site` is the text of a module `sitecustomize`, which Python imports at its start.
+        It changes the program for this process. `environment` has further variables.
+        """
         folder = self.root / f"machine-{len(self.processes)}"
         (folder / "site").mkdir(parents=True)
         (folder / "site" / "sitecustomize.py").write_text(site)
@@ -345,13 +350,15 @@ def test_after_the_loss_of_all_workers_another_one_computes_the_parts(
 ):
     """Both workers are killed after the first part is taken; then a new one is started.
 
-    With rare looks for finished parts (4 s) both workers have finished one when the first
-    is taken, so that the result of the second is lost with its worker.
+    The sweep asks every `poll_seconds` which parts are finished. A part takes 1 s (`SLOW`).
+    If it asks every 4 s, both workers have finished a part before the first one is taken.
+    The result of the second part is then lost with its worker, and computed again.
     """
     machines.start_scheduler()
     killed_workers = [machines.start_worker(SLOW), machines.start_worker(SLOW)]
 
     def start_worker_when_missed(text):
+        # The exit code of a killed process is not 0; of a living one it is None.
         if "no workers" in text and all(worker.poll() for worker in killed_workers):
             machines.start_worker()
 
@@ -437,11 +444,20 @@ def test_no_scheduler_is_told(tmp_path, monkeypatch):
 def test_a_part_that_does_not_appear_in_the_folder_is_missed(
     undisturbed, tmp_path, monkeypatch
 ):
-    """A worker that says it has written a part may have written it on another disk."""
+    """A worker that says it has written a part may have written it on another disk.
+
+    `undisturbed` is a sweep without such faults. Its part 2 is not in the folder, and None
+    says that the worker did not send the contents of its files. The error comes after
+    `VISIBLE_SECONDS`, the longest time until a file on a network disk is seen. A part that
+    is missing cannot be moved to the folder of the sweep either. If a cluster skips parts,
+    the sweep says which ones are missing in the end.
+    """
     monkeypatch.setattr(dask_cluster, "VISIBLE_SECONDS", 0.1)
     sweep = undisturbed.sweep
     with pytest.raises(OutputError, match="computed part 2, and it does not appear here"):
-        dask_cluster._take_part(None, str(tmp_path), sweep, 2)
+        dask_cluster._take_part(
+            files=None, folder=str(tmp_path), sweep=sweep, part_number=2
+        )
     with pytest.raises(OutputError, match="part 2 was computed, and is not in"):
         sweep.move_part(str(tmp_path), tmp_path / "designs", 2)
 

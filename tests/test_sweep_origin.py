@@ -89,10 +89,12 @@ def test_a_processor_is_known_by_what_it_computes():
 
 @pytest.mark.slow
 def test_parts_of_another_processor_are_recorded_and_reported(tmp_path):
-    """One of three parts is computed with the least instructions of this processor.
+    """One of three parts is computed as by an older processor.
 
-    The rows agree to rounding with those of one processor. A sweep by one kind of processor
-    has no remark.
+    NumPy and BLAS are forbidden to use all but the oldest instructions, which round
+    differently. The sweep records which parts each kind of processor has computed. The rows
+    agree to rounding with those of one processor. A sweep by one kind of processor has no
+    remark.
     """
     expected = swept(tmp_path / "whole")
     assert len(expected.processors) == 1
@@ -105,6 +107,7 @@ def test_parts_of_another_processor_are_recorded_and_reported(tmp_path):
 
     mixed = swept(tmp_path / "mixed")
     assert mixed.computed == 0
+    # By kind of processor, the numbers of its parts.
     assert sorted(mixed.processors.values()) == [[0, 2], [1]]
     assert len(mixed.remarks) == 1
     tables = [(expected.frame(), mixed.frame())]
