@@ -109,8 +109,9 @@ def test_the_nominal_design_has_the_figures_of_a_run(name, tmp_path):
 
     Figures are the largest velocity and acceleration coefficient of a pole and the root
     mean square of the sine of a passive angle, in each assembly mode. Tables of a run give
-    the expected figures. With several inputs, the name of a figure ends in `_by_` and the
-    input that moves.
+    the expected figures, which agree within `RATE_TOLERANCE` relative to 1 or more. With
+    several inputs, the name of a figure ends in `_by_` and the input that moves. If a
+    variant names no links and no pair, some that are not driven are taken.
     """
     make_mechanism, (key, nominal_size), links, pair, samples = VARIANTS[name]
     mechanism = make_mechanism()
@@ -140,6 +141,7 @@ def test_the_nominal_design_has_the_figures_of_a_run(name, tmp_path):
     poles = run.frame("poles")
     poles = poles[poles["link"].isin(links) & poles["relative_to"].isin(links)]
     motion = run.frame("motion")
+    # The label of a mode begins with its number.
     modes = [str(mode).split()[0] for mode in frame["mode"]]
     assert modes == [str(mode["number"]) for mode in run.summary["assembly_modes"]]
     for (_, row), mode in zip(frame.iterrows(), modes, strict=True):
@@ -262,9 +264,11 @@ def test_torques_are_those_of_a_run():
 def test_an_equation_that_is_only_rounding_is_not_used_for_rates():
     """Rates of an over-constrained folding pattern do not follow from empty equations.
 
-    In one of its modes (4) a vertex stays flat, so that a loop equation has only rounding
-    errors. In all modes the largest rates of three pairs, per unit rate of the input z00,
-    must be those of the null space of all loop equations. It needs no choice of equations.
+    In its mode number 4 a vertex stays flat, so that a loop equation has only rounding
+    errors. A sweep chooses as many independent equations as there are unknown rates, and
+    must not choose this one. In all modes the largest rates of three pairs (h11, z21, z10),
+    per unit rate of the input z00, must be those of the null space of all loop equations.
+    No equations have to be chosen for it.
     """
     motion = sk.trace(MIURA, samples=5)
     mechanism = motion.mechanism

@@ -107,9 +107,12 @@ def test_tables_of_a_sweep_are_those_of_separate_runs(
 
 
 def test_figures_of_the_kernel_and_of_an_analysis_share_a_sweep():
-    """Rows of assembly modes and of working modes stand together, as if swept separately.
+    """A sweep can have figures of merit of two kinds, in separate rows.
 
-    A figure of the other kind is missing in a row.
+    A figure of merit is a number for each design and mode. A compiled kernel computes those
+    that are formulas of rates or angles, in each assembly mode. The analysis `workspace`
+    has figures for each working mode. A sweep of both has the rows of two separate sweeps.
+    In each row the figure of the other kind is NaN.
     """
     figure = "most=max(abs(rate_43_by_51))"
     vary = {"links.2.arc": [60.0, 65.0]}

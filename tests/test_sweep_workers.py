@@ -273,10 +273,17 @@ Each death leaves a file in the folder `mark`, so that their number can be limit
 
 @pytest.fixture
 def end_processes(tmp_path, monkeypatch):
-    """Return a function that has worker processes end themselves at a part.
+    """Return a function that has worker processes end themselves.
 
-    Its arguments are how often ("once", "twice", "always"), the number of the part, and the
-    name of the signal. It returns the folder that has a file for each death.
+    A sweep is divided into parts of some designs each, which worker processes compute. A
+    process ends itself when it is about to write a certain part. To this end a file
+    `sitecustomize.py` is written into a folder of the environment variable PYTHONPATH:
+    Python imports such a file whenever a process starts. It replaces the method that writes
+    a part (`ENDING`).
+
+    The arguments of the function are how often a process ends ("once", "twice", "always"),
+    the number of the part, and the name of the signal. It returns the folder that has a
+    file for each process that ended.
     """
 
     def install(mode, number=0, signal_name="SIGKILL"):
@@ -307,7 +314,13 @@ def end_processes(tmp_path, monkeypatch):
 def test_a_part_whose_process_is_ended_is_computed_by_another(
     mode, number, signal_name, tmp_path, end_processes
 ):
-    """Each death is reported, and the rows are equal bit by bit to undisturbed ones."""
+    """If the process of a part is ended, another process computes the part again.
+
+    The sweep has three parts of up to 16 designs, and the process of part `number` is ended
+    once or twice. Each time is reported, and the rows are equal bit by bit to those of an
+    undisturbed sweep.
+    """
+    # A folder with a file for each process that ended.
     mark = end_processes(mode, number, signal_name)
     messages = []
     with progress_listener(messages.append):
@@ -332,8 +345,13 @@ def test_a_part_whose_process_is_ended_is_computed_by_another(
 def test_a_part_that_ends_every_process_ends_the_sweep_with_a_message(
     tmp_path, end_processes
 ):
-    """The other two parts are written, and the same command continues with them."""
-    mark = end_processes("always", 1)
+    """If three processes of one part are ended, the sweep ends with a message.
+
+    The other two of its three parts are written. When processes are no longer ended, the
+    same command only computes the missing part.
+    """
+    # A folder with a file for each process that ended.
+    mark = end_processes("always", number=1)
     with pytest.raises(DesignError) as refusal:
         sweep_with_tables(tmp_path / "designs")
     assert str(refusal.value) == (
@@ -343,6 +361,7 @@ def test_a_part_that_ends_every_process_ends_the_sweep_with_a_message(
         "--workers 1 in less memory"
     )
     assert len(list(mark.iterdir())) == 3
+    # This file had made the processes end themselves.
     (tmp_path / "site" / "sitecustomize.py").write_text("")
     assert sweep_with_tables(tmp_path / "designs").computed == 1
 
@@ -350,7 +369,11 @@ def test_a_part_that_ends_every_process_ends_the_sweep_with_a_message(
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc of Linux")
 def test_killing_worker_processes_from_outside_does_not_change_a_sweep(tmp_path):
-    """Four processes of a sweep are killed, one per second, as a system short of memory."""
+    """A sweep has all its rows although four of its processes are killed, one per second.
+
+    A system that is short of memory kills processes in this way. All child processes of the
+    sweep may be killed, one after another.
+    """
     command = [sys.executable, "-m", "spherekit", "sweep", "four_bar", "-a", "poles"]
     command += ["--tables", "--vary", "links.2.arc=10:40:160", "--samples", "91"]
     command += ["--workers", "2", "-q", "-o", str(tmp_path / "designs")]

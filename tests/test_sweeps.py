@@ -53,7 +53,13 @@ FIGURES = {
 
 
 def compute_figures(mechanism, mode, pair, pole):
-    """Compute `FIGURES` of one assembly mode from poles by the pole plan, in degrees."""
+    """Compute `FIGURES` of one assembly mode in another way than a sweep.
+
+    A sweep uses a compiled kernel. Here `sk.evaluate` gives configurations and poles (axes
+    of relative rotation), and NumPy reduces them. The result also has the share of samples
+    at which the loops close ("closes"). Angles are in degrees: "swing" is the range of an
+    angle, "place" the input with the largest rate.
+    """
     (driven,) = mechanism.inputs
     q = np.linspace(driven.start, driven.stop, SAMPLES)
     motion = sk.evaluate(mechanism, q, assembly_mode=mode)
@@ -89,9 +95,10 @@ CASES = [
 @pytest.mark.many
 @pytest.mark.parametrize("name, keys, pair, link", CASES)
 def test_rows_of_a_sweep_are_the_figures_of_each_design(name, keys, pair, link):
-    """The nominal design and three random ones, about 4 degrees away in each number.
+    """Each mode of each design has a row, with the figures of a run of that design.
 
-    Each mode of each design has a row, with figures computed from a run of that design.
+    The designs are the nominal one and three random ones. Each varied number of these
+    differs from the nominal one by a normal random number with a deviation of 4 degrees.
     """
     mechanism = sk.load(name)
     document = document_of(name)
@@ -117,6 +124,7 @@ def test_rows_of_a_sweep_are_the_figures_of_each_design(name, keys, pair, link):
         assert sorted(frame["mode"]) == sorted(mode.label for mode in modes)
         for mode in modes:
             row = frame[frame["mode"] == mode.label].iloc[0].copy()
+            # "place" is an input in degrees, at 0 as well as at 360.
             row["place"] %= 360.0
             expected = compute_figures(changed, mode.number, pair, f"{link}/{ground}")
             for figure, value in expected.items():
@@ -238,7 +246,9 @@ ACTED = mechanism_text("sweeps_acted")
 def test_a_sweep_over_masses_and_loads_has_the_torques_of_runs(tmp_path):
     """Mass, centre of mass, weight, spring, friction, force and an arc vary together.
 
-    Every fifth possible design is compared with a run. A negative mass is impossible.
+    The designs are all combinations of the numbers, and every fifth possible one is
+    compared with a run. A third of them has a negative mass, which is impossible: 2 * 2 * 2
+    designs. Figures are the largest and the mean torque, and the largest inertia B.
     """
     path = tmp_path / "acted.toml"
     four_bar_text = find("four_bar").read_text()
@@ -252,7 +262,7 @@ def test_a_sweep_over_masses_and_loads_has_the_torques_of_runs(tmp_path):
         "loads.push.point.1": [-0.5],
         "links.4.arc": [42.0],
     }
-    figures = ["peak=max(abs(torque))", "mean=mean(torque)", "most=max(B)"]
+    figures = ["peak=max(abs(torque))", "mean=mean(torque)", "largest_inertia=max(B)"]
     variations = [parse_variation(key, values) for key, values in vary.items()]
     sweep = sweep_of(path, DesignSpace.from_variations(variations), figures)
     samples = DesignSamples.from_study(Study("", sweep.mechanism, samples=19))
@@ -267,10 +277,12 @@ def test_a_sweep_over_masses_and_loads_has_the_torques_of_runs(tmp_path):
         design = {key: row[key.replace(".", "_")] for key in vary}
         run = sk.run(with_file_numbers(path, design), "eksergian", samples=19)
         table = run.frame("eksergian")
-        table = table[table["assembly_mode"] == (0 if row["mode"] == "+" else 1)]
+        # A four-bar has one dyad, whose sign names its assembly mode.
+        mode_number = 0 if row["mode"] == "+" else 1
+        table = table[table["assembly_mode"] == mode_number]
         assert row["peak"] == pytest.approx(table["tau"].abs().max(), rel=1e-9)
         assert row["mean"] == pytest.approx(table["tau"].mean(), rel=1e-9)
-        assert row["most"] == pytest.approx(table["B"].max(), rel=1e-9)
+        assert row["largest_inertia"] == pytest.approx(table["B"].max(), rel=1e-9)
 
 
 def test_masses_stated_by_sizes_follow_them(tmp_path):
@@ -384,10 +396,18 @@ VARIED_FOR_TABLES = ["links.2.arc=10:40:12", "links.3.arc=0:90:10"]
 
 @pytest.fixture(scope="module", params=["figures", "tables"])
 def undisturbed_sweep(request, tmp_path_factory):
-    """Return a command for a sweep of several parts, and the files that it writes.
+    """Return a command for a sweep, and the files that it writes if nothing disturbs it.
 
-    The command lacks its last argument, the folder. The files are data frames, written by
-    one process that nothing disturbs.
+    A sweep is divided into parts of some designs each, here more than four, which are
+    written to files one after another. With the parameter "figures" they have numbers to
+    which each design is reduced, with "tables" whole tables of an analysis.
+
+    Returns
+    -------
+    command
+        The words of the command without the last one, the folder.
+    expected
+        The files as data frames, written by one process.
     """
     folder = tmp_path_factory.mktemp("whole")
     command = [sys.executable, "-m", "spherekit", "sweep", "four_bar", "--samples", "91"]
@@ -564,10 +584,13 @@ HIGH_AND_LOW = ["high=max(torque)", "low=min(torque)"]
     ],
 )
 def test_torques_of_coils_in_a_sweep_count_whole_turns(pair, zero, range_, crank, samples):
-    """Extreme torques are those of runs, for long ranges, few samples and open modes.
+    """Extreme torques in a sweep are those of runs, if a torsion spring counts whole turns.
 
-    Angles and ranges are in degrees, see `four_bar_with_coil`. The gradients of a synthesis
-    evaluate the same figures.
+    The torque of the spring ("coil") depends on the whole angle of its pair, turns
+    included. The cases have long ranges of the input, few samples, and modes that do not
+    close at all inputs. `zero` is the angle at which the hinge reads zero, `range_` the
+    range of the input, and `crank` an arc, all in degrees. The gradients that a synthesis
+    uses evaluate the same figures, in the mode of either sign.
     """
     mechanism = four_bar_with_coil(pair, zero, range_, crank)
     expected = extreme_torques_of_runs(mechanism, samples)
@@ -588,7 +611,14 @@ def test_torques_of_coils_in_a_sweep_count_whole_turns(pair, zero, range_, crank
 
 @pytest.mark.slow
 def test_torques_of_coils_count_whole_turns_in_groups_beyond_dyads():
-    """A spring at pair C of the double butterfly, whose modes are followed."""
+    """Extreme torques in a sweep are those of runs also if no closed form exists.
+
+    Not all groups of the double butterfly are dyads, so the sweep follows its modes along
+    the input by continuation. A torsion spring acts at pair C, with its whole angle. In the
+    sweep the claim "complete" says that no mode is missing. The modes of run and sweep may
+    differ in order, so numbers are compared in sorted order. NaN stands for modes that do
+    not close at 185 deg.
+    """
     spring = sk.Spring("coil", "C", stiffness=2.0, rest=0.3)
     mechanism = load_without_loads("double_butterfly").with_loads(spring)
     tensor = [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]
@@ -611,7 +641,13 @@ def test_torques_of_coils_count_whole_turns_in_groups_beyond_dyads():
 
 @pytest.mark.slow
 def test_angles_in_groups_beyond_dyads_are_those_of_runs():
-    """Extreme angles of pair F per mode; in one mode it turns by more than 350 degrees."""
+    """Extreme angles in a sweep are those of a trace also if no closed form exists.
+
+    Not all groups of the double butterfly are dyads, so the sweep follows its modes along
+    the input by continuation. The sizes (deg) are changed so that in one mode pair F
+    rotates by more than 350 degrees: its whole turns have to be counted. The modes of trace
+    and sweep may differ in order, so maxima and minima are compared in sorted order.
+    """
     numbers = {
         "pairs.C.longitude": 5,
         "pairs.E.latitude": 15,

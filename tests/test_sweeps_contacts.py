@@ -73,7 +73,8 @@ def test_a_sweep_of_wheels_or_contacts_has_the_figures_of_separate_runs(case, tm
 
     They are sine, cosine and rate of a passive pair at two inputs, for all modes. The modes
     of sweep and run may differ in order, so both lists of rows are sorted. A design whose
-    loops do not close is not OK in the sweep, and a run refuses it.
+    loops do not close is not OK in the sweep, and a run refuses it. In the mechanisms with
+    several inputs, rates are those while the input `right` moves alone.
     """
     text, vary, pair, inputs_deg = CASES[case]
     mechanism = write_mechanism(tmp_path, text) if text else case
@@ -89,10 +90,12 @@ def test_a_sweep_of_wheels_or_contacts_has_the_figures_of_separate_runs(case, tm
     # Without a kernel the sweep would itself make separate runs.
     assert result.sweep.evaluator.kernel is not None
     frame = result.frame()
-    # No mode is missing; the claim of designs without modes may be empty.
+    # The column "claim" says how complete the modes of a design are: none is missing. It
+    # may be empty for a design without modes.
     assert set(frame["claim"]) <= {"complete", ""}
 
     for _, rows in frame.groupby("design"):
+        # Columns have the keys of the varied numbers, with underscores in place of points.
         numbers = {key: rows[key.replace(".", "_")].iloc[0] for key in vary}
         if rows["status"].iloc[0] != "OK":
             with pytest.raises(sk.SpherekitError):
@@ -117,15 +120,17 @@ def test_a_sweep_of_wheels_or_contacts_has_the_figures_of_separate_runs(case, tm
 
 @pytest.mark.slow
 def test_sensitivities_of_wheels_are_the_same_by_contacts_and_by_ratios(tmp_path):
-    """Meshes are treated as contacts of circles as soon as a radius may deviate.
+    """Two formulations of wheels in mesh give the same values and derivatives.
 
-    Without a radius among the sizes they are ratios of teeth with offsets. Values and
-    derivatives by the common sizes must agree between both formulations.
+    If no radius is among the sizes that deviate, the angles of the wheels are related by
+    the ratio of their teeth and an offset. If a radius is among them, wheels are contacts
+    of circles. Values and derivatives by the common sizes must agree.
     """
     wheels = sk.load(write_mechanism(tmp_path, WHEELS))
     motion = sk.trace(wheels, samples=5)
-    deviations = np.zeros_like(motion.q)
-    samples = np.stack([motion.q, deviations + 1.0, deviations, deviations], axis=1)
+    # Input, its rate 1, its acceleration and the time.
+    zeros = np.zeros_like(motion.q)
+    samples = np.stack([motion.q, zeros + 1.0, zeros, zeros], axis=1)
     sizes = ("links.1.angles.c", "links.1.arcs.c", "links.5.arc")
     quantities = ("theta_c", "theta_56", "rate_56")
     by_ratios = Sensitivity(wheels, sizes, quantities)
@@ -153,7 +158,12 @@ def test_a_differential_has_derivatives_although_its_equations_repeat(tmp_path):
 
 @pytest.mark.slow
 def test_gradients_of_figures_on_wheels_agree_with_differences(tmp_path):
-    """Wheels may be put together whole turns apart; that is no change of the figure."""
+    """The gradient of a figure of merit agrees with central differences of its values.
+
+    The figure is the rate of pair 56 at the input 100 deg, in the mode whose dyad has the
+    sign +. Two arcs change. In a changed design the wheels may be put together with other
+    whole turns, which changes no rate.
+    """
     nominal = {"links.1.arcs.c": [70.0], "links.1.arcs.b": [50.0]}
     figure = "there=at(rate_56, 100)"
     result = sk.sweep(write_mechanism(tmp_path, WHEELS), nominal, figure, samples=5)

@@ -96,10 +96,13 @@ def compute_figures_by_runs(mechanism, samples, link, pair, moving_inputs):
 def test_a_sweep_with_several_inputs_has_the_figures_of_separate_runs(
     name, keys, samples, link, pair
 ):
-    """Each mode of each run is a row of the sweep, with equal figures.
+    """Each mode of each run is a row of the sweep, with equal figures of merit.
 
-    A sweep also has rows of modes that close nowhere, which a run does not list. The keys
-    vary by 3 degrees. `pair` is a passive pair; None takes the first pair of the link.
+    A figure is a number to which a column is reduced: the largest velocity and acceleration
+    coefficient of a link while one input moves, and the mean cosine of a passive angle. A
+    sweep also has rows of modes that close nowhere, which a run does not list. The numbers
+    with the given keys have their nominal value, and that plus 3 degrees. `pair` is a
+    passive pair; None takes the first pair of the link.
     """
     mechanism = sk.load(name)
     if pair is None:
@@ -113,6 +116,7 @@ def test_a_sweep_with_several_inputs_has_the_figures_of_separate_runs(
     ]
     vary, designs = make_designs(name, keys, 3.0)
     result = sk.sweep(Study(name, mechanism, samples=samples), vary, figures)
+    # Without a compiled kernel the sweep would itself make separate runs.
     assert result.sweep.evaluator.kernel is not None
     frame = result.frame()
     for number, design in enumerate(designs):
@@ -129,7 +133,12 @@ def test_a_sweep_with_several_inputs_has_the_figures_of_separate_runs(
 
 
 def test_torques_of_several_inputs_in_a_sweep_are_those_of_the_dynamics(tmp_path):
-    """A five-bar moves by laws of both inputs; the mass of link 4 varies."""
+    """The largest torques in a sweep are those of the analysis `dynamics`.
+
+    A five-bar moves by laws of both inputs; the mass of link 4 varies. Its masses and loads
+    replace those of the shipped file, which are at the end of the file. Elements of the
+    inertia matrix are figures too; they are only computed.
+    """
     path = tmp_path / "acted.toml"
     five_bar_text = find("five_bar").read_text()
     path.write_text(five_bar_text[: five_bar_text.index("[mass.")] + MASSES)
