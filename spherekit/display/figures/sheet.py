@@ -167,7 +167,7 @@ class Sheet:
         """
         allows_more = panel_count > 4 or (panel_count, self.columns) in ((4, 1), (3, 2))
         has_short_titles = longest_title <= LONG_TITLE_LETTERS
-        column_count = self.columns
+        column_count: int = self.columns
         if allows_more and has_short_titles:
             column_count += 1
         column_count = min(panel_count, column_count)
