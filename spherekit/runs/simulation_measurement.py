@@ -252,7 +252,8 @@ def measure_candidates(
     progress = ProgressReporter("measuring settings")
     # First the errors.
     for number, candidate in enumerate(candidates, 1):
-        # `tell` calls the function at once, and only if it shows the text.
+        # `report_if_due` calls the function before it returns, and only for a report. The
+        # loop variable therefore still has its present value (B023).
         progress.report_if_due(
             lambda: f"{candidate.name}, {number} of {len(candidates)}"  # noqa: B023
         )
