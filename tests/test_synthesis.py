@@ -44,11 +44,14 @@ def mode_number(mechanism, label):
 def test_a_synthesized_rocker_follows_its_function():
     """The rocker shall be at 30 (1 - cos q) degrees; the objective is the rms deviation.
 
-    The best linkage is better than the best of 8192 random ones, and its deviation is
-    computed again from its angles. Its transmission angle exceeds 40 degrees as required.
+    The deviation of the best linkage is below 0.5 degrees, that of the best of 8192 random
+    ones is not. It is computed again from its angles, and differs only because the file has
+    the wanted angles with four decimals. The transmission angle of the linkage exceeds 40
+    degrees as required.
     """
     path = EXAMPLES / "function.toml"
     result = sk.synthesize(path, designs=1024, starts=4)
+    # (designs, objectives), the best design first.
     assert result.objectives[0, 0] < 0.5 < find_best_random_objective(path, 8192)
     # No linkage is listed twice.
     assert np.all(np.diff(result.objectives[:, 0]) > 1e-6)
@@ -69,10 +72,11 @@ def test_a_synthesized_rocker_follows_its_function():
 
 
 def test_linkages_with_turned_round_axes_or_mirrored_are_the_same():
-    """An arc of pi - alpha belongs to the opposite direction of one of its axes.
+    """Linkages that differ only in the directions of their axes count as the same.
 
-    In the four-bar, this happens to both links at the axis 32 when that axis is reversed.
-    An arc that is replaced alone makes another linkage.
+    If one axis of a link is reversed, its arc alpha becomes pi - alpha. In the four-bar,
+    this happens to both links at the axis 32 when that axis is reversed. An arc that is
+    replaced alone, as in the Stephenson linkage, makes another linkage.
     """
     stephenson = sk.load("stephenson")
     supplement = {"2": (np.pi - stephenson.geometry.links["2"].arcs[0],)}
@@ -110,14 +114,19 @@ def test_a_synthesized_peak_torque_is_that_of_the_mechanism_and_less_than_random
 def check_front(name, designs, count, starts, seed=0):
     """Check that no random design beats one of a Pareto front in both objectives.
 
+    A design counts as better only if it is so by more than the tolerance of the synthesis,
+    which is at most 1e-5 of the largest objective. Designs are compared in the same
+    assembly mode (way to assemble the mechanism), since each mode has a front of its own.
+
     Parameters
     ----------
     name
         File of the synthesis.
     designs, starts, seed
-        Options of the synthesis.
+        Options of the synthesis: number of designs that are explored, number of the best
+        ones that are improved, and seed of the random numbers.
     count
-        Number of random designs, which are compared mode by mode.
+        Number of random designs for the comparison.
 
     Returns
     -------
@@ -142,7 +151,11 @@ def check_front(name, designs, count, starts, seed=0):
 
 @pytest.mark.slow
 def test_no_random_design_beats_a_front_of_torque_and_swing():
-    """The last design of the front has the swing that its angles over a turn have."""
+    """No random design beats the front of least peak torque against widest swing.
+
+    The minimum of the transmission angle (the figure ``least``) exceeds 30 degrees as
+    required. The last design of the front has the swing that its angles over a turn have.
+    """
     result = check_front("trade_off.toml", designs=1024, count=8192, starts=1)
     frame = result.frame()
     assert len(frame) > 4
@@ -214,9 +227,15 @@ def test_nondominated_rows_are_those_that_no_row_of_their_mode_beats():
 def test_a_five_bar_for_a_cone_is_better_than_the_agile_eye():
     """The least sine between the distal arcs over a cone of 25 degrees is maximized.
 
-    With all arcs of 90 degrees, as in the agile eye, it has a closed form: B is along A x C
-    and E along D x C. The cosine between the distal arcs is a d / sqrt((1-a^2)(1-d^2)) with
-    the components a and d of C along A and D. It is largest where a = d.
+    The five axes of the five-bar are A and D at the base, the elbows B and E, and C on the
+    platform. C is led round a cone whose axis is at right angles to A and D. The distal
+    arcs are those from C to B and from C to E.
+
+    With all arcs of 90 degrees, as in the agile eye, the sine has a closed form. B is along
+    A x C and E along D x C. The cosine between the distal arcs has the size
+    a d / sqrt((1-a^2)(1-d^2)), with the components a and d of C along A and D. On the cone
+    a^2 + d^2 = sin(25 deg)^2. The cosine is therefore largest, and the sine least, where
+    a = d. The objective of the synthesis is the negative of the least sine.
     """
     result = sk.synthesize(EXAMPLES / "cone.toml", designs=512, starts=1)
     arcs = {f"links.{link}.arc": [90.0] for link in "2345"}
@@ -266,7 +285,11 @@ def check_gradients(evaluator, design, steps, mode, absolute_tolerance):
 
 
 def test_gradients_of_figures_of_every_kind_agree_with_differences(tmp_path):
-    """Two arcs and a zero vary (deg); figures are extremes, means, and values at inputs."""
+    """Gradients agree for extremes, means, ranges, and values at inputs.
+
+    Two arcs and the zero angle of pair 41 vary (deg). Both assembly modes close at all
+    samples, so their share of closed samples is 1.
+    """
     path = tmp_path / "synthesis.toml"
     path.write_text(
         'format = 1\nmechanism = "four_bar"\nsamples = 19\nminimise = "a"\n'
@@ -327,19 +350,27 @@ def test_derivatives_of_an_inertia_tensor_follow_the_parallel_axis_theorem(acted
 
 
 def test_numbers_at_their_physical_limit_have_derivatives():
-    """The rocker of the file is as light as a body with its other moments can be.
+    """Derivatives by a moment of inertia exist also at the end of its physical range.
 
-    The derivatives of the varied numbers are known: each is a number of the design itself,
-    in rad or with the opposite sign.
+    No principal moment of inertia of a body exceeds the sum of the other two. In the file
+    one of the rocker equals this sum, so that the varied moment cannot be smaller.
+
+    A design has four variables: the arc of link 3, the stiffness and the rest angle (deg)
+    of a spring, and a moment of inertia of the rocker. The kernel, which computes many
+    designs at once, uses three numbers of masses and loads that depend on them: the moment,
+    the stiffness with the opposite sign, and the rest angle in rad.
     """
     specification = specification_of(EXAMPLES / "spring.toml", designs=4)
     varied = specification.sweep.evaluator.varied_mechanism
+    # The derivatives of these three numbers (rows) by the four variables (columns).
     expected = np.array(
         [[0.0, 0.0, 0.0, 1.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, np.pi / 180.0, 0.0]]
     )
     design = varied.evaluate_design(varied.nominal_values)
+    # The numbers of masses and loads follow those of sizes, such as the arc.
     derivatives = design.slopes[len(varied.size_variables) :]
     assert derivatives == pytest.approx(expected, rel=1e-12)
+    # The derivatives by each variable are the same in all designs.
     assert not any(slope is None for slope in varied.constant_slopes)
 
 
@@ -398,9 +429,17 @@ values = [[10.0, 20.0, 30.0], [0.0, 0.0, 0.6, 0.8]]
 def test_match_of_directions_and_orientations_is_the_rms_of_chords(tmp_path):
     """A deviation is the chord 2 sin(angle/2), in degrees, of the angle that is missed.
 
-    Directions and orientations are written out here: (0, 2, 1) normalized, azimuth 30 and
-    tilt 60 degrees; Euler angles ZYZ of azimuth 10, tilt 20 and torsion 30 degrees, which
-    are 10, 20, 30 - 10; and a quaternion xyzw.
+    The file (`POSES_TEXT`) asks for two directions and two orientations of the output at
+    four pairs of inputs. They are written out here:
+
+    - the direction (0, 2, 1), normalized;
+    - the direction of azimuth 30 and tilt 60 degrees;
+    - the orientation of azimuth 10, tilt 20 and torsion 30 degrees. Torsion is the sum of
+      the first and the last of the Euler angles ZYZ, which are 10, 20 and 20 degrees;
+    - the orientation of the quaternion xyzw (0, 0, 0.6, 0.8).
+
+    A row of the result is a design in one of its assembly modes. The deviations are
+    computed in all modes of the design, and must agree in one of them.
     """
     path = tmp_path / "synthesis.toml"
     path.write_text(POSES_TEXT)

@@ -81,8 +81,9 @@ def sweep_one_design(mechanism, keys, numbers, figures, samples):
 def test_a_double_butterfly_is_found_again_by_its_function(tmp_path):
     """The angle of pair F of a known design is asked for at twelve inputs.
 
-    The synthesis starts elsewhere and must return to the coordinates of that design. Only
-    designs that close in the whole range and have moderate rates are allowed.
+    The synthesis starts elsewhere and must return to the coordinates of that design. Two
+    conditions are made: the share of samples at which the design closes (``closes``) is 1,
+    and the rate of pair F per rate of the input (``steep``) is below 8.
     """
     points = {f"p{k}": f"at(theta_F, {q})" for k, q in enumerate(INPUTS_DEG)}
     rows = sweep_one_design(
@@ -103,17 +104,22 @@ def test_a_double_butterfly_is_found_again_by_its_function(tmp_path):
         where=["closes > 0.999", "steep < 8"],
         more=match,
     )
+    # 16 designs are explored, and the best two are improved.
     result = sk.synthesize(path, designs=16, starts=2)
     assert result.before[0] > 0.1  # objective of the best design before optimization
+    # (designs, objectives), the best design first.
     assert result.objectives[0, 0] < 1e-9
     assert result.values[0] == pytest.approx(TARGET_BUTTERFLY, abs=1e-8)
 
 
 @pytest.mark.slow
 def test_modes_of_a_double_butterfly_are_optimized_separately(tmp_path):
-    """Modes in which F begins on one side or the other have different best designs.
+    """Assembly modes of different angles of pair F have different best designs.
 
-    The figures of each best design are those that a sweep has of it, in the mode named.
+    The angle of F at the input 0 (``begun``) is positive in some modes and negative in
+    others. The largest rate of F (``steep``) is minimized in either kind of modes. A design
+    must close at all samples (``closes``). Its figures are those that a sweep has of it, in
+    the same mode. The best rates of both kinds differ by more than 10 %.
     """
     figures = {"steep": "max(abs(rate_F))", "begun": "at(theta_F, 0)"}
     least_objectives = []
@@ -143,7 +149,9 @@ def test_a_platform_on_three_legs_is_found_again_by_its_poses(tmp_path):
     """Five poses of a known platform are asked for; the arcs of legs 2 and 3 vary.
 
     Leg 1 is the same in all designs, so the angles of its passive pairs b1 and c1 say where
-    the platform is. The objective is the sum of their squared deviations in degrees.
+    the platform is. The objective is the sum of their squared deviations in degrees. A
+    design must close at all samples (``closes``), which are a grid of three values of each
+    input. It must not be near a singularity, where the rate of c1 (``steep``) is large.
     """
     angles = {}
     for k, pose in enumerate(POSES_DEG):
@@ -220,15 +228,25 @@ def test_gradients_of_followed_modes_agree_with_differences(
 
 
 def check_gradients(tmp_path, name, vary, samples, figures):
-    """Compare figures with those of a sweep, and their gradients with differences.
+    """Compare figures of merit with those of a sweep, and gradients with differences.
 
-    The design is 1 percent away from the file in every number. At most four modes that
-    close in the whole range are judged. Differences are central, with several steps of
-    5e-5 of each number, so that their truncation error is below 1e-8.
+    The design is 1 percent away from the file in every number, so that modes are followed
+    from another design. At most four modes that close in the whole range are compared.
+    Differences are central, with several steps of 5e-5 of each number, so that their
+    truncation error is below 1e-8.
+
+    Parameters
+    ----------
+    name, vary, samples
+        The mechanism, the ranges of its varied numbers, and the samples of each input.
+    figures
+        Formulas of at most five figures, separated by ``"; "``.
     """
-    texts_by_name = dict(zip("abcde", figures.split("; "), strict=False))
+    formulas = figures.split("; ")
+    names = "abcde"[: len(formulas)]
+    formula_by_name = dict(zip(names, formulas, strict=True))
     path = write_synthesis(
-        tmp_path / "smooth.toml", name, "a", vary, texts_by_name, samples
+        tmp_path / "smooth.toml", name, "a", vary, formula_by_name, samples
     )
     evaluator = specification_of(path, designs=4).sweep.evaluator
     figure_gradients = FigureGradients(evaluator)
@@ -248,6 +266,7 @@ def check_gradients(tmp_path, name, vary, samples, figures):
         for variable, step in enumerate(steps):
             change = np.zeros(len(design))
             change[variable] = step
+            # The formula of high order sums differences over 1, 2, ... steps to both sides.
             weighted_difference = 0.0
             for count, weight in enumerate(CENTRAL_WEIGHTS, 1):
                 above = figure_gradients.evaluate(design + count * change, modes[k])
@@ -290,16 +309,24 @@ def test_a_mode_is_lost_on_the_way_to_a_design_that_cannot_close(butterfly_evalu
 def test_a_mode_that_is_followed_to_another_design_and_back_is_the_same(
     butterfly_evaluator,
 ):
-    """The mode continues in one of the other design, and its configurations return."""
-    modes = find_all_modes(butterfly_evaluator, np.array([[-8.0]]))[0]
-    modes_of_other_design = find_all_modes(butterfly_evaluator, np.array([[20.0]]))[0]
+    """The mode continues in one of the other design, and its configurations return.
+
+    The origin of a mode is a design with the configurations (variables, samples) of the
+    mode in it, from which those in other designs are tracked. They are NaN at samples at
+    which the mode does not close or is lost. The two designs have the longitudes -8 and 20
+    degrees of axis C.
+    """
+    longitude = np.array([-8.0])
+    other_longitude = np.array([20.0])
+    modes = find_all_modes(butterfly_evaluator, longitude[None])[0]
+    modes_of_other_design = find_all_modes(butterfly_evaluator, other_longitude[None])[0]
     varied_mechanism = butterfly_evaluator.varied_mechanism
-    design = varied_mechanism.evaluate_design(np.array([-8.0]))
-    other_design = varied_mechanism.evaluate_design(np.array([20.0]))
+    design = varied_mechanism.evaluate_design(longitude)
+    other_design = varied_mechanism.evaluate_design(other_longitude)
     for mode in modes:
         moved_mode = mode.with_origin(other_design)
         assert sum(mode.continues_in(other) for other in modes_of_other_design) >= 1
-        returned = moved_mode.position_arguments(design, 9)
+        returned = moved_mode.position_arguments(design)
         is_followed = np.isfinite(moved_mode.origin.configurations[0])
         expected = mode.origin.configurations[:, is_followed]
         assert returned[:, is_followed] == pytest.approx(expected, abs=1e-9)

@@ -182,11 +182,12 @@ def test_events_and_errors_of_a_simulated_study_are_written(simulated_study):
 
 
 def test_a_row_at_a_dead_centre_is_singular_and_others_are_not():
-    """The four-bar is driven by its rocker, pair 41, through a dead centre of the rocker.
+    """A row at a dead centre of the input has no torque, the rows beside it have one.
 
-    The middle one of five samples is at that time. There the rocker stands still, so rates
-    per rate of the input are infinite, except those of the rocker (link 4) itself.
-    Directions of poles keep their sense from row to row.
+    The input of the four-bar is its rocker, pair 41. It turns back at a dead centre, where
+    it stands still for a moment while the other links move. Rates per rate of the input are
+    then infinite, except those of the rocker (link 4) relative to the ground. The middle
+    one of five samples is at that time. Directions of poles do not reverse from row to row.
     """
     mechanism = replace(sk.load("four_bar"), loads=()).with_inputs("41")
     start = Start(2.0, 3.0)
@@ -202,13 +203,16 @@ def test_a_row_at_a_dead_centre_is_singular_and_others_are_not():
     assert not result.failures
     middle = 2
     assert list(result.frame("eksergian")["status"])[middle] == "AT_SINGULARITY"
-    assert result.frame("eksergian")["tau"].isna().tolist() == [0, 0, 1, 0, 0]
+    has_no_torque = result.frame("eksergian")["tau"].isna()
+    assert np.flatnonzero(has_no_torque).tolist() == [middle]
     for _, rows in result.frame().groupby(["link", "relative_to"], observed=True):
         u = rows[["ux", "uy", "uz"]].to_numpy()
         cosines = np.sum(u[1:] * u[:-1], axis=1)
         assert np.min(cosines) > 0.5
-        is_finite = abs(rows["velocity_coefficient"].to_numpy()[middle]) < 1e4
-        assert not is_finite or set(rows["link"]) == {"4"}
+        # A coefficient that is not determined is NaN or very large.
+        coefficient = rows["velocity_coefficient"].to_numpy()[middle]
+        if abs(coefficient) < 1e4:
+            assert set(rows["link"]) == {"4"}
 
 
 def four_bar_with_crank_limits():
@@ -353,8 +357,10 @@ def test_the_recording_of_a_simulation_has_a_timeline_of_time(simulation_recordi
 def test_the_phase_portrait_of_a_recording_is_drawn_to_its_scales(simulation_recording):
     """The mark moves over input (deg) and rate (deg/s), as read from ticks of both axes.
 
-    A line of the frame whose ends have the same coordinate marks a tick of that axis. The
-    texts are the tick labels and the title of the first axis, then those of the second.
+    The frame of the portrait is a box and short lines. A line whose two ends have the same
+    horizontal coordinate is a tick of the horizontal axis, and likewise for the vertical
+    one. The texts are the tick labels and the title of the horizontal axis, then those of
+    the vertical one, whose title begins with ``up:``.
     """
     moving = read_recording_columns(simulation_recording)
     at_rest = read_recording_columns(simulation_recording, static=True)

@@ -70,10 +70,22 @@ def compute_true_error(plan, setting, exact_rows_by_request):
     """Return the largest error of the table `poles`, compared with 50 digits.
 
     Directions count absolutely. Velocity and acceleration coefficients count relative to
-    the largest coefficient of their column.
+    the largest coefficient of their column. The result is at least `EPS`, the rounding
+    error of the numbers in the table.
+
+    Parameters
+    ----------
+    plan
+        The run, whose only analysis is `poles`.
+    setting
+        How the run evaluates velocities.
+    exact_rows_by_request
+        For each input that moves alone its poles, and the rows in 50 digits, as
+        `compute_exact_rows` returns them.
     """
     tables, _, _ = compute_timed_tables(plan.sampling, *plan.analyses, setting)
-    # Sort rows by mode, then by sample; each of them has one row per pole.
+    # Sort rows by mode, then by sample. Each sample of a mode then has one row for each
+    # pole, in the order of the requests.
     poles_table = tables["poles"]
     order = np.lexsort((poles_table["sample"], poles_table["assembly_mode"]))
     columns = {name: np.asarray(values)[order] for name, values in poles_table.items()}
@@ -177,8 +189,11 @@ TOLERANCE_CASES = [
 def test_recommended_settings_meet_the_tolerance(name, count, samples):
     """The setting recommended for a random tolerance meets it at all samples.
 
-    The trade itself judges a third of the samples. Where it recommends none, the errors of
-    all settings of the front are too large, with the margin of a trade.
+    A trade measures the time and the error of evaluation settings, and recommends the
+    cheapest one whose error times `MARGIN` is below a tolerance. It measures errors at a
+    third of the samples only. If it recommends none, the errors of all settings on the
+    front (those that no other beats in time and error) are too large, with this margin.
+    Times do not matter here, so they are measured in one round.
     """
     random = np.random.default_rng(MECHANISM_NAMES.index(name))
     options = {"assembly_mode": 0, "search": True}

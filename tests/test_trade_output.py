@@ -22,16 +22,19 @@ WORST = "poles.velocity_coefficient"
 def make_trade():
     """Return a trade with settings that are close to each other in time and error.
 
-    Eight settings evaluate every sample. Four interpolate between n nodes with an error of
-    10/n^4. Three interpolations and the compiled engine do not apply.
+    A trade has the time and the error of evaluation settings of one run, here invented.
+    Eight settings evaluate every one of 361 samples in about 10 us. Four interpolate
+    between n nodes, each of which takes 100 us, with an error of 10/n^4. Three
+    interpolations and the compiled engine do not apply.
     """
+    sample_count = 361
     random = np.random.default_rng(7)
     settings = []
     for k, fraction in enumerate(random.random(8)):
-        seconds = 1e-3 + 361e-5 * (1.0 + 0.1 * fraction)
+        seconds = 1e-3 + 1e-5 * sample_count * (1.0 + 0.1 * fraction)
         settings.append(Measured(f"numpy r{k}", Setting(), seconds, seconds, error=1e-15))
     for n in (32, 64, 128, 4096):
-        seconds = 1e-4 * n + 361e-7
+        seconds = 1e-4 * n + 1e-7 * sample_count
         settings.append(
             Measured(
                 f"numpy s {n}",
@@ -50,7 +53,17 @@ def make_trade():
         ("poles.velocity_coefficient", "relative to all", 1.5),
     )
     return Trade(
-        "m", "poles", 361, 361, 722, "truth", 2e-16, 1, columns, tuple(settings), {}
+        mechanism="m",
+        analysis="poles",
+        samples=sample_count,
+        checked=sample_count,
+        rows=2 * sample_count,
+        reference="truth",
+        floor=2e-16,
+        derivatives=1,
+        columns=columns,
+        settings=tuple(settings),
+        made_for={},
     )
 
 
@@ -111,8 +124,14 @@ def test_settings_that_do_not_apply_for_one_reason_share_a_line():
     ],
 )
 def test_the_chart_of_a_trade_shows_all_settings_and_the_chosen_one(tolerance):
-    """A tolerance is drawn as a line; at most one setting is marked as taken."""
+    """A tolerance is drawn as a line; the recommended setting is marked as taken.
+
+    The chart shows the error of each setting over its time. The setting that interpolates
+    between 64 nodes ("numpy s 64") is one of its curves. If no setting meets the tolerance,
+    none is marked. All marks are within the axes.
+    """
     trade = make_trade()
+    # The other primitive is a text.
     (chart, _) = scene(trade, tolerance).primitives
     labels = [curve.label for curve in chart.curves]
     assert any("numpy s 64" in label for label in labels)

@@ -44,7 +44,9 @@ def compute_axes(mechanism, values):
     axes
         (n, pairs, 3) unit vectors in the ground frame.
     directions
-        (n, 3) directions of an output that points, None for an output that is a pose.
+        (n, 3) directions of an output that points, None for an output that is a pose. An
+        output with a direction counts as pointing only if there are two inputs, which can
+        determine a direction. Three inputs determine the whole pose of its link.
     """
     closure = PositionSolver(mechanism, plan_assembly(mechanism)).closure.linearise(values)
     output = mechanism.outputs[0]
@@ -55,7 +57,12 @@ def compute_axes(mechanism, values):
 
 
 def measure_by_velocity_equations(mechanism, values):
-    """Return the measure (n,) of type II from the velocity equations of all links."""
+    """Return the measure (n,) of type II from the velocity equations of all links.
+
+    It is a number from 0 to 1. It is 0 at a singularity of type II, where the output can
+    move although the inputs are locked. `values` (n, variables) are the pair angles (rad).
+    """
+    # The axes of the pairs, and the directions of an output that points.
     axes, directions = compute_axes(mechanism, values)
     output = mechanism.outputs[0]
     link = mechanism.link_number[output.link]
@@ -108,10 +115,12 @@ def rotation_of_the_paper():
 @pytest.mark.many
 @pytest.mark.parametrize("name", CLOSED_FORM_MECHANISMS)
 def test_all_analyses_measure_type_2_as_the_velocity_equations(name):
-    """Inverse kinematics, singularities, workspace and a rotation give one number.
+    """All analyses have the same measure of type II as the velocity equations.
 
-    The workspace is asked for a distance of 8 degrees to singularities. Its margin is the
-    angle, arcsin of the least measure of types I and II, less these 8 degrees.
+    They are inverse kinematics, singularities, workspace, and rotation about an axis. The
+    measure is a number from 0 (at the singularity) to 1, the sine of an angle. The
+    workspace is asked for a distance of 8 degrees to singularities. Its margin is the
+    smallest of the angles of types I and II, less these 8 degrees.
     """
     solver, poses, rows = solve_random_poses(name)
     mechanism = solver.mechanism
@@ -132,6 +141,7 @@ def test_all_analyses_measure_type_2_as_the_velocity_equations(name):
     kinematics = closed_kinematics(mechanism)
     bounds = bounds_of(kinematics, Constraints(near=least_angle))
     mode_numbers = {label: number for number, label in enumerate(solver.labels)}
+    # Every seventh row, because the workspace takes one row at a time.
     for k in range(0, len(reached), 7):
         row = reached[k]
         signs = kinematics.modes[mode_numbers[rows.mode[row]]]
@@ -228,15 +238,16 @@ def test_an_output_that_moves_with_locked_inputs_has_a_measure_of_zero():
 
 @pytest.mark.parametrize("name", ["bevel_differential", "three_rrr", "two_dof_spm"])
 def test_the_measure_does_not_depend_on_the_frame_or_the_ground(name):
-    """The measure of type II stays if vectors are turned, or another link is the ground.
+    """The measure of type II does not change in other axes or with another ground.
 
-    The axes of the pairs are also scaled by 3, because their lengths do not matter. The
-    directions of outputs that point are unit vectors and are only turned.
+    It is 0 where the output can move although the inputs are locked. All vectors are turned
+    by one rotation. The axes of the pairs are also scaled by 3, because their lengths do
+    not matter. The directions of outputs that point are unit vectors and are only turned.
     """
     mechanism = sk.load(name)
     motion = PositionAnalysis(mechanism, samples=3, assembly_mode=0).motion()
     values = motion.values[~motion.failed][:2]
-    plan = plan_assembly(mechanism, by_rank=True)
+    plan = plan_assembly(mechanism)
     closure = PositionSolver(mechanism, plan).closure.linearise(values)
     transmission = Transmission.from_mechanism(mechanism, mechanism.outputs[0])
     axes = closure.vectors
@@ -255,12 +266,13 @@ def test_the_measure_does_not_depend_on_the_frame_or_the_ground(name):
 
 
 def test_turning_about_the_direction_of_an_output_does_not_count_as_motion():
-    """A coupler that can turn about its pointer does not count as one that moves.
+    """An output that only turns about its own direction does not count as moving.
 
-    In a five-bar whose cranks are locked, both couplers (links 3 and 4) are in line. The
-    output is link 3. It can turn about the axis of the pair at the end of its crank, which
-    is the direction of the output here. This direction does not move, so the measure of
-    type II is not 0, and nearly the same as for couplers that are not quite in line.
+    In a five-bar whose cranks are locked, both couplers (links 3 and 4) are in line. Link 3
+    can then turn about the axis of the pair at the end of its crank. This axis is the
+    direction of the output here, which does not move. The measure of type II would be 0 if
+    the output could move. It is not nearly 0, and it is nearly the same as for couplers
+    that are not quite in line.
     """
     mechanism = sk.load("five_bar")
     transmission = Transmission.from_mechanism(mechanism, mechanism.outputs[0])
