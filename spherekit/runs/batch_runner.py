@@ -819,7 +819,7 @@ class BatchRunner:
         self._last_columns = columns
         sign_functions: list[SignFunction] = []
         for input_index, (input_columns, sign_continuation) in enumerate(
-            zip(self.kernel.input_columns, sign_continuations, strict=False)
+            zip(self.kernel.input_columns, sign_continuations, strict=True)
         ):
             if motion.is_path:
                 # Directions are continuous along a path of samples.

@@ -212,11 +212,13 @@ class RunState:
         pole_fields
             The poles of the block, for each input that moves while the others are locked.
         """
-        is_valid = motion.status == Status.OK
+        has_configuration = motion.status == Status.OK
         for pole_field in pole_fields:
             # If no velocities failed, the field has the very array of the motion, which
             # need not be compared again.
-            if pole_field.status is not motion.status:
+            if pole_field.status is motion.status:
+                is_valid = has_configuration
+            else:
                 is_valid = pole_field.status == Status.OK
             # Many poles share one array of status codes (n,), which is counted once.
             for codes, pole_count in _count_shared_arrays(pole_field.pole_status.values()):
