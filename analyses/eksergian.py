@@ -17,6 +17,7 @@ from spherekit.plugin import (
     AnalysisError,
     Batch,
     Column,
+    FigureOfMerit,
     Findings,
     Floats,
     Mechanism,
@@ -29,7 +30,6 @@ from spherekit.plugin import (
     TableData,
     listing,
 )
-from spherekit.plugin.designs import FigureOfMerit
 from spherekit.plugin.dynamics import (
     CoordinateMotion,
     InverseSolution,

@@ -18,10 +18,11 @@ from spherekit.plugin import (
     Scene,
     Text,
     Trace,
+    link_axes,
     link_bodies,
+    quaternion,
 )
 from spherekit.plugin.motion import BlockPoles, LinePole, PrimaryPole, describe
-from spherekit.plugin.rotations import link_axes, quaternion
 
 CHART_RANGE = 2.5
 """The chart shows tan xi and tan zeta up to this size. Larger: axes far from the centre are

@@ -16,6 +16,7 @@ from spherekit.plugin import (
     Arrow,
     Batch,
     Column,
+    FigureOfMerit,
     GreatCircle,
     Mechanism,
     Needs,
@@ -30,7 +31,6 @@ from spherekit.plugin import (
     parse_pole,
     pole_of,
 )
-from spherekit.plugin.designs import FigureOfMerit
 
 from .pole_drawings import draw_axodes, draw_chart, draw_construction, short_name
 

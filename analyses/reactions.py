@@ -15,6 +15,7 @@ from spherekit.plugin import (
     AbstractAnalysis,
     Batch,
     Column,
+    FigureOfMerit,
     Findings,
     Floats,
     Mechanism,
@@ -26,7 +27,6 @@ from spherekit.plugin import (
     counted,
     listing,
 )
-from spherekit.plugin.designs import FigureOfMerit
 from spherekit.plugin.dynamics import (
     Bearings,
     Reactions,

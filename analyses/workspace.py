@@ -12,6 +12,7 @@ from spherekit.plugin import (
     AnalysisError,
     Batch,
     Column,
+    FigureOfMerit,
     Findings,
     Mechanism,
     Needs,
@@ -21,7 +22,6 @@ from spherekit.plugin import (
     TableData,
     numbered,
 )
-from spherekit.plugin.designs import FigureOfMerit
 from spherekit.plugin.workspace import Constraints, closed_kinematics, label_of
 
 from .common import DIRECTION_COLUMNS, MID_PLANE_COLUMNS, POSE_COLUMNS, WORKING_MODE

@@ -10,6 +10,7 @@ from spherekit.plugin import (
     AbstractAnalysis,
     AnalysisError,
     Batch,
+    FigureOfMerit,
     Findings,
     Mechanism,
     Needs,
@@ -17,7 +18,7 @@ from spherekit.plugin import (
     Sweep,
     TableData,
 )
-from spherekit.plugin.designs import FigureOfMerit, middle_pairs
+from spherekit.plugin.designs import middle_pairs
 from spherekit.plugin.singularities import (
     NEAREST_TRANSMISSION_REDUCTION,
     NEAREST_TRANSMISSION_WORD,

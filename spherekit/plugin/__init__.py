@@ -1,19 +1,23 @@
-"""What a plugin is written with: contract, tables, scenes, poles by name, errors.
+"""The names with which every plugin is written.
 
-`AbstractAnalysis`, `Needs`, `Batch`, `Findings`, `Sweep`; `conformance`, which checks an
-analysis; declared tables; what is to be seen. What analyses of one topic compute with is
-in `spherekit.plugin.dynamics`, `motion`, `rotations`, `singularities` and `workspace`.
-Names are imported when they are first read.
+They are the contract of analyses (`AbstractAnalysis`, `Needs`, `Batch`, `Findings`,
+`FigureOfMerit`, `Sweep`), declared tables, visible objects, poles by name, and errors.
+`conformance` checks an analysis. The functions that analyses of one topic need are in
+`spherekit.plugin.designs`, `dynamics`, `motion`, `rotations`, `singularities` and
+`workspace`. They load more code, so an analysis imports only the modules that it uses.
 """
 
 from spherekit.arrays import Floats
 from spherekit.errors import AnalysisError, ModelError, SolveError
+from spherekit.geometry.rotation import quaternion
 from spherekit.mechanism.elements import Output
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import link_axes
 from spherekit.planning.pole_plan import Pole, all_poles, parse_pole, pole_of
 from spherekit.plugin.checks import conformance
 from spherekit.runs.batch import Batch
 from spherekit.runs.contract import AbstractAnalysis, Findings, Sweep
+from spherekit.runs.figure_of_merit import FigureOfMerit
 from spherekit.runs.needs import Needs
 from spherekit.runs.registry import registered
 from spherekit.scenes.link_scenes import link_bodies
@@ -69,6 +73,7 @@ __all__ = [
     "Body",
     "Column",
     "Diagram",
+    "FigureOfMerit",
     "Findings",
     "Floats",
     "Graph",
@@ -99,11 +104,13 @@ __all__ = [
     "conformance",
     "counted",
     "input_columns",
+    "link_axes",
     "link_bodies",
     "listing",
     "nearest",
     "numbered",
     "parse_pole",
     "pole_of",
+    "quaternion",
     "registered",
 ]
