@@ -240,16 +240,18 @@ def continue_load_angles(batch: Batch) -> Motion:
 def direction_or_quaternion_columns(
     poses: Floats, architecture: MidPlaneArchitecture | None
 ) -> dict[str, Any]:
-    """Return the columns x, y, z (and w) of poses, with the angles of mid-planes.
+    """Return the columns x, y, z (and w) of poses, and phi and gamma of mid-planes.
+
+    A mechanism may have a base and an output that are mirror images of each other in a
+    plane, the mid-plane. Two angles phi = -2 arcsin(x) and gamma = 2 arcsin(y) (rad) give
+    the unit normal (x, y, z) of this plane. They are included only if poses are directions.
 
     Parameters
     ----------
     poses
         Directions (n, 3), or unit quaternions xyzw (n, 4).
     architecture
-        The mid-plane symmetric architecture of the mechanism, in which base and output
-        mirror each other in a plane; None if it has none. If poses are directions, the
-        angles phi and gamma (rad) of this plane are included.
+        The mid-plane symmetric architecture of the mechanism, None if it has none.
     """
     component_count = poses.shape[1]
     columns = {
@@ -257,7 +259,7 @@ def direction_or_quaternion_columns(
     }
     are_directions = component_count == len(DIRECTION_COLUMNS)
     if architecture is not None and are_directions:
-        phi, gamma, _ = architecture.angles_to(poses)
+        phi, gamma, _omega = architecture.angles_to(poses)
         columns["phi"] = phi
         columns["gamma"] = gamma
     return columns

@@ -142,13 +142,13 @@ class Eksergian(AbstractAnalysis):
 
         - the time of each row, and the rates and accelerations of the input;
         - orientations and angular velocities of the links that have mass or on whose motion
-          loads depend, with derivatives by the input;
+          loads depend, and the derivatives of these velocities by the input;
         - variables and rates of the pairs at which loads act or on which they depend. Their
           angles have no jumps of whole revolutions, because a spring counts revolutions;
         - the rate of the pair at which the torque acts;
-        - the position analysis of the run (`tracer`), if there is friction of bearings or
-          contacts. It gives whole configurations, from which the forces in the pairs are
-          computed. Friction is proportional to these forces.
+        - the configurations of the whole mechanism (`tracer`), if there is friction of
+          bearings or contacts. Friction is proportional to the forces in the pairs, which
+          are computed from these configurations.
 
         Raises
         ------
@@ -165,9 +165,9 @@ class Eksergian(AbstractAnalysis):
                 f"({listing(mechanism.input_pairs)}), but the torque is "
                 "that of a single one; the analysis dynamics has those of several"
             )
-        # `used_links` and `used_pairs` are those of the loads; `acting_links` are the
-        # numbers of all links that matter to inertia or loads.
-        links = used_links(mechanism) | {mass.link for mass in mechanism.masses}
+        # Links by name that have mass, or whose motion the loads depend on.
+        link_names = used_links(mechanism) | {mass.link for mass in mechanism.masses}
+        # Pairs at which loads act, or on which the loads depend.
         load_pairs = used_pairs(mechanism)
         torque_pairs = frozenset([self.at] if self.at else [])
         if self.at and not mechanism.pair(self.at).kind.has_axis:
@@ -177,10 +177,12 @@ class Eksergian(AbstractAnalysis):
         return Needs(
             time=True,
             tracer=bool(Loads(mechanism).friction_components),
+            # With `tracer`, only these links are read, here by number: those of
+            # `link_names`, and the two links of each pair in `load_pairs`.
             links=acting_links(mechanism),
             derivatives=True,
-            link_rates=links,
-            rotations=links,
+            link_rates=link_names,
+            rotations=link_names,
             continued_values=load_pairs,
             pair_rates=load_pairs | torque_pairs,
         )
@@ -372,15 +374,20 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
 
 
 def _solve_torque(batch: Batch) -> InverseSolution:
-    """Return inertia, loads and driving torque of a batch.
+    """Return inertia, loads and driving torque for the rows of a batch.
 
-    Friction is proportional to the forces in the pairs. With friction, the rates of all
-    links and pairs are therefore computed from the configurations. Without friction, the
-    rates of the few links and pairs that matter are sufficient, and the batch has them.
-    Rows whose rates are not accurate enough get the status ILL_CONDITIONED.
+    A row is the configuration at one sample in one assembly mode. The torque has two cases:
+
+    - With friction, the forces in all pairs are needed, because friction is proportional to
+      them. The rates of all links and pairs are computed from the configurations.
+    - Without friction, the batch has all that is needed: the motion of the links with mass
+      and of the links and pairs on which loads depend.
+
+    In the second case, rows with inaccurate rates get the status ILL_CONDITIONED.
     """
     if Loads(batch.mechanism).friction_components:
-        # A spring counts whole revolutions, so angles must not jump by 2 pi.
+        # A spring counts whole revolutions, so angles must not jump by 2 pi. Without
+        # friction, `_coordinate_motion` reads such angles from the batch.
         motion = continue_load_angles(batch)
         return needed_torques(motion)
     status = batch.status.copy()
@@ -389,6 +396,7 @@ def _solve_torque(batch: Batch) -> InverseSolution:
     is_inaccurate = ~(batch.rates_loss() < MAX_RATES_LOSS)
     status[(status == Status.OK) & is_inaccurate] = Status.ILL_CONDITIONED
     timing = Timing(batch.t, batch.input_rates, batch.input_accelerations)
+    # What identifies each row, and by how much its loops fail to close (rad).
     rows = (batch.sample, batch.assembly_mode, batch.inputs, batch.residual)
     # `balancing` returns the torques that balance inertia and loads.
     return balancing(batch.mechanism, rows, timing, _coordinate_motion(batch), status)

@@ -196,8 +196,9 @@ def _list_construction_steps(batch: Batch) -> list[ConstructionStep]:
 def draw_construction(batch: Batch, row: int) -> Scene:
     """Return a page that shows how the pole axes are constructed at one configuration.
 
-    Row k of the page is step k of the construction. A pole appears as soon as it is known,
-    and the two great circles that determine it in its own step only.
+    A pole axis is the axis about which two links turn relative to each other. The page has
+    a slider of the steps of the construction. A pole appears as soon as it is known, and
+    the two great circles that determine it in its own step only.
 
     Parameters
     ----------
@@ -208,14 +209,16 @@ def draw_construction(batch: Batch, row: int) -> Scene:
     """
     mechanism = batch.mechanism
     steps = _list_construction_steps(batch)
-    # All poles of the mechanism: the mapping `rounds` has the round of each.
+    # All poles of the mechanism, the keys of a mapping.
     poles = list(batch.plans[0].rounds)
+    # The first axis of both arrays is the step. NaN is not drawn.
     directions = np.full((len(steps), len(poles), 3), np.nan)
     normals = np.full((len(steps), 2, 3), np.nan)
     for number, step in enumerate(steps):
         for pole in step.poles:
             # A pole is visible from its step on, its great circles in this step only.
             directions[number:, poles.index(pole)] = batch.direction(*pole)[row]
+            # A step with great circles has only this one pole.
             if step.uses_circles:
                 normals[number] = batch.planes(*pole)[row]
     rotations = np.stack([batch.rotation(link)[row] for link in mechanism.links])

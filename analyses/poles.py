@@ -188,12 +188,16 @@ class Poles(AbstractAnalysis):
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return the quantities that this analysis needs of a motion.
 
-        - The axis of each pole, its derivative (`turns`), the velocity coefficient
-          (`rates`) and its derivative.
-        - The two great circles (`planes`) that intersect in the one pole with circles. If
-          the construction is drawn, they are needed of all poles that are not axes of
-          pairs. The axes of pairs are known without a construction.
-        - The rotations of links whose axodes or bodies are drawn. An axode is the path of a
+        A pole is the axis about which two links turn relative to each other. The analysis
+        needs:
+
+        - the axis of each pole, the derivative of the axis by the input (`turns`), the
+          velocity coefficient (`rates`) and its derivative by the input;
+        - the two great circles (`planes`) that intersect in a pole, for the one pole that
+          the user chose with the parameter `circles`, by default the first one that is not
+          the axis of a pair. A drawing of the construction of all poles needs the circles
+          of every pole that is not the axis of a pair;
+        - the rotations of links whose axodes or bodies are drawn. An axode is the path of a
           pole in the axes of a link.
         """
         axode_poles = self._axode_poles(mechanism)
@@ -227,7 +231,16 @@ class Poles(AbstractAnalysis):
         return not self.only and len(mechanism.inputs) == 1
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
-        """Return the table `poles`."""
+        """Return the table `poles`.
+
+        It has, for each row of the batch, one row per pole and moving input. The rows of
+        all poles at the first row of the batch come first, then those at the second row.
+
+        For each pole the table has its axis u, its derivative ``du_dq`` by the input, the
+        velocity coefficient, error bounds and the conditioning. The conditioning is the
+        relative speed of the two links over the sum of their speeds. If it is small, digits
+        cancel in the difference of their angular velocities.
+        """
         poles = self.poles(batch.mechanism)
         # A pole is two links. With each moving input (one input moves while the others are
         # locked) it is another axis: (first link, second link, number of the input).
@@ -236,14 +249,15 @@ class Poles(AbstractAnalysis):
             for input_number in range(len(batch.moving_inputs))
             for pole in poles
         ]
-        # The table has, for each row of the batch, one row per entry of this list.
         columns = dict[str, Any](batch.pole_columns(moving_poles))
-        # The value of the input that moves.
+        # The value of the input that moves. `interleaved` puts the columns of all poles
+        # together in the order of rows that the docstring states.
         columns["q"] = batch.interleaved(
             [batch.inputs[:, input_number] for _, _, input_number in moving_poles]
         )
         # A function that returns the column of a quantity from its name and the index of a
-        # component, None for a scalar.
+        # component, None for a scalar. The quantity "direction_dq" is the derivative of the
+        # axis by the input.
         column_of = batch.of_poles(moving_poles)
         for component, axis in enumerate("xyz"):
             columns[f"du{axis}_dq"] = column_of("direction_dq", component)
@@ -378,9 +392,11 @@ class Poles(AbstractAnalysis):
         second_name = mechanism.links[second_link]
         pair = batch.moving_inputs[input_number]
         has_several_inputs = len(batch.moving_inputs) > 1
-        # Which arrows are visible at first: with many poles those of pairs, and while the
-        # first input moves those to the ground (link 0) and the pole whose great circles
-        # are drawn.
+        # A mechanism with few poles shows all arrows at first. One with many poles shows
+        # two kinds:
+        # - the axes of pairs;
+        # - for the first input only, the poles of links relative to the ground (link 0),
+        #   and the pole whose great circles are drawn.
         has_many_poles = len(self.poles(mechanism)) > MAX_POLES_SHOWN_FIRST
         is_of_interest = first_link == 0 or pole == self.pole_with_circles(mechanism)
         is_visible = (
@@ -395,7 +411,8 @@ class Poles(AbstractAnalysis):
         if has_several_inputs and not is_of_pair:
             label += f" by {pair}"
         folder = f"{pair}/" if has_several_inputs else ""
-        directions = batch.direction(*pole, input_number)[rows]
+        # (rows of this mode, 3) unit vectors along the pole axis.
+        directions = batch.direction(first_link, second_link, input_number)[rows]
         path = f"pole/{folder}{second_name}_{first_name}"
         yield Arrow(path, label, directions, primary=is_of_pair, shown=is_visible)
 

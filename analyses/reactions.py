@@ -153,13 +153,17 @@ class ReactionAnalysis(AbstractAnalysis):
 
         The table of reactions has a row for each row of the batch and each pair, in this
         order. Arrays (n, pairs, ...) are therefore flattened.
+
+        Moments are about the centre of the sphere. An R pair has a moment across its axis.
+        A contact has a normal and a tangential force, which are given as moments: each
+        force times the radius of the sphere.
         """
         result = self._reactions(batch)
         pair_names = [pair.name for pair in batch.mechanism.pairs]
         moments = result.moments.reshape(-1, 3)
         forces = result.forces.reshape(-1, 3)
-        # Moments and forces are in axes of the second link of a pair. In the first link of
-        # an R pair the x and y components differ by the pair angle.
+        # The axes of an R pair are fixed in its second link. Axes fixed in the first link
+        # are turned by the pair angle about z, so x and y components differ in them.
         moments_in_first = result.in_first(result.moments).reshape(-1, 2)
         forces_in_first = result.in_first(result.forces).reshape(-1, 2)
         columns: dict[str, Any] = {
@@ -170,6 +174,7 @@ class ReactionAnalysis(AbstractAnalysis):
         for component, axis in enumerate("xy"):
             columns[f"moment_{axis}_first"] = moments_in_first[:, component]
         columns["transverse_moment"] = result.across.ravel()
+        # The normal force (`push`) and the tangential force (`traction`) of a contact.
         columns["contact_torque"] = result.push.ravel()
         columns["traction"] = result.traction.ravel()
         for component, axis in enumerate("xyz"):
@@ -539,13 +544,14 @@ def _describe_maximum(
     if not values:
         return []
     name = max(values, key=lambda candidate: values[candidate])
-    # Rounding errors of a load on a bearing are proportional to the forces on bearings that
-    # the moments of pairs cause. A load far below the largest of these forces is zero.
-    # Records of pairs have no such force, so that only an exact 0 is reported as zero.
-    largest_couple = max(
+    # The couple forces are those by which bearings support the moment of their pair alone.
+    # The rounding errors of bearing loads are proportional to them. A load far below the
+    # largest of these forces is therefore reported as zero. Records of pairs have no such
+    # force, so that only an exact 0 is reported as zero.
+    largest_couple_force = max(
         record.get("largest_couple_force_N") or 0.0 for record in records.values()
     )
-    if values[name] <= ZERO_LOAD_RATIO * largest_couple:
+    if values[name] <= ZERO_LOAD_RATIO * largest_couple_force:
         return [f"{quantity}: zero in every row, to rounding"]
     location = f"({name})" if are_bearings else f"in pair {name}"
     sample, mode = records[name]["at"][key]

@@ -133,11 +133,11 @@ class EquivalentRotation(AbstractAnalysis):
     cycle: float = 0.0
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return the quantities that this analysis needs of a motion: only the solver.
+        """Return that this analysis needs the position analysis of the run (`tracer`).
 
-        The solver computes the configurations at the start pose. It belongs to the position
-        analysis of the run, which is requested by ``tracer=True``. All parameters are
-        checked here, before anything is computed.
+        Its solver computes the configurations at the start pose. All parameters are checked
+        here, before anything is computed. Whether `theta` exceeds the angle of the rotation
+        is checked later, when this angle is computed.
 
         Raises
         ------
@@ -146,7 +146,7 @@ class EquivalentRotation(AbstractAnalysis):
         """
         chosen_output(mechanism, self.output or None)
         inputs = mechanism.input_pairs
-        # A link on a sphere has three degrees of freedom.
+        # A link on a sphere has three degrees of freedom, so more inputs are redundant.
         if len(inputs) > 3:
             raise AnalysisError(
                 f"{self.name}: {len(inputs)} inputs turn the output link in more ways than "
@@ -183,6 +183,8 @@ class EquivalentRotation(AbstractAnalysis):
         the angle between the orientation of the output link and the one turned exactly
         about the fixed axis. `drift` is the angle between the momentary axis of the link
         and the fixed axis. Both are 0 (up to rounding) if the mechanism can follow exactly.
+        `type_2` measures how surely locked inputs hold the output link: 0 at a type II
+        singularity, at most 1.
 
         The schedule is the rotation in time, within limits of speed and acceleration of the
         inputs. Its table has one row for each time; it is empty if there is no schedule.
@@ -208,9 +210,10 @@ class EquivalentRotation(AbstractAnalysis):
         # images of each other about a plane. Two angles phi and gamma give its normal.
         if result.architecture is not None:
             normals = mid_planes(result.architecture, samples.orientation)
-            phi, gamma, _ = mirror_angles(normals)
+            phi, gamma, _omega = mirror_angles(normals)
             rotation_columns["phi"] = phi
             rotation_columns["gamma"] = gamma
+        # One part with all rows, or none.
         schedule_parts = []
         trajectory = result.trajectory
         if trajectory is not None:
@@ -225,7 +228,8 @@ class EquivalentRotation(AbstractAnalysis):
                     "status": trajectory.status,
                 }
             )
-        # The declarations of both tables. `stacked` fills them with the columns.
+        # The declarations of both tables. `stacked` fills them with a list of parts, whose
+        # rows follow one another. Each part is a mapping of columns.
         rotation_table, schedule_table = self.tables
         return {
             rotation_table.name: rotation_table.stacked(mechanism, [rotation_columns]),

@@ -63,9 +63,11 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
     nearest: int = 20
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return no needs, because poses do not depend on the samples of a motion.
+        """Return that this analysis reads no quantities of the motion of a run.
 
-        All parameters are checked here, before anything is computed.
+        `Needs` lists such quantities, for example pole axes. The poses of this analysis are
+        given by its parameters and do not depend on the motion. All parameters are checked
+        here, before anything is computed.
 
         Raises
         ------
@@ -151,9 +153,11 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
 
         def solve() -> InverseSolutions | ForwardSolutions:
             """Return the configurations of the given poses, or the poses at the inputs."""
+            # The batch, which has the motion of the run, only gives the mechanism here.
             mechanism = batch.mechanism
             solver = self.solver(mechanism)
             pose_list = self._read_poses(solver)
+            # The user gives either poses or inputs, so a `PoseList` has one of the two.
             if pose_list.poses is None:
                 assert pose_list.inputs is not None
                 return ForwardSolutions(mechanism, solver, pose_list.inputs)
@@ -164,6 +168,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
                 grid_shape=pose_list.grid_shape,
                 modes=self.modes(solver),
                 pairs=self.pair_numbers(mechanism),
+                # For so many poses out of reach, the nearest reachable pose is computed.
                 max_nearest=self.nearest,
             )
 

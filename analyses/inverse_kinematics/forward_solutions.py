@@ -57,10 +57,13 @@ class ForwardSolutions:
         If there are only a few sets of inputs, the poses are described one by one.
         """
         input_count = len(self.inputs)
-        # Rows of the table. Inputs without a pose have one row out of reach.
+        # The table has one row for each pose of each set of inputs. A set without a pose
+        # has one row with the status OUT_OF_REACH.
         has_pose = self.columns["status"] != Status.OUT_OF_REACH
-        # The column "pose" is the number of the set of inputs.
-        pose_counts = np.bincount(self.columns["pose"][has_pose], minlength=input_count)
+        # The column "pose" is the position in the user's list. Such a list has poses in
+        # inverse kinematics, but sets of inputs here.
+        input_set_of_row = self.columns["pose"]
+        pose_counts = np.bincount(input_set_of_row[has_pose], minlength=input_count)
         summary = summarize_solver(self.solver) | {
             "inputs": input_count,
             "inputs_by_number_of_poses": count_values(pose_counts),

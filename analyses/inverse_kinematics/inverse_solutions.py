@@ -99,9 +99,25 @@ class InverseSolutions:
     ) -> None:
         """Solve all poses, then compute reachable poses near those out of reach.
 
-        Nearest poses are computed for the first `max_nearest` rows out of reach. They are
-        computed only for outputs in closed form, because only for these the limits of the
-        workspace are known as functions of the pose.
+        A row of the solutions is one pose in one working mode (way to assemble the
+        mechanism at this pose). Nearest poses are computed for the first `max_nearest` rows
+        out of reach. They are computed only for outputs in closed form, because only for
+        these the limits of the workspace are known as functions of the pose.
+
+        Parameters
+        ----------
+        mechanism, solver
+            The mechanism, and the inverse kinematics of its output.
+        poses
+            (n, 3) directions or (n, 3, 3) rotations.
+        grid_shape
+            Number of values along each axis if the poses are a grid, else None.
+        modes
+            Labels of the working modes to solve for, such as "+-".
+        pairs
+            Numbers of the pairs whose variables are listed.
+        max_nearest
+            Largest number of rows for which the nearest reachable pose is computed.
         """
         self.mechanism = mechanism
         self.solver = solver
@@ -311,13 +327,19 @@ class InverseSolutions:
         parts = (solution_map, *self._draw_solutions(drawn_rows), legend)
         solution_axis = Axis("solution", "", np.arange(float(len(drawn_rows))))
 
-        # The smaller measure of types I and II is 0 at a singularity, and the sine of an
-        # angle. The measure of a pose is the largest one of its modes.
-        least_measure = np.fmin(np.min(solutions.type_1, axis=1), solutions.type_2)
-        best_measure = np.zeros(len(self.poses))
-        # Changes `best_measure` in place; a pose can have several rows.
-        np.maximum.at(best_measure, solutions.pose, np.nan_to_num(least_measure))
-        angle = np.arcsin(np.minimum(best_measure, 1.0))
+        # A row of the solutions is one pose in one working mode. It has a measure of type I
+        # for each input (rows, inputs), and one measure of type II (rows,). Each is the
+        # sine of an angle and 0 at a singularity, so the smallest one counts.
+        type_1 = np.min(solutions.type_1, axis=1)
+        # `fmin` ignores a measure that is NaN if the other is a number.
+        row_measure = np.fmin(type_1, solutions.type_2)
+        # A pose without a solution has NaN, which counts as 0: it has no angle left.
+        row_measure = np.nan_to_num(row_measure)
+        # The measure of a pose is that of its best mode. This call changes `pose_measure`
+        # in place.
+        pose_measure = np.zeros(len(self.poses))
+        np.maximum.at(pose_measure, solutions.pose, row_measure)
+        angle = np.arcsin(np.minimum(pose_measure, 1.0))
         measure_map = self._draw_map("angle to a singularity", angle, "rad")
         return (
             Scene("Inverse", parts, (solution_axis,)),

@@ -205,7 +205,11 @@ def _read_list(solver: OutputKinematics, where: str, poses: Sequence[str]) -> Nu
 def _read_file(
     solver: OutputKinematics, where: str, path: Path, columns: tuple[str, ...]
 ) -> NumberTable:
-    """Return the numbers of a file.
+    """Return the numbers of poses in a file.
+
+    A form is one of the descriptions of a pose, given by the names (terms) of its numbers.
+    Examples are (azimuth, tilt) and (x, y, z). Inputs are a form too: their terms are the
+    names of the driven pairs.
 
     Parameters
     ----------
@@ -216,13 +220,18 @@ def _read_file(
     path
         Path of a CSV or Parquet file.
     columns
-        Names of the columns to read. If there are none, the file must have the columns of
-        exactly one form of poses.
+        The terms to read. If there are none, the file must have the columns of exactly one
+        form.
+
+    Raises
+    ------
+    AnalysisError
+        If a term has no column, or the columns fit no form or several forms.
     """
+    # Columns of the file by name without unit.
     header = columns_of(path)
     forms = _forms_of_output(solver)
-    # A term is the name of a number, such as "azimuth". Tables of spherekit have the inputs
-    # in columns q_PAIR, whose term is the pair.
+    # Tables of spherekit have the inputs in columns q_PAIR. Their term is PAIR.
     pair_of_column = {f"q_{pair}": pair for pair in solver.mechanism.input_pairs}
     column_of_term = {
         pair_of_column.get(name, name): column for name, column in header.items()
@@ -235,8 +244,8 @@ def _read_file(
     if columns:
         forms_of_file = [_match_form(forms, columns, where)]
     else:
-        # Forms (descriptions of a pose) whose terms are all in the file. A form that is a
-        # part of another one is left out, such as azimuth, tilt if there is a torsion.
+        # Forms whose terms are all in the file. A form that is a part of another one is
+        # left out, such as azimuth, tilt if there is a torsion.
         complete = [form for form in forms if set(form) <= set(column_of_term)]
         forms_of_file = [
             form

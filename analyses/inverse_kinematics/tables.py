@@ -226,19 +226,20 @@ def all_pose_columns(solver: OutputKinematics, poses: Floats) -> Columns:
     """Return the columns of poses in all descriptions.
 
     A direction has x, y, z, azimuth and tilt. A rotation has a quaternion, azimuth, tilt
-    and torsion. If base and output mirror each other in a mid-plane, directions also have
-    the angles phi and gamma of this plane.
+    and torsion (the angle about the tilted axis). If base and output mirror each other in a
+    mid-plane, directions also have the angles phi and gamma of this plane.
 
     Parameters
     ----------
     solver
-        The inverse kinematics of the output. Its `points` says that poses are directions.
+        The inverse kinematics of the output.
     poses
         (n, 3) directions or (n, 3, 3) rotations; NaN gives NaN.
     """
-    # The mid-plane symmetric architecture, or None.
+    are_directions = solver.points
+    # The architecture in which base and output mirror each other; None in other mechanisms.
     architecture = solver.form
-    if solver.points:
+    if are_directions:
         columns = direction_or_quaternion_columns(poses, architecture)
         columns["azimuth"], columns["tilt"] = azimuth_tilt(poses).T
     else:
@@ -255,7 +256,8 @@ def mid_plane_rate_columns(
 ) -> Columns:
     """Return the columns of the derivatives of phi and gamma by the inputs.
 
-    These are the angles of the mid-plane in which base and output mirror each other.
+    Base and output mirror each other in the mid-plane. Its unit normal (x, y, z) has the
+    angles phi = -2 arcsin(x) and gamma = 2 arcsin(y).
 
     Parameters
     ----------
