@@ -281,7 +281,7 @@ def check_gradients(evaluator, design, steps, mode, absolute_tolerance):
         assert result.gradients[k] == pytest.approx(
             differences, rel=1e-6, abs=absolute_tolerance
         ), merit.name
-    return result.closes
+    return result.closing_fraction
 
 
 def test_gradients_of_figures_of_every_kind_agree_with_differences(tmp_path):

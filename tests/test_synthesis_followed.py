@@ -260,7 +260,7 @@ def check_gradients(tmp_path, name, vary, samples, figures):
     for k in closed_modes[:4]:
         result = figure_gradients.evaluate(design, modes[k])
         expected = [rows.merits[merit.name][k] for merit in evaluator.figures.merits]
-        assert result.closes == 1.0
+        assert result.closing_fraction == 1.0
         assert result.figures == pytest.approx(np.array(expected), rel=1e-9)
         sizes = np.max(np.abs(result.gradients), axis=1)
         for variable, step in enumerate(steps):
@@ -300,7 +300,7 @@ def test_a_mode_is_lost_on_the_way_to_a_design_that_cannot_close(butterfly_evalu
     for mode in modes:
         designs = ([-8.0], [20.0], [50.0])
         results = [figure_gradients.evaluate(np.array(x), mode) for x in designs]
-        shares.append([result.closes for result in results])
+        shares.append([result.closing_fraction for result in results])
     assert np.all(np.diff(shares, axis=1) <= 0.0)
     assert np.min(shares) < 0.5
 

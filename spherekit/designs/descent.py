@@ -69,7 +69,8 @@ class LocalOptimum:
     objectives
         (k,) values of the objectives, which are minimised.
     figures
-        (figures,) figures of merit, angles in the unit of the file.
+        (figures,) figures of merit, with angles in the unit (deg or rad) that the mechanism
+        file states.
     """
 
     mode: SynthesisMode
@@ -88,14 +89,15 @@ class DescentValues:
         The values of all objectives and conditions, and their gradients by the coordinates
         of the design. The value of a condition is the amount by which it is violated; it is
         negative if the condition is met.
-    closes
+    closing_fraction
         Fraction of the samples at which the mechanism can be assembled in this mode.
     figures
-        (figures,) figures of merit, angles in the unit of the file.
+        (figures,) figures of merit, with angles in the unit (deg or rad) that the mechanism
+        file states.
     """
 
     functions: LinearisedFunctions
-    closes: float
+    closing_fraction: float
     figures: Floats
 
 
@@ -175,7 +177,9 @@ class Descent:
             for condition in sweep.conditions
             if "closes" not in condition.names
         ]
-        self._function = with_derivatives(expressions, [*symbols_by_name.values()])
+        self._functions_and_slopes = with_derivatives(
+            expressions, [*symbols_by_name.values()]
+        )
         # Figures are computed in rad and SI units. These factors convert from the units of
         # the user's texts.
         units = [sweep.units()[merit.name] for merit in sweep.merits]
@@ -242,10 +246,10 @@ class Descent:
         # the coordinates x, in which the range of a variable is 1 wide. NaN is replaced,
         # since it would spread by 0 * NaN to expressions without the figure concerned.
         inner_slopes = np.nan_to_num(np.concatenate([np.diag(self._width), figure_slopes]))
+        # The outputs are the k objectives and the conditions (index 0), then their
+        # derivatives by each value and by each figure.
         with np.errstate(all="ignore"):
-            outputs = self._function(np.concatenate([values, figures])[:, None])
-        # Index 0 has the expressions, then their derivatives by values and figures. The
-        # expressions are the k objectives and then the conditions.
+            outputs = self._functions_and_slopes(np.concatenate([values, figures])[:, None])
         outputs = outputs.reshape(len(inner_slopes) + 1, -1)
         expression_values = outputs[0]
         partial_slopes = np.where(np.isnan(outputs[1:]), 0.0, outputs[1:])
@@ -258,7 +262,7 @@ class Descent:
             limits=expression_values[k:],
             limit_gradients=gradients[k:],
         )
-        result = DescentValues(functions, figure_values.closes, figures)
+        result = DescentValues(functions, figure_values.closing_fraction, figures)
         self._last_values = {key: result}
         return result
 
@@ -303,9 +307,8 @@ class Descent:
             """
             values = self.evaluate(y, mode)
             decreases = start_objectives[1:] - values.functions.objectives[1:]
-            slacks = np.concatenate(
-                [[values.closes - start.closes], -values.functions.limits, decreases]
-            )
+            closing_gain = values.closing_fraction - start.closing_fraction
+            slacks = np.concatenate([[closing_gain], -values.functions.limits, decreases])
             return np.nan_to_num(slacks, nan=-UNDEFINED_OBJECTIVE)
 
         def slack_gradients(y: Floats) -> Floats:
@@ -362,17 +365,18 @@ class Descent:
             The largest of these differences there. It is negative if all objectives are
             below the aim.
         """
-        min_closing_fraction = self.evaluate(x, mode).closes
+        min_closing_fraction = self.evaluate(x, mode).closing_fraction
 
         def scaled_functions(y: Floats) -> LinearisedFunctions | None:
             """Return the differences from the aim, and the conditions, at a point y.
 
-            The conditions (`limits`) have no aim. They must not be positive, so they need
-            no scale. The result is None if a number is not finite, or if the mechanism can
-            be assembled at a smaller fraction of the samples than at the first point.
+            A difference is (objective - aim) / scale. The conditions are the `limits`: only
+            their sign matters, so they are not scaled. The result is None if a number is
+            not finite, or if the mechanism can be assembled in this mode at a smaller
+            fraction of the samples than at the first point.
             """
             values = self.evaluate(y, mode)
-            if values.closes < min_closing_fraction:
+            if values.closing_fraction < min_closing_fraction:
                 return None
             functions = values.functions
             scaled = LinearisedFunctions(
@@ -407,10 +411,12 @@ class Descent:
             start_objectives = self.objectives(x, mode)
             x = self.minimize_first_objective(x, mode)
             mode = self.track_mode_from(x, mode)
-            # `approach_aim` minimises the largest of the differences between objectives
-            # and aims. With the present objectives as aims, all of them decrease.
+            # `approach_aim` minimises the largest of the differences (objective - aim). The
+            # aims are the objectives at x, so all differences are 0 at first. The largest
+            # one becomes negative only if every objective decreases.
             x, _ = self.approach_aim(x, mode, aim=self.objectives(x, mode))
             mode = self.track_mode_from(x, mode)
+            # `scales` makes decreases of different objectives comparable.
             decrease = (start_objectives - self.objectives(x, mode)) / self.scales
             # Written with "not", so that NaN ends the descent too.
             if not np.max(decrease) > MIN_RELATIVE_DECREASE:
@@ -459,19 +465,21 @@ class Descent:
     ) -> Iterator[Floats]:
         """Yield starts of descents that may lead to a better design than an optimum.
 
-        They are rows of the sweep, and optima of other descents, in the same assembly mode
-        (way to assemble the mechanism). They are sorted by the largest amount by which an
-        objective exceeds that of the optimum, smallest first. A start that is nearer to the
-        optimum or to an earlier start than `MIN_START_DISTANCE` is left out.
+        They are designs that were evaluated before the descents (rows), and optima of other
+        descents, in the same assembly mode (way to assemble the mechanism). Objectives are
+        minimised. The starts are sorted by the largest amount by which an objective exceeds
+        that of the optimum, smallest first. A start that is nearer to the optimum or to an
+        earlier start than `MIN_START_DISTANCE` is left out.
 
         Yields
         ------
         (variables,) the start, in units of the ranges of the variables (0 to 1).
         """
-        # Rows of the sweep have only the label of their mode. An optimum has the
-        # configurations of its mode. `continues_in` follows them to the other design, where
-        # the same mode may have another label.
+        # Rows store the label of their mode and no configurations, so labels are compared.
         is_same_mode = self.modes == optimum.mode.label
+        # One mode may have different labels in different designs. Optima store the
+        # configurations of their mode. `continues_in` follows these to the design of the
+        # optimum and compares them there.
         same_mode_optima = [
             candidate for candidate in optima if candidate.mode.continues_in(optimum.mode)
         ]

@@ -214,11 +214,11 @@ class DesignEvaluator:
         - Assembly modes follow smooth curves through configurations in which curves cross
           (``"pass"``). The signs of their dyads change there, at inputs that differ from
           design to design.
-        - Constraints are redundant. A kernel uses as many closure equations as there are
-          unknowns. The equations that are left over hold only if the sizes fit each other,
-          which sizes that vary do not.
-        - There are contacts, and no linkage of R pairs moves like the mechanism; or there
-          is one, and directions of outputs vary.
+        - Constraints are redundant: there are more closure equations than unknowns. All of
+          them hold only for special sizes, and the kernel would not notice other sizes.
+        - There are contacts, and no linkage of R pairs moves like the mechanism.
+        - There are contacts, and directions of outputs vary. The equations of the
+          linkage of R pairs have no arguments for these directions.
         - There are no contacts, and a design variable is neither a size of the equations
           nor a number of a mass or load. With contacts, the file of each design gives the
           sizes, so that all numbers may vary.
@@ -239,9 +239,9 @@ class DesignEvaluator:
                 return None
         else:
             for variable in self.variables:
-                # `slot` is None for numbers that are no size of the equations. `path[0]` is
-                # the table of the file with the number, and `ACTIONS` are the tables of
-                # masses and loads.
+                # `slot` is the kind and location of a size that is an argument of the
+                # equations. It is None for all other numbers. `path[0]` is the table of the
+                # file with the number, and `ACTIONS` are the tables of masses and loads.
                 is_size = variable.slot is not None
                 if not is_size and variable.path[0] not in ACTIONS:
                     return None
@@ -254,6 +254,7 @@ class DesignEvaluator:
             if start_solutions is None:
                 return None
             self._tracking = path_kernel, start_solutions
+        # `columns` are the names of the quantities on which the figures of merit depend.
         return DesignKernel(expressions, self.figures.columns)
 
     @cached_property
@@ -297,11 +298,9 @@ class DesignEvaluator:
         Returns
         -------
         (n,) names of the classes, such as "crank-rocker". None if the mechanism is not a
-        four-bar, or if designs are analysed one by one because no function (kernel)
-        computes all of them at once.
+        four-bar, or if there is no kernel (a function that computes many designs at once).
         """
         links_of_four_bar = four_bar_links(self.mechanism)
-        # Without a kernel, designs are analysed one by one.
         if links_of_four_bar is None or self.kernel is None:
             return None
         varied_mechanism = self.varied_mechanism
@@ -311,8 +310,8 @@ class DesignEvaluator:
         values_in_rad_and_si = values * varied_mechanism.unit_scales[:, None]
         # `size_variables` lists which variables are sizes of links.
         link_sizes = values_in_rad_and_si[varied_mechanism.size_variables]
-        # Its first arguments are the sizes of links. The others, numbers of masses and
-        # loads, have no influence on arcs, and are zero here.
+        # `compute_arcs` takes the sizes of links, then numbers of masses and loads. The
+        # latter have no influence on arcs, and are zero here.
         other_count = len(varied_mechanism.nominal_sizes) - len(link_sizes)
         other_sizes = np.zeros((other_count, values.shape[1]))
         sizes = np.concatenate([link_sizes, other_sizes])
@@ -394,8 +393,9 @@ class DesignEvaluator:
 
         - Impossible designs get a row with the reason.
         - Designs to which the kernel applies are computed together.
-        - The others are analysed one by one. Their loads or contacts have another form than
-          the equations of the kernel (`OTHER_FORM`), or tracking has lost a solution.
+        - The others are analysed one by one. They have other kinds or numbers of loads or
+          contacts than the mechanism of the file (`OTHER_FORM`), for which the kernel was
+          made. Or a solution of their closure equations was lost while it was tracked.
 
         Parameters
         ----------
@@ -423,14 +423,18 @@ class DesignEvaluator:
         ]
         if len(possible):
             if self._tracking is None:
-                # All groups are dyads: their signs identify the assembly modes.
+                # All groups of links are dyads (two links and three R pairs). Each dyad can
+                # be assembled in two ways, which have different signs. So a sign for each
+                # dyad identifies an assembly mode of the mechanism.
                 kernel_part = self._evaluate_signed_modes(kernel, sizes[:, possible])
             else:
+                # The solutions for one design are tracked while its sizes change.
                 kernel_part, lost_designs = self._evaluate_tracked_modes(
                     kernel, sizes[:, possible], file_values=values[:, possible]
                 )
                 one_by_one = np.append(one_by_one, possible[lost_designs])
-            # Both count the designs among `possible`.
+            # `kernel_part` numbers the possible designs only: its design k is design
+            # ``possible[k]`` of `values`.
             parts.append(_renumber_designs(kernel_part, possible))
         single_part = self._evaluate_one_by_one(values[:, one_by_one])
         parts.append(_renumber_designs(single_part, one_by_one))
@@ -507,7 +511,8 @@ class DesignEvaluator:
         Returns
         -------
         A row for each design and mode in which it closes, and one for a design that never
-        closes. Each row claims that no mode of the design is missing.
+        closes. All combinations of signs are tried, so no mode of a design is missing. Each
+        row says this in its column `claim`.
         """
         parts = []
         # The parts of the equations that depend on the sizes alone, for all modes.
@@ -516,9 +521,10 @@ class DesignEvaluator:
         sample_count = len(self.figures.rows)
         shape = (dyad_count, sample_count, sizes.shape[1])
         for signs in product((1.0, -1.0), repeat=dyad_count):
-            # All samples of all designs have the same signs. Loads may depend on whole
-            # revolutions, which the closed form does not count. They are computed here.
+            # All samples of all designs have the same signs.
             sign_arrays = np.broadcast_to(np.reshape(signs, (-1, 1, 1)), shape)
+            # The closed form gives angles in (-pi, pi], but loads such as wound springs
+            # depend on whole revolutions. `revolution_offsets` adds these revolutions.
             table = self.figures.evaluate_modes(
                 kernel,
                 prepared,
@@ -616,7 +622,7 @@ class DesignEvaluator:
         """
         input_grid = self.samples.input_grid
         # (points, 3 inputs + 1) inputs (rad), their rates and accelerations, and the time.
-        # Only the inputs are used.
+        # The configurations depend on the inputs alone.
         points = self.figures.points
         # The samples are on a path of the inputs, or on a grid over their ranges.
         sampling: dict[str, Any] = {"path": input_grid.q}
@@ -627,10 +633,12 @@ class DesignEvaluator:
         )
         motions = [position_analysis.motion()]
         if len(points) and len(self.inputs) == 1:
+            # The modes are continuous curves over one input and can be evaluated anywhere.
             motions.append(position_analysis.at(points[:, :1]))
         elif len(points):
-            # With several inputs, each point is one of the samples. `row_indices` are the
-            # indices of all samples, followed by those of the points.
+            # With several inputs, modes may be known at the samples only. Each point must
+            # therefore be one of the samples; `_tracking_inputs` raises an error otherwise.
+            # Its `row_indices` are the indices of all samples, then those of the points.
             _input_grid, row_indices = self._tracking_inputs
             point_samples = row_indices[len(self.samples.rows) :]
             motions.append(position_analysis.samples(point_samples))
@@ -819,11 +827,13 @@ class DesignEvaluator:
             # `figures.rows` are the samples, then the points. Column 0 is the input.
             q, row_indices = np.unique(self.figures.rows[:, 0], return_inverse=True)
             return InputGrid(q[:, None], (len(q),)), row_indices
-        # (samples, points) distance (rad) of each point from each sample. The message asks
-        # the user to choose a sample for a point that is none.
+        # (samples, points) distance (rad) of each point from each sample.
         points = self.figures.points[:, :input_count]
         distances = max_abs(points - input_grid.q[:, None], axis=2)
         for point in points[np.min(distances, axis=0) > POINT_TOLERANCE_RAD]:
+            # The message asks the user to choose a sample as the point. "Groups beyond
+            # dyads" are groups of links whose positions have no closed form. Closed forms
+            # are evaluated at any inputs, without tracking.
             inputs = listing(f"{angle:.6g}" for angle in point)
             raise DesignError(
                 f"{self.mechanism.name}: at inputs {inputs} rad: with several inputs "
@@ -879,18 +889,17 @@ class DesignEvaluator:
 
             If constraints are redundant, only some of the closure equations are
             independent. Those that are independent at the configuration (variables,) in rad
-            are used. There is no configuration (None) if the design never closes. It then
-            has no modes, the expressions are never evaluated, and the choice of equations
-            has no effect.
+            are used. The configuration is None if the design never closes. The expressions
+            are then never evaluated.
             """
 
             def make_pairs(_size_symbols: object) -> PairRotations:
                 """Return the rotations of the pairs, with the sizes of this design.
 
-                The argument is required by `DesignExpressions`: symbols of sizes that
-                differ between designs. They are not used, since there is one design only.
-                Profiles that are not circles have no expressions. Their tangents, points
-                and curvatures at the contacts are arguments (columns) instead.
+                `DesignExpressions` passes symbols of the sizes that differ between designs.
+                There is one design here, so its sizes are constants. Profiles that are not
+                circles have no expressions. Their tangents, points and curvatures at the
+                contacts are arguments (columns) instead.
                 """
                 return pair_rotations(mechanism, as_columns=has_shaped_profiles)
 
@@ -898,10 +907,12 @@ class DesignEvaluator:
                 mechanism,
                 self.inputs,
                 make_pairs=make_pairs,
-                # The pair variables are arguments: the search has computed them. They are
-                # not computed from the inputs in closed form.
+                # The expressions take all pair variables, which `analyse_positions` has
+                # computed, and do not compute them from the inputs in closed form.
                 closed_form=False,
                 closed=configuration,
+                # Whether constraints are redundant, so that the degrees of freedom follow
+                # from the rank of the closure equations and not by counting.
                 by_rank=position_analysis.by_rank,
             )
 

@@ -254,15 +254,17 @@ class RedundantKernel:
         serve one design only, so they are not compiled, which would take longer than it
         saves.
         """
-        # Everything that follows from rates is divided by the scale of the rates (the
-        # determinant of their equations). A column follows from rates if its expression
-        # contains this scale.
+        # The rates are solutions of linear equations by Cramer's rule: they are divided by
+        # the determinant, here called the scale. So a column depends on rates if its
+        # expression contains the scale. All choices of equations have the same columns,
+        # so the first expressions are examined.
         scale = expressions[0].coordinate_rates.scale
         follows_from_rates = []
         for name in columns:
             nodes = set(iterate_nodes([expressions[0].quantity(name)]))
             follows_from_rates.append(scale in nodes)
-        # (columns,) flags.
+        # (columns,) flags. `evaluate` takes columns with True only from kernels whose rates
+        # fulfil all equations of the loops.
         self._follows_from_rates = np.array(follows_from_rates, bool)
 
         # Expressions with the same choice of equations are needed once.
@@ -277,6 +279,8 @@ class RedundantKernel:
             DesignKernel(chosen, columns, compiled=False, with_loop_residual=True)
             for chosen in expressions_by_choice.values()
         ]
+        # Names of the pairs on whose whole revolutions loads depend. They are the same in
+        # all kernels.
         self.unwrapped_pairs = self._kernels[0].unwrapped_pairs
         # A kernel in closed form returns `reach_count` further numbers, which tell whether
         # its dyads (two links and three R pairs) close. This one takes configurations that

@@ -245,8 +245,8 @@ def _accumulate_growth(
     The angles at the first station are taken as they are, and the changes are added to
     them. An assembly mode (way to assemble the mechanism) of a design may close over a part
     of the stations only. After a gap no change leads from the earlier angles to the later
-    ones. The angles are then in (-pi, pi] at the input at which the mode begins to close,
-    and the changes from there on are added.
+    ones. Counting then begins anew: at the input at which the mode begins to close, the
+    angles are taken in (-pi, pi].
 
     Parameters
     ----------
@@ -264,9 +264,10 @@ def _accumulate_growth(
     -------
     (pairs, k, n) angles (rad) over full revolutions, NaN where a design does not close.
     """
-    # Closed forms give angles in (-pi, pi]. An angle that is -pi up to rounding becomes
-    # pi, so that rounding does not decide about a revolution. Only the values at the first
-    # station remain; the loop replaces all others.
+    # The angles are in (-pi, pi], with one exception to be mended. An angle of half a
+    # revolution may be -pi or pi because of rounding, and the two differ by a revolution.
+    # `count_revolutions` is -1 for angles slightly above -pi, so that these become pi. Only
+    # the values at the first station remain; the loop replaces all others.
     unwrapped = angles - TURN * count_revolutions(angles)
     for k in range(1, len(stations)):
         next_angles = unwrapped[:, k - 1] + growth[:, k - 1]
@@ -338,7 +339,10 @@ def _unwrap_from_mode_end(
         start_angles=inside_angles,
         end_angles=closed_angles,
     )
+    # The angles are in (-pi, pi] already. Only those that are -pi up to rounding change
+    # here: they become pi, so that rounding does not decide about a revolution.
     start_angles = inside_angles - TURN * count_revolutions(inside_angles)
+    # `growth` is NaN where the angles cannot be followed.
     return start_angles + np.nan_to_num(growth)
 
 

@@ -204,8 +204,8 @@ class DesignRuns:
     ) -> Iterator[tuple[DesignTable, tuple[RunTable, ...]]]:
         """Run the analyses of designs, one design after the other.
 
-        A kernel, if there is one, first computes figures of merit of all designs at once,
-        without running analyses.
+        A kernel is a function that computes quantities of many designs at once. If there is
+        one, it first computes figures of merit of all designs, without running analyses.
 
         Parameters
         ----------
@@ -237,6 +237,7 @@ class DesignRuns:
                 if kernel_rows is not None and np.all(kernel_rows.status == IMPOSSIBLE):
                     raise DesignError(kernel_rows.reason[0])
                 run = self.run_design(design)
+                # Rows with the figures of the kernel and those of the run.
                 table = self._join_run(kernel_rows, run)
                 if self.tables:
                     tables = _tables_of_run(run)
@@ -278,9 +279,9 @@ class DesignRuns:
         """Return the rows of a design whose run failed.
 
         A kernel is a function that computes quantities of many designs at once. Rows that
-        the kernel has computed keep their figures of merit. Figures of the run are NaN.
-        Status and reason are those of the failure, unless the kernel has given a reason
-        already.
+        the kernel has computed keep its figures of merit. Figures of the run are NaN. The
+        rows get the status and the reason of the failure. A row without figures, which has
+        a reason by the kernel, keeps this reason.
 
         Parameters
         ----------
@@ -293,9 +294,10 @@ class DesignRuns:
         if kernel_rows is None:
             return failure
         count = len(kernel_rows.design)
+        # There are no figures of the run ({}), and so no modes of its tables.
         table = self._add_figures(kernel_rows, [NO_TABLE_MODE] * count, {})
-        # All rows of a design are OK, one for each assembly mode, or there is a single row
-        # without figures that has a reason already.
+        # Either there is one row for each assembly mode (way to assemble the mechanism),
+        # and all rows are OK. Or there is a single row without figures, with a reason.
         if not np.all(kernel_rows.status == OK):
             return table
         status = np.repeat(failure.status, count)
@@ -437,12 +439,16 @@ class DesignRuns:
             each is the text of its signs, such as "+-".
         """
         evaluator = self.kernel_evaluator
-        if evaluator is None or evaluator.tracks_solutions or mode.column != ASSEMBLY:
+        if evaluator is None or evaluator.tracks_solutions:
+            return None
+        # `mode.column` is the column of the run's table with the number of the mode. It is
+        # another one for working modes.
+        if mode.column != ASSEMBLY:
             return None
         if evaluator.kernel and evaluator.varied_mechanism.equivalent_linkage:
             # The kernel has replaced contacts by links between the centres of circles. The
-            # signs of these links are not those of the run. Without a common kernel each
-            # design was analysed on its own, with its contacts.
+            # signs of these links are not those of the run. If `kernel` is None, the rows
+            # come from an analysis of each design with its contacts, as in the run.
             return None
         signs = str(assembly_modes[mode.label]["mode"])
         # A mode is labelled by its signs if positions have a closed form. If a search had
@@ -497,9 +503,9 @@ class DesignRuns:
             overflows = rows["status"] == Status.OVERFLOW.name
             if np.any(np.isnan(values) & overflows):
                 # A row with this status is NaN, because a number in it is too large for
-                # float64. Its true value may be the largest one of all rows, which the
-                # other rows do not tell. Figures that are computed without a run are
-                # infinite in this case, too.
+                # float64. The figure is then infinite, whatever the reduction is. Ignoring
+                # the row would give a finite figure that looks correct. Figures that are
+                # computed without a run are infinite in this case, too.
                 return np.inf
         input_columns = ["q", *(f"q_{item.pair}" for item in self.study.mechanism.inputs)]
         present_columns = [name for name in input_columns if name in rows]
@@ -513,12 +519,12 @@ class DesignRuns:
                 f"{len(merit.point)}"
             )
         # "argmin" and "argmax" return the value of an input where the expression is
-        # smallest or largest. With several inputs the user names one, which is stored as
-        # `place`. In all other cases the index has no effect.
+        # smallest or largest. With several inputs the user names the pair of one input,
+        # which is stored as `place`. In all other cases the index has no effect.
         input_index = 0
-        place_column = f"q_{merit.place}"
-        if place_column in present_columns:
-            input_index = present_columns.index(place_column)
+        named_column = f"q_{merit.place}"
+        if named_column in present_columns:
+            input_index = present_columns.index(named_column)
         is_closed_path = len(q) > 0 and return_after_revolutions(q[0], q[-1])
         # "at" returns the value at given inputs, which are stored as `point`, so it uses
         # only their row. All other reductions use all rows, which may be a closed path.

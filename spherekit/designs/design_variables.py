@@ -103,9 +103,7 @@ def design_variable(document: Document, key: str) -> DesignVariable:
 
     Returns
     -------
-    The variable, with its value in the file. Some numbers are arguments of the functions
-    (kernels) that compute many designs at once. All of these are angles: arcs and angles
-    of links, zeros of pairs, and directions. Other numbers are masses and loads.
+    The variable, with its value in the file.
 
     Raises
     ------
@@ -121,6 +119,8 @@ def design_variable(document: Document, key: str) -> DesignVariable:
             f"and joint limits "
             f"are the same for all; vary numbers of {listing(DESIGNED)}"
         )
+    # Kind and location of a number that is an argument of kernels: functions that compute
+    # many designs at once. All of these are angles. `slot` is None for all other numbers.
     slot = _kernel_slot(document, path)
     return DesignVariable(
         key=key,
@@ -354,8 +354,8 @@ def differentiate_by_variable(
     -------
     (n,) derivatives, or None if every step fails.
     """
-    # Offsets m with the weights of the numbers at v + m h. The weights of a quotient add up
-    # to zero.
+    # Offsets m with the weights of the numbers at v + m h. They are in order of increasing
+    # distance on each side. The weights of a quotient add up to zero.
     forward = np.arange(9.0)
     forward_weights = np.array([-np.sum(ONE_SIDED_WEIGHTS), *ONE_SIDED_WEIGHTS])
     one_to_four = forward[1:5]
@@ -369,8 +369,10 @@ def differentiate_by_variable(
     for step in steps:
         for offsets, weights in stencils:
             total = np.zeros(())
+            # If a value is not possible, `suppress` leads on to the next quotient.
             with suppress(SpherekitError):
-                # The farthest values come first: a step that is too long fails early.
+                # In reverse order, each side begins with its farthest value. If that is not
+                # possible, the quotient fails before the nearer values are computed.
                 for offset, weight in zip(offsets[::-1], weights[::-1], strict=True):
                     changed_values = values.copy()
                     changed_values[k] += step * offset

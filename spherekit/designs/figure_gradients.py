@@ -35,13 +35,13 @@ class FigureValues:
         configurations in this mode cannot be computed.
     gradients
         (figures, variables) derivatives by the design variables in the units of the file.
-    closes
+    closing_fraction
         Fraction of the samples at which the mechanism can be assembled in this mode.
     """
 
     figures: Floats
     gradients: Floats
-    closes: float
+    closing_fraction: float
 
 
 class FigureGradients:
@@ -134,8 +134,10 @@ class FigureGradients:
                     columns.gradients[:, :, rows],
                     weights[weighted],
                 )
+        # `closes` has the samples first, then the points of single figures.
         sample_count = len(kernel_figures.samples.rows)
-        return FigureValues(figures, gradients, float(np.mean(closes[:sample_count])))
+        closing_fraction = float(np.mean(closes[:sample_count]))
+        return FigureValues(figures, gradients, closing_fraction)
 
     def _revolution_offsets(
         self, design: DesignPoint, position_arguments: Floats
@@ -162,19 +164,22 @@ class FigureGradients:
         """
         kernel = self._kernel
         evaluator = self.evaluator
-        # The last axis of the offsets is the design or the mode, of which there is one.
-        if kernel.is_closed_form:
-            prepared = kernel.prepare(design.sizes[:, None])
-            # The signs are the same at all samples. If no load depends on revolutions, the
-            # result is empty.
-            signs = position_arguments[:, 0].tolist()
-            return evaluator.unwrap_signed_mode(kernel, prepared, signs)[:, :, 0]
         if not kernel.unwrapped_pairs:
+            # No load depends on revolutions.
             return np.zeros((0, position_arguments.shape[1]))
-        mechanism = evaluator.make_kernel_mechanism(design.values)
-        return evaluator.unwrap_configurations(
-            kernel, evaluator.make_solver(mechanism), position_arguments[:, :, None]
-        )[:, :, 0]
+        if kernel.is_closed_form:
+            # The numbers in the equations that depend on the sizes of the design alone.
+            prepared = kernel.prepare(design.sizes[:, None])
+            # Each dyad has the same sign in all columns: at all samples and points.
+            signs = position_arguments[:, 0].tolist()
+            offsets = evaluator.unwrap_signed_mode(kernel, prepared, signs)
+        else:
+            mechanism = evaluator.make_kernel_mechanism(design.values)
+            offsets = evaluator.unwrap_configurations(
+                kernel, evaluator.make_solver(mechanism), position_arguments[:, :, None]
+            )
+        # The last axis counts designs or modes. Here there is one of them.
+        return offsets[:, :, 0]
 
 
 def with_derivatives(
