@@ -324,18 +324,19 @@ def _check_determined(
     open_components = equations.open_components
     for friction in frictions:
         is_open = open_components[:, mechanism.pair_number[friction.pair]]
-        # Gear teeth press on one of their two sides. In rows that are not settled it could
-        # not be determined on which.
+        # Gear teeth press on one of their two sides, which decides the direction of their
+        # force. `is_settled` is False in rows where the iteration did not find the side.
         if np.any(is_open[:, :3]) or not np.all(balance.is_settled):
             raise SolveError(
                 f"{mechanism.name}: loads.{friction.name}: redundant constraints leave the "
                 f"reaction of pair {friction.pair} open, and so the friction that follows "
                 "from it; take a load of kind friction, or give gears their pressure_angle"
             )
-        # The friction of a bearing whose axial position (`axial`) is given also follows
-        # from the force through the centre. A link slides if no pair holds it along its
-        # axis. Then no forces keep it in place, and the equations of forces have no
-        # solution.
+        # The friction of a bearing depends on the moment of its pair, a couple. If the
+        # axial position of the bearing is given (`axial`), it also depends on the force of
+        # the pair through the centre of the sphere. That force is not determined if the
+        # equations of forces leave it open, or if a link slides: no pair holds the link
+        # along some direction, so the equations have no solution.
         if friction.needs_forces and (np.any(is_open) or np.any(equations.slides)):
             frames = driven.motion.frames[0]
             wanted = diagnose_indeterminate_forces(mechanism, frames).wanted

@@ -160,8 +160,11 @@ class CollocationStep:
                 outward_times = zero_times[sense * slopes > 0.0]
                 ((end_distance,), _) = distance(self.times[-1:])
                 if len(outward_times) or sense * end_distance > 0.0:
-                    # Without an outward zero, the pair was outside from the start.
-                    first_time = float([*outward_times, self.start][0])
+                    # A pair that is outside at the end, but never crossed the limit
+                    # outwards, was outside from the start of this step.
+                    first_time = self.start
+                    if len(outward_times):
+                        first_time = float(outward_times[0])
                     yield first_time, joint_limit.pair
 
     def closure_determinants(self, closure: Closure, rates: Floats) -> Floats:

@@ -114,15 +114,16 @@ class CompiledRuns:
     ----------
     runs
         One run for each choice of coordinates, in order of time.
-    frames
-        For each run a function that converts its states to those of a simulation, in place.
-        It returns the frame of the coordinates for each state.
+    frame_functions
+        For each run a function that converts its states in place, and returns the frame of
+        each state. The compiled equation has its own sign or unit of the momenta. The
+        function replaces these momenta by those that all simulations use.
     compile_seconds
         Time that compiling took, s.
     """
 
     runs: list[TaylorRun]
-    frames: list[FrameFunction]
+    frame_functions: list[FrameFunction]
     compile_seconds: float
 
 
@@ -156,7 +157,7 @@ def by_taylor_series(
     if status != Status.OK:
         raise make_start_error(problem, STATUS_MEANING[status])
     compiled = _integrate(problem, motion, tolerance)
-    path = make_taylor_path(compiled.runs, compiled.frames)
+    path = make_taylor_path(compiled.runs, compiled.frame_functions)
     last_run = compiled.runs[-1]
     seconds = time.perf_counter() - started - compiled.compile_seconds
     # The equations of this run became dependent. This is an end of the motion only if
@@ -292,11 +293,11 @@ def coordinates_at(problem: Problem, values: Floats) -> Names:
 
     Coordinates determine the motion well if no other variable moves much faster than they
     do. The measure is the sum of the squares of all rates, per unit rates of the
-    coordinates. A run ends when this sum exceeds `MAX_RATE_SQUARES`. Coordinates are only
-    chosen if it is at most `MAX_START_RATE_RATIO` times as large, so that a run does not
-    end soon after its start.
+    coordinates. A run ends when this sum exceeds `MAX_RATE_SQUARES`. At its start the sum
+    must be below a fraction `MAX_START_RATE_RATIO` of that, so that the run does not end
+    soon.
 
-    The inputs are chosen if they are good enough, otherwise the R pairs with the smallest
+    The inputs are chosen if they satisfy this, otherwise the R pairs with the smallest
     sum. With one degree of freedom no pairs are chosen, because the coordinate is the arc
     length of the configuration curve.
 
@@ -336,7 +337,7 @@ def coordinates_at(problem: Problem, values: Floats) -> Names:
     choices = combinations(sorted(pair_of_variable), equation.freedoms)
     best = min(choices, key=sum_rate_squares)
     max_rate_squares = MAX_START_RATE_RATIO * MAX_RATE_SQUARES
-    # The inputs have the preference, even if others are better.
+    # The variables of the inputs (`driven`) have the preference, even if others are better.
     for variables in (problem.driven, best):
         if sum_rate_squares(variables) < max_rate_squares:
             return tuple(pair_of_variable[v] for v in variables)
@@ -399,7 +400,8 @@ def _collect_events(
     path, runs
         The states of the simulation, and the runs of which it consists.
     """
-    # `angles` has the index of the pair variable of each R pair.
+    # The mapping `angles` gives the index of the pair variable of each R pair; this one
+    # gives the R pair of each index.
     pair_of_variable = {v: pair for pair, v in problem.equation.mechanism.angles.items()}
     # Time (s), kind, and index of the pair variable; -1 for an event of no pair.
     events: list[tuple[float, EventKind, int]] = []
@@ -409,7 +411,8 @@ def _collect_events(
             # change of coordinates is of no interest to the user.
             if kind == "singularity" or kind == "coordinates":
                 continue
-            # Rest or a dead centre at the start is no event.
+            # At t = 0 the other kinds (rest, a dead centre) only describe the given start.
+            # A switch of a load or a joint limit changes the motion even then.
             if t > 0.0 or kind in ("switch", "joint_limit"):
                 events.append((t, kind, variable))
     events += [(t, "switch", -1) for t in problem.switches if t < runs[-1].end_time]
@@ -438,6 +441,7 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
     if run.end in END_BY_RUN_END:
         kind, message = END_BY_RUN_END[run.end]
         return SimulationEnd(kind, run.end_time, message)
+    # The state at the end. Its frame gives the coordinates to which its momenta belong.
     path_states = path.evaluate(np.array([run.end_time]))
     if run.end == "joint_limit":
         # The joint limit is the last event: its time, kind, and index of the pair variable.
@@ -455,8 +459,9 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
         whole_turns=TURN * path_states.turns[0],
     ):
         return SimulationEnd("too_fast", run.end_time, NO_SERIES_MESSAGE)
-    # In all other ends steps become too short. This happens if a load jumps or grows
-    # without bound, or if the inertia vanishes, which `no_step_end` reports instead.
+    # In all other ends steps become too short: a load jumps or grows without bound, or the
+    # inertia vanishes. `no_step_end` computes the inertia. If it vanishes, the end has the
+    # message for that, otherwise the message below.
     why = f"no step is short enough; {JUMP_MESSAGE}"
     return no_step_end(problem.equation, path, run.end_time, why)
 

@@ -50,18 +50,19 @@ def slug(title: str) -> str:
 
 
 class Plot(NamedTuple):
-    """A view beside the sphere: a chart, a diagram or a space.
+    """A view beside the sphere: a chart, a diagram, or a surface in three dimensions.
 
     Attributes
     ----------
     page
         The page on which it is shown; None for all pages.
     path
-        Path of the chart, diagram or space that it shows.
+        Path of the chart, diagram or surface that it shows.
     has_findings
         Whether it shows results of an analysis. These come first.
     view
-        Returns the view.
+        A function without arguments that makes the view of rerun. It is called each time
+        the layout is written, since rerun allows a view in one layout only.
     comparison
         Path of the chart that compares the plot with the plots of other modes; may be
         empty.
@@ -189,7 +190,7 @@ class Layout:
         panels = [view() for owner, view in ordered_panels if owner in (None, page)]
         rows = [_tabs(views) for views in (plots[:1], plots[1:], panels) if views]
 
-        # What all pages show (None) does not bring the sphere to a page with a title.
+        # On a page of a mode, items that all pages show (None) are enough for a sphere.
         sphere_owners = (page,) if isinstance(page, str) else (None, page)
         has_sphere = any(owner in sphere_owners for owner, _ in self.sphere_view_paths)
         # Shares are relative widths of columns or heights of rows.
@@ -201,6 +202,7 @@ class Layout:
             return rrb.Horizontal(*parts, column_shares=shares, name=title)
 
         sphere: rrb.View | rrb.Container = self._sphere_view(page, title)
+        # A colour scale is a bar of the colours of a map on the sphere, with their values.
         page_scales = [path for owner, path in self.scales if owner == page]
         if page_scales:
             scale = plane_view(page_scales[0], "Scale", COLOUR_SCALE_BOUNDS)

@@ -121,14 +121,16 @@ class Charts:
         for chart_path, series_paths in changed_paths.items():
             chart = self.charts[chart_path]
             cursor_path = f"{chart_path}/cursor"
+            # `ENTITY_ITSELF` is the empty path: the style is that of `cursor_path` itself.
             self.outputs.log_first(cursor_path, [(ENTITY_ITSELF, cursor_style(chart))])
             cursor = chart.cursor_columns(axis_values)
             self.outputs.log_rows(cursor_path, timelines, cursor, row_count)
 
             legend_path = f"{chart_path}/legend"
-            places, tints = chart.legend(series_paths)
+            # Position (k, 2) and colour of the name of each of the k series.
+            positions, tints = chart.legend(series_paths)
             self.outputs.log_first(
-                legend_path, [(ENTITY_ITSELF, legend_style(places, tints))]
+                legend_path, [(ENTITY_ITSELF, legend_style(positions, tints))]
             )
             # A curve is the list of its blocks so far. The last one is the current block.
             current_blocks = [chart.curves[path][-1].series for path in series_paths]

@@ -167,30 +167,31 @@ class Chart:
         return rr.LineStrips2D.columns(strips=[*vertical_lines(x)])
 
     def legend(self, paths: Collection[str]) -> tuple[Floats, list[colours.Colour]]:
-        """Return the places of k series in the legend, and their colours.
+        """Return the positions of the names of k series in the legend, and their colours.
 
-        The legend is to the right of the frame. A map is a chart of one series over two
-        axes, drawn in colours. Its legend is a single name. The viewer writes a text
-        `LABEL_DROP` below its place, so places are that much higher than the texts.
+        The legend is to the right of the frame. It lists all series of the chart in the
+        order of their arrival, also those that are not asked for. A map (one series over
+        two axes, drawn in colours) has a single name.
 
         Parameters
         ----------
         paths
-            The paths of the k series. The legend lists all series of the chart in the order
-            of their arrival; these k keep the places that they have in that list.
+            The paths of the k series.
 
         Returns
         -------
-        Places (k, 2) of the names, in units of the chart, and k colours.
+        Positions (k, 2) in units of the chart, y down, and k colours.
         """
         tints = [self.tints[path] for path in self.curves if path in paths]
-        if self.is_map:  # the name is above the right margin; y points down
+        if self.is_map:  # the name is in the upper right corner of the chart
             return np.array([[self.width + 0.5 * LEGEND_WIDTH, -TOP_MARGIN]]), tints
         numbers = [number for number, path in enumerate(self.curves) if path in paths]
         # The list fills one column of the legend after the other.
         column, row = np.divmod(numbers, LEGEND_ROWS)
         line_height = _legend_line_height(min(len(self.curves), LEGEND_ROWS))
         x = self.width + (column + 0.5) * LEGEND_WIDTH
+        # The viewer writes a text below its position. Going up by the same distance, the
+        # text is in the middle of its line.
         y = line_height * (row + 0.5) - LABEL_DROP
         return np.stack([x, y], axis=1), tints
 
@@ -198,7 +199,8 @@ class Chart:
         """Yield everything that does not move: frame, curves or map, and marks.
 
         Each item is a path below that of the chart, and the data that are logged there
-        once. Rows arrive in blocks; the curves have the rows of all blocks so far.
+        once. A row is one sample. Rows arrive in blocks, and the curves have the rows of
+        all blocks so far.
 
         Parameters
         ----------
@@ -213,10 +215,11 @@ class Chart:
         first_series = [blocks[0].series for blocks in self.curves.values()]
         unit = first_series[0].unit
         resolution = max(series.resolution for series in first_series)
-        # Inputs and values of each series, from all blocks so far.
+        # For each series the values on its only axis, and its own, from all blocks so far.
         curves = {path: self.joined_blocks(path) for path in self.curves}
         all_values = np.concatenate([values for _, values in curves.values()])
-        # The range of a constant is wide enough to hide changes that are rounding.
+        # If all values are equal up to rounding, the range is so wide that the curve looks
+        # straight.
         y_range = choose_plot_range(
             all_values, quantity_scale(all_values, unit), resolution
         )

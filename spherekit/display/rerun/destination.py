@@ -144,8 +144,8 @@ class FileOutput:
     def close(self, keep: bool) -> str:
         """Close the part file of an incomplete recording.
 
-        A thread, the copier, copies what rerun writes into a pipe to the part file. Without
-        the thread the file is not open, or is complete already.
+        While the part file is open, a thread (the copier) writes to it what rerun writes
+        into a pipe.
 
         Parameters
         ----------
@@ -156,9 +156,12 @@ class FileOutput:
         -------
         A sentence that names the part file if it is kept, otherwise an empty text.
         """
+        # Without the thread the file was never opened, or it was closed when the recording
+        # was complete.
         if self._copier is None:
             return ""
         self._finish_copy()
+        # An error while writing does not matter to a file that is deleted.
         if keep:
             self._raise_copy_error()
             return f"what was recorded until then is in {self.part}"

@@ -45,9 +45,9 @@ def draw_static(diagram: Diagram) -> Stills:
 
     Each item is a path below that of the diagram, and the data that are logged there once.
     The parts that move are points with names, lines, and leaders: thin lines from a point
-    to its name. Further parts are a legend, if each point has two angles (`readings`), and
-    a text below the frame (``step``). Positions and texts follow row by row, see
-    `moving_columns`.
+    to its name. If each point has two angles to be listed as numbers (`readings`), they
+    are written in a legend. The part ``step`` is the text below the frame that explains the
+    current row. Positions and texts follow row by row, see `moving_columns`.
     """
     width = _frame_width(diagram)
     x = frame_side(diagram.x_label, diagram.x_range)
@@ -63,7 +63,7 @@ def draw_static(diagram: Diagram) -> Stills:
         radius = rr.Radius.ui_points(line_width)
         yield name, rr.LineStrips2D.from_fields(colors=colour, radii=radius)
     if diagram.readings is not None:
-        # `tones` are the numbers of the colours of the points.
+        # Each point has the number of its colour in a list of colours, its tone.
         tints = [colours.tone_colour(tone) for tone in diagram.tones[:MAX_LISTED_READINGS]]
         yield "legend", legend_style(legend_places(width, len(tints)), tints)
     yield "step", rr.Points2D.from_fields(radii=0.0, show_labels=True, colors=colours.PALE)
@@ -73,8 +73,8 @@ def moving_columns(diagram: Diagram) -> Iterator[Moving]:
     """Yield the rows of a diagram: points in the frame, names, visible parts of lines.
 
     Each item is a path below that of the diagram, and the columns that are logged there.
-    If each point has two angles (`readings`), a legend lists them. If each row has a text
-    (`words`), it is written below the frame.
+    If each point has two angles to be listed as numbers (`readings`), they are written in a
+    legend. If each row has a text (`words`), it is written below the frame.
 
     A leader is a thin line from a point to its name, which is moved aside if names would
     cover each other. The number of visible points and lines changes from row to row. Each
@@ -84,7 +84,7 @@ def moving_columns(diagram: Diagram) -> Iterator[Moving]:
     low, high = np.transpose([diagram.x_range, diagram.y_range])  # corners (x, y)
     is_visible = np.all((diagram.places >= low) & (diagram.places <= high), axis=2)
     visible_count = is_visible.sum(axis=1)  # (rows,)
-    # `tones` are the numbers of the colours of the points.
+    # Each point has the number of its colour in a list of colours, its tone.
     point_tints = np.array([colours.tone_colour(tone) for tone in diagram.tones], np.uint8)
     tints = np.broadcast_to(point_tints, (row_count, point_count, 3))[is_visible]
     # Places of the points in units of the chart, y down; names are moved aside.

@@ -426,8 +426,9 @@ def _draw_body(body: Body, names: Sequence[Name]) -> Stills:
 def _draw_sphere_curves(item: SphereCurves) -> Stills:
     """Yield curves and marks on the sphere.
 
-    Each item is a path below that of the primitive (`ENTITY_ITSELF` for the primitive) and
-    the data that are logged there. The tone is the number of a colour.
+    Each item is a path below that of the drawing, and the data that are logged there once.
+    The path of the curves is empty (`ENTITY_ITSELF`): they have the path of the drawing.
+    The tone is the number of a colour.
     """
     if item.curves:
         colour = colours.tone_colour(item.tone)
@@ -436,8 +437,8 @@ def _draw_sphere_curves(item: SphereCurves) -> Stills:
             _curves(item.curves, CURVE_SCALE, colour, SPHERE_CURVE_WIDTH),
         )
     if item.marks:
-        # Labels that are all different are always visible. If marks share a label, the
-        # viewer shows it only when a mark is pointed at.
+        # If every mark has another label, all labels are visible. Otherwise the same text
+        # would be written several times, so a label appears when its mark is pointed at.
         labels = [mark.label for mark in item.marks]
         yield (
             "marks",
@@ -452,10 +453,16 @@ def _draw_sphere_curves(item: SphereCurves) -> Stills:
 
 
 def _draw_sphere_map(item: SphereMap) -> Stills:
-    """Yield a map on the sphere as a coloured mesh, or as points if it has no triangles."""
-    tints = colours.heat_colours(
-        item.values, *choose_map_range(item.shown_values, item.unit)
-    )
+    """Yield a map on the sphere as a coloured mesh, or as points if it has no triangles.
+
+    The only item is the path `ENTITY_ITSELF`, which is that of the map, and the data that
+    are logged there once.
+    """
+    # Vertices that belong to no triangle are not drawn, so they do not widen the range of
+    # values that the colours show.
+    low, high = choose_map_range(item.shown_values, item.unit)
+    tints = colours.heat_colours(item.values, low, high)
+    # The map is a little outside of the sphere, which would hide it otherwise.
     positions = MAP_SCALE * item.vertices
     if len(item.triangles):
         yield (
@@ -480,8 +487,8 @@ def _draw_surface(surface: Surface) -> Stills:
     The three quantities have different ranges, so each axis is scaled by itself to the side
     of the cube. Without triangles the surface is drawn as points.
 
-    Each item is a path below that of the surface (`ENTITY_ITSELF` for the surface) and the
-    data that are logged there.
+    Each item is a path below that of the surface, and the data that are logged there once.
+    The path `ENTITY_ITSELF` is that of the surface.
     """
     low = np.min(surface.vertices, axis=0)
     high = np.max(surface.vertices, axis=0)

@@ -66,7 +66,7 @@ NEXT_PLACE_COST = 0.005
 """Cost of each further place in the list of possible places, so that near ones win."""
 
 FIRST_PICTURE_WEIGHT = 0.5
-"""Weight of the first picture in the cost; the other pictures share the rest."""
+"""Weight of the first picture in the cost; the mean over all pictures has the rest."""
 
 Name = tuple[str, Floats, bool]
 """A name, its place (3,) in the axes of its link, and whether it is that of a pair."""
@@ -77,14 +77,17 @@ Sight = tuple[Floats, Floats, Floats]
 
 @dataclass(frozen=True)
 class _Box:
-    """The area that a name or the dot of a pair covers on the pictures.
+    """The rectangle that a name, or the dot of a pair axis, covers in the viewer's window.
+
+    A picture is the mechanism in one configuration, as the eye sees it. The rectangle moves
+    with its link from picture to picture. Lengths are in radii of the sphere.
 
     Attributes
     ----------
     cost
-        Cost of covering it.
+        Cost of covering it with a further name, where covering a name costs 1.
     centres
-        (pictures, 2) centres.
+        (pictures, 2) its centre in each picture, to the right and up.
     half_size
         (2,) half its width and height.
     """
@@ -170,13 +173,14 @@ class Names:
     def place_names(self, bodies: Sequence[Body]) -> dict[str, list[Name]]:
         """Return the names that links show, each with the point at which it is written.
 
-        A name moves with its link. Where it covers other names is therefore judged in the
-        pictures of a few configurations, as the eye sees them. From a list of possible
-        places on the link the one with the lowest cost is chosen. The cost is the sum of
+        A name moves with its link. Whether it covers other names is therefore judged in
+        pictures of a few configurations: perspective images from the eye of the viewer.
+        From a list of possible places on the link the one with the lowest cost is chosen.
+        The cost is the sum of
 
-        - the share of pictures in which the name would cover each name that has a place
-          already, where the first picture counts as much as all others together, because
-          the viewer shows it first;
+        - for each name that has a place already, the share of pictures in which the new
+          name would cover it. Half of the weight is on the first picture, because the
+          viewer shows it first; the other half is the mean over all pictures;
         - the same for the dots that mark the pair axes, times `DOT_COST`;
         - a small amount for each place that stands before it in the list.
 
@@ -194,8 +198,9 @@ class Names:
         """
         requests: list[_NameRequest] = []
         for body, rotations in zip(bodies, _picture_rotations(bodies), strict=True):
-            # Dots mark the pair axes of the link. Pictures are seen from `_sight`: the eye,
-            # the point that it looks at, and the direction that is up.
+            # `joints` are the unit vectors of the pair axes in the frame of the link. Each
+            # is marked by a dot on the sphere. `_sight` is the eye of the viewer, the point
+            # that it looks at, and the direction that is up.
             for axis in body.joints:
                 dots = project(self._sight, np.einsum("nij,j->ni", rotations, axis))
                 self._boxes.append(_Box(DOT_COST, dots, np.full(2, DOT_HALF_SIZE)))

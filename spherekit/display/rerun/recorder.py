@@ -165,7 +165,9 @@ class RerunRecorder:
         self._names: dict[Page, Names] = {}
         """Chooses the positions of the names of links and pairs, for each page (view of one
         assembly mode or analysis). The key None has the names that all pages show."""
-        self._grid_row_length: int | None = None  # samples, in a grid of inputs
+        # Samples of a grid of several inputs form rows, in which neighbours succeed each
+        # other. This is the number of samples of a row.
+        self._grid_row_length: int | None = None
         self._path_rows: dict[str, tuple[Primitive, list[Floats]]] = {}
         """Primitives whose moving point leaves a curve that is drawn at the end: the
         primitive and its rows (n, 2 or 3) so far. The key is its name in the tree of the
@@ -214,18 +216,24 @@ class RerunRecorder:
         sight = facing(head.focus)  # eye, target and upward direction
         layout, timeline_note = self._make_layout(head, sight)
         layout.pages.update(head.assembly_modes.items())
-        # If not all samples are recorded: a text such as "one of 5 successive samples".
+        # The property "logged" exists if not all samples are recorded. It is a text such as
+        # "one of 5 successive samples".
         if "logged" in head.properties:
             timeline_note += f" This recording has {head.properties['logged']}."
         self._charts = Charts(layout, self._outputs)
+        # Samples of several inputs can form the rows of a grid. This is the number of
+        # samples in each row, or None.
         self._grid_row_length = head.row
-        # The key None stands for everything that all pages show.
+        # `Names` places names so that they do not cover each other from this eye. The key
+        # None stands for everything that all pages show.
         self._names[None] = Names(sight)
         self._outputs.send_name(self.name, head.properties)
+        # `ENTITY_ITSELF` is the empty path: the axes belong to the root itself.
         self._outputs.log_static(
             self.root,
             [(ENTITY_ITSELF, rr.ViewCoordinates.RIGHT_HAND_Z_UP), *entities.draw_sphere()],
         )
+        # These scenes show the mechanism and no results of analyses (findings).
         for scene in map(convert_to_degrees, head.scenes):
             names = self._names_of_new_links(scene)
             for primitive in scene.primitives:
@@ -454,7 +462,8 @@ class RerunRecorder:
         timelines = [
             rr.TimeColumn(SAMPLE_TIMELINE, sequence=np.asarray(samples, dtype=np.int64))
         ]
-        # The timeline that the viewer plays: the second one if there are two.
+        # The viewer plays the timeline of this name: that of times or inputs if there is
+        # one, otherwise that of sample numbers. Ticks exist only for a timeline of inputs.
         name = self._open_charts.layout.timeline
         if name == TIME_TIMELINE:
             if times is None or len(times) != len(samples):
@@ -519,9 +528,12 @@ class RerunRecorder:
     def _names_of_new_links(self, scene: Scene) -> dict[str, list[Name]]:
         """Return names, with their positions, of the links that occur for the first time.
 
-        They are sorted by the path of the link, its name in the tree of the recording.
-        Names on a page are written away from names that all pages show (the page None).
+        The result is a mapping from the path of a link (its name in the tree of the
+        recording) to the names that the link shows.
         """
+        # Each page has an object that chooses positions where names do not cover each
+        # other. A new page begins with a copy of the object of the page None, because it
+        # also shows the names that all pages show.
         if scene.page not in self._names:
             self._names[scene.page] = deepcopy(self._names[None])
         layout = self._open_charts.layout
