@@ -97,12 +97,14 @@ class DesignSamples:
         SolveError
             If a range is empty, or the samples do not fit the number of inputs.
         """
+        # The inputs are those of the file. `driven_at` checks that there are some.
         mechanism = driven_at(study.mechanism)
         if study.start is not None:
             raise DesignError(
                 f"{study.name}: designs are compared at samples of inputs, not along "
                 "simulations; drive them"
             )
+        # An error is raised if time laws, duration and samples contradict each other.
         check_time(study)
         names = mechanism.input_pairs
         if study.duration is not None:
@@ -124,7 +126,9 @@ class DesignSamples:
         start = np.array([driven.start for driven in mechanism.inputs])
         sense = np.array([driven.sense for driven in mechanism.inputs])
         if study.path is not None:
-            # Time is zero at the smallest input, or at the first sample of several inputs.
+            # Each input is taken to increase at 1 rad/s. The time is zero at the smallest
+            # value of a single input, so that no time is negative. Several inputs need not
+            # grow together along a path, so their time is zero at its first sample.
             has_one_input = len(names) == 1
             start = np.min(input_grid.q, axis=0) if has_one_input else input_grid.q[0]
             sense = np.ones(len(names))
@@ -143,6 +147,9 @@ class DesignSamples:
     ) -> "DesignSamples":
         """Return samples of inputs that move at 1 rad/s, without accelerations.
 
+        The time of a sample is the change of the first input since time 0, divided by its
+        rate. On a grid of several inputs it repeats with the first input.
+
         Parameters
         ----------
         inputs
@@ -150,11 +157,11 @@ class DesignSamples:
         q
             (n, inputs) inputs (rad) at the samples.
         start
-            (inputs,) inputs (rad) at time 0. The time follows from the first input.
+            (inputs,) inputs (rad) at time 0.
         sense
             (inputs,) 1 for inputs that increase and -1 for inputs that decrease.
         shape
-            Number of samples along each axis, by default those of a path.
+            Number of samples along each axis of a grid. By default the samples are a path.
         """
         rates = np.broadcast_to(sense, q.shape)
         time = (q[:, 0] - start[0]) * sense[0]
@@ -360,9 +367,9 @@ class KernelFigures:
         self.columns = sorted(used_names.difference(self.sample))
 
         # A figure such as "at(theta_41, 0.5)" is evaluated at the inputs that it states
-        # (`merit.point`). These become further samples. They are reached from the first
-        # sample, at time 0, at 1 rad/s and with the signs of the rates there. The distance
-        # of the first input is thus the time.
+        # (`merit.point`). These become further samples. Expressions may contain rates and
+        # the time, so these samples need them too. Each input has the rate 1 rad/s there,
+        # with its sign at the first sample. The time is zero at the first sample.
         count = len(self.inputs)
         points = sorted({merit.point for merit in merits if merit.point})
         # A row of the samples begins with the inputs (rad), followed by their rates.

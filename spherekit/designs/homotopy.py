@@ -458,7 +458,7 @@ def find_start_solutions(kernel: PathKernel, sizes: Floats) -> StartSolutions | 
 
     # Compute the angles of pairs that follow the inputs by gear ratios: a Newton step sets
     # them. `solver.driven` are the variables of the inputs and of these pairs.
-    start = np.zeros((kernel.variables, 1))
+    start = np.zeros((kernel.variable_count, 1))
     size_column = sizes[:, None]
     start[kernel.driven] = real_inputs
     with np.errstate(all="ignore"):

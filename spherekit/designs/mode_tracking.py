@@ -132,7 +132,7 @@ def track_assembly_modes(
     samples_per_step_of_first_input = prod(input_grid.shape[1:])
 
     solutions_at: dict[int, Array] = {}
-    values = nans((path_kernel.variables, sample_count, column_count))
+    values = nans((path_kernel.variable_count, sample_count, column_count))
     mode_ids = np.full((sample_count, column_count), NO_MODE)
     for sample in range(sample_count):
         neighbours = previous_samples[:, sample]
@@ -422,7 +422,7 @@ class _SolutionTracker:
         Returns
         -------
         (columns,) for each solution its column in `next_solutions`, or -1 if it is not real
-        or its path does not arrive.
+        or its path does not arrive. Columns of lost designs have no meaning.
         """
         successors = np.full(solutions.shape[1], -1)
         columns = np.flatnonzero(is_real(solutions))
@@ -432,6 +432,8 @@ class _SolutionTracker:
             solutions[:, columns].real,
             sizes=(sizes, sizes),
             inputs=(start_inputs, end_inputs),
+            # Each Newton step must be shorter than the one before by this factor, so that a
+            # path does not jump to another solution.
             contraction=LONG_PATH_CONTRACTION,
         )
         columns = columns[arrived]
@@ -449,10 +451,12 @@ class _SolutionTracker:
         next_columns = design * self.solutions_per_design + nearest
         successors[columns[is_certain]] = next_columns[is_certain]
 
-        # Of two paths that arrive at the same solution only the first is certain.
-        _, first_arrivals = np.unique(successors[columns], return_index=True)
-        is_certain[np.delete(np.arange(len(columns)), first_arrivals)] = False
-        self.is_lost[design[~is_certain]] = True
+        # If two paths arrive at the same solution, one of them has jumped to another mode.
+        # It is not known which, so the design is lost, and its successors are not used.
+        _, first_arrivals = np.unique(next_columns, return_index=True)
+        is_repeated = np.ones(len(columns), bool)
+        is_repeated[first_arrivals] = False
+        self.is_lost[design[~is_certain | is_repeated]] = True
         return successors
 
     def _by_design(self, solutions: Array) -> Array:

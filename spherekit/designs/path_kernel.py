@@ -208,7 +208,7 @@ class PathKernel:
 
     Attributes
     ----------
-    variables
+    variable_count
         Number of the variables of all pairs.
     driven
         Numbers of the variables of the inputs.
@@ -232,14 +232,15 @@ class PathKernel:
         variable_symbols = expressions.configuration_symbols
         self.expressions = expressions
         self.compiled = compiled and available()
-        self.variables = len(variable_symbols)
+        self.variable_count = len(variable_symbols)
         self.driven = [*expressions.structure.inputs]
 
-        # The changes of all variables that close the loops to first order.
+        # The step of Newton's method: the changes that are added to the variables to close
+        # the loops to first order.
         change = coordinate_rates.solve_loops(coordinate_rates.closure_residuals)
         # In `expressions.variables`, most variables are their own symbols. The angle of a
-        # gear that the inputs drive is an expression of the inputs instead. The step of
-        # such an angle leads directly to the value of this expression.
+        # gear that the inputs drive is a linear function of the inputs instead. It is
+        # known, so no equation is solved for it: its step leads to the function's value.
         for variable, angle in enumerate(expressions.variables):
             is_driven_gear = angle is not variable_symbols[variable]
             if is_driven_gear:
@@ -263,6 +264,7 @@ class PathKernel:
         self.prepare = expression_function(
             [*prepared.values()], expressions.size_symbols, self.compiled
         )
+        # For real variables. `_evaluate_complex` evaluates the same at complex variables.
         self._evaluate_real = expression_function(
             self._outputs, self._arguments, self.compiled
         )
@@ -271,7 +273,7 @@ class PathKernel:
     def _evaluate_complex(self) -> ComplexFunction:
         """The same outputs at complex variables; compiled when it is first needed."""
         variables = self.expressions.configuration_symbols
-        numbers = self._arguments[self.variables :]
+        numbers = self._arguments[self.variable_count :]
         return complex_function(self._outputs, variables, numbers, self.compiled)
 
     def mode_signs(self, values: Floats, sizes: Floats) -> list[str]:

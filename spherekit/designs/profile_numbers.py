@@ -134,15 +134,16 @@ class DesignProfiles:
 
             A path leads from the nominal design to a draw, which is a design with
             deviations. The profiles of both designs are evaluated at the same pair
-            variables, and their columns are interpolated by the path parameter.
+            variables, and their columns are interpolated by the path parameter. No profiles
+            of designs in between have to be made.
 
             Parameters
             ----------
             values
                 (variables, m) pair variables (rad) of the points.
             paths
-                (m,) number of the path of each point. Paths lead from every nominal
-                configuration to every draw, and the draws alternate fastest.
+                (m,) number of the path of each point. Path k leads to draw k modulo the
+                number of draws.
             parameters
                 (m,) path parameter of each point: 0 at the nominal design, 1 at the draw.
 
@@ -153,15 +154,19 @@ class DesignProfiles:
             derivative is not needed for closing the loops, and is always NaN.
             """
             columns = nans((COLUMN_COUNT * len(self.profiles), len(paths)))
+            if not len(paths):
+                return columns
             draws = paths % len(profiles_of_draw)
 
             # First the profiles of the draws are evaluated, at the variables of the points.
-            # Points of the same draw are evaluated together.
+            # All points of a draw are evaluated together. `order` sorts them by draw.
             order = np.argsort(draws, kind="stable")
-            draw_starts = np.flatnonzero(np.diff(draws[order])) + 1
-            for points in np.split(order, draw_starts):
-                profiles = profiles_of_draw[draws[points[0]]] if len(points) else None
-                if profiles is not None:
+            different_draws, starts = np.unique(draws[order], return_index=True)
+            points_of_draws = np.split(order, starts[1:])
+            for draw, points in zip(different_draws, points_of_draws, strict=True):
+                profiles = profiles_of_draw[draw]
+                is_possible_design = profiles is not None
+                if is_possible_design:
                     columns[:, points] = evaluate_profile_columns(
                         profiles, values[:, points].T, with_second_derivative=False
                     )
@@ -265,10 +270,11 @@ class DesignProfiles:
     def _curve_derivatives(self) -> list[dict[int, CurveDerivative]]:
         """For each design variable, the derivatives of the profiles that change with it.
 
-        An entry of the list maps the index of a profile to its derivative. The derivatives
-        of the numbers that define a profile (such as its radius) by the variable are
-        difference quotients: the numbers are read from the file of a changed design. The
-        derivative of the curve by these numbers is exact.
+        An entry of the list maps the index of a profile (curve of a contact) to its
+        derivative. The derivatives of the numbers that define a profile (such as its
+        radius) by the variable are difference quotients with `PROFILE_DIFFERENCE_STEPS`:
+        the numbers are read from the file of a changed design. The derivative of the curve
+        by these numbers is exact.
 
         Raises
         ------
@@ -281,8 +287,8 @@ class DesignProfiles:
         derivatives: list[dict[int, CurveDerivative]] = []
         for k, variable in enumerate(self.variables):
             derivatives.append({})
-            # Sizes of links and R pairs change no profile. They are arguments of compiled
-            # functions, and `slot` says which; it is None for other numbers.
+            # Sizes of links and R pairs change no profile. Only these variables have a
+            # `slot`; it is None for numbers of contacts, masses and loads.
             is_pair_size = variable.slot is not None
             # `path[0]` is the table of the file in which the number is.
             is_mass_or_load = variable.path[0] in ACTIONS
@@ -298,8 +304,9 @@ class DesignProfiles:
                 )
             for index, profile_slopes in enumerate(np.split(slopes, ends[:-1])):
                 if np.any(profile_slopes):
-                    # The second curve of an external contact is run against the direction
-                    # in which the file describes it.
+                    # Where two curves touch, they are run in the same direction, along one
+                    # common tangent. The second curve of an external contact is therefore
+                    # run against the direction in which the file describes it.
                     profile, runs_backwards = profiles[index]
                     derivatives[-1][index] = differentiate_profile(
                         profile, runs_backwards, profile_slopes
@@ -426,19 +433,20 @@ def _nearest_point_rates(
     profiles: tuple[ContactProfile, ContactProfile],
     derivatives: tuple[CurveDerivative | None, CurveDerivative | None],
 ) -> Floats:
-    """Return how the points at which two profiles are nearest move along the profiles.
+    """Return how the contact point of two profiles moves along both as a number changes.
 
-    At the nearest points both curves have the same moving frame (tangent, normal, point on
-    the unit sphere). If a design variable changes, the frames must rotate alike. With the
-    arc lengths s1 and s2 the equation is
-    ``r1_s ds1 - r2_s ds2 + (r1_v - r2_v) dv = 0``. The rotation vectors of frame 1 are r1_s
-    per unit of its arc length, and r1_v per unit of the variable v. These three equations
-    for ds1/dv and ds2/dv are solved by least squares.
+    The contact is where the moving frames (tangent, normal, point on the unit sphere) of
+    both curves differ by the smallest angle. In the given design the curves touch, and the
+    frames are equal. If a design variable v changes by dv, and the points move by ds1 and
+    ds2 along the curves, the rotation vector between the frames becomes
+    ``r1_s ds1 - r2_s ds2 + (r1_v - r2_v) dv``. Frame 1 rotates by r1_s per unit of its arc
+    length, and by r1_v per unit of v. In general two movements cannot make all three
+    components zero. The angle is smallest for the least-squares solution ds1/dv, ds2/dv.
 
     Parameters
     ----------
     profiles
-        The two profiles. Each of them starts at its nearest point.
+        The two profiles. The arc length `start` of each is that of the contact.
     derivatives
         Derivatives of the profiles by the variable, None for a profile that does not
         change.

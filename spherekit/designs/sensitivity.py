@@ -187,7 +187,8 @@ class Sensitivity:
         DesignError
             If there are no derivatives by this number.
         """
-        # Arcs and angles of links that follow from the axes of a reference pose.
+        # A file with a reference pose has no arcs and angles of links. They are computed
+        # from its axes, so `design_variable` below would not find them in the file.
         if key in self._link_sizes:
             return self._link_sizes[key]
         variable = design_variable(self.document, key)
@@ -195,14 +196,14 @@ class Sensitivity:
         is_mass_or_load = variable.path[0] in ACTIONS
         if is_mass_or_load:
             return variable
-        # Contacts whose profiles are not circles have derivatives by the numbers of the
-        # profiles only. Contacts of circles can be replaced by links, and the sizes of
-        # these follow from all numbers of the contact.
+        # Circles in contact can be replaced by links (the equivalent linkage). The sizes of
+        # these follow from all numbers of a pair, so that all have derivatives. Without
+        # such links, only the derivatives of the profile curves themselves are known.
         if has_shaped_profiles(self.mechanism):
-            is_in_contact = "profiles" in variable.path
+            has_derivatives = "profiles" in variable.path
         else:
-            is_in_contact = self._equivalent_linkage is not None
-        is_contact_number = variable.path[0] == "pairs" and is_in_contact
+            has_derivatives = self._equivalent_linkage is not None
+        is_contact_number = variable.path[0] == "pairs" and has_derivatives
         # `slot` says which size of a link or R pair the number is: an arc, an angle, a zero
         # position or a direction of an axis. It is None for other numbers.
         if variable.slot is None and not is_contact_number:
@@ -223,9 +224,10 @@ class Sensitivity:
         """The mechanism with its sizes as variables, and its expressions.
 
         Contacts of circles can be replaced by links with R pairs between the centres of the
-        circles (the equivalent linkage). This is done in two cases:
+        circles (the equivalent linkage). Contacts with other profiles cannot. Links replace
+        the contacts of a mechanism in two cases:
 
-        - Numbers of such contacts vary.
+        - All profiles are circles, and numbers of contacts vary.
         - The mechanism has wheels that roll on each other, and `make_expressions` raises
           `EngineError`, because it has no expressions for these contacts.
 
@@ -243,8 +245,8 @@ class Sensitivity:
         """
         # `slot` is the size of a link or R pair that a number is, None for other numbers.
         is_pair_size = np.array([variable.slot is not None for variable in self.variables])
-        # Links replace contacts of circles only, and only if numbers of contacts vary.
         no_contact_varies = np.all(is_pair_size | self._is_mass_or_load)
+        # First, the contacts as they are.
         if has_shaped_profiles(self.mechanism) or no_contact_varies:
             varied_mechanism = VariedMechanism(
                 self.document, self.mechanism, self.variables, self.inputs
@@ -252,16 +254,17 @@ class Sensitivity:
             try:
                 # The arguments of the expressions are then all pair variables. In closed
                 # form they would be signs of groups of links instead.
-                expressions = varied_mechanism.make_expressions(closed_form=False)
+                return varied_mechanism, varied_mechanism.make_expressions(
+                    closed_form=False
+                )
             except EngineError:
-                # Wheels (a gear train) may have expressions as links instead.
+                # Only wheels (a gear train) may have expressions as links instead, below.
                 linkage = self._equivalent_linkage
                 if linkage is None or linkage.train is None:
                     raise
-            else:
-                return varied_mechanism, expressions
-        # If a size deviates, the wheels of the reference pose no longer touch exactly. They
-        # still count as rolling on each other if their gap is below `wheel_gap_rad`.
+        # Second, links in place of contacts. If a size deviates, the wheels of the
+        # reference pose no longer touch exactly. They still count as rolling on each other
+        # if their gap is below `wheel_gap_rad`.
         varied_mechanism = VariedMechanism(
             self.document,
             self.mechanism,
@@ -312,10 +315,11 @@ class Sensitivity:
         )
 
     def deviating(self, size: float, singly: Mapping[str, float]) -> tuple[float, ...]:
-        """Return the deviation of each number by which derivatives are computed.
+        """Return how much each number of the file deviates, in rad and SI units.
 
-        These numbers (`keys`) are sizes of links, pairs and profiles, and numbers of masses
-        and loads.
+        The numbers are those of `keys`: sizes of links, pairs and profiles, and numbers of
+        masses and loads. Deviations are the standard deviations or limits of random errors
+        of these numbers (see `SizeDeviations`).
 
         Parameters
         ----------
@@ -344,9 +348,9 @@ class Sensitivity:
         deviations = np.where(self._is_mass_or_load, 0.0, size)
         for key, deviation in singly.items():
             index = self.keys.index(key)
-            is_angle = not self._is_mass_or_load[index] or is_angle_of_load(
-                self.document, key
-            )
+            # On the unit sphere all sizes are angles. A few numbers of loads are too.
+            is_size = not self._is_mass_or_load[index]
+            is_angle = is_size or is_angle_of_load(self.document, key)
             deviations[index] = np.radians(deviation) if is_angle else deviation
         return tuple(deviations.tolist())
 
@@ -440,9 +444,9 @@ class Sensitivity:
             (n, 3 inputs + 1) the inputs (rad), their rates (rad/s) and accelerations
             (rad/s2), and the time (s).
         values
-            (n, variables) pair variables (rad) with which all loops close. Loads may depend
-            on the angle of a pair with its whole revolutions, as that of a wound spring.
-            The angles of these pairs (property `wound`) include whole revolutions.
+            (n, variables) pair variables (rad) with which all loops close. The angle of a
+            pair on which a load depends, such as that of a wound spring, includes its whole
+            revolutions.
 
         Returns
         -------
@@ -455,9 +459,10 @@ class Sensitivity:
         # error.
         if any(name.startswith(LOAD_DEPENDENT_PREFIXES) for name in self.quantities):
             check_torque_tables_cover(self.mechanism, samples[:, -1])
-        # `values` are the pair variables of the mechanism. The kernel (the function that
-        # evaluates the quantities) takes those of the linkage, if links replace contacts.
-        # Curves of contacts are evaluated at the pair variables of the mechanism.
+        # If contacts of circles vary, the kernel (the function that evaluates the
+        # quantities) describes a linkage, in which links between the centres of the circles
+        # replace the contacts. It takes the pair variables of this linkage. Other contact
+        # curves are evaluated at the pair variables of the mechanism itself.
         column_gradients = self._nominal_design.evaluate_gradients(
             self._gradient_kernel,
             samples.T,
@@ -490,9 +495,10 @@ class Sensitivity:
         """
         draw_count = deviations.shape[1]
         design = self._nominal_design
-        # The equations take sizes that follow from the numbers of the file. They differ
-        # from these numbers if links replace contacts: they are then angles of these links.
-        # An impossible draw has NaN.
+        # The closure equations of a mechanism with contacts of circles may be those of a
+        # linkage, in which links between the centres of the circles replace the contacts.
+        # Its sizes are computed from the deviating numbers of the file. An impossible draw
+        # has NaN.
         sizes, _ = self._varied_mechanism.kernel_sizes(design.values[:, None] + deviations)
         # Contact profiles of the draws, if they are not circles.
         profiles = None
@@ -503,7 +509,8 @@ class Sensitivity:
         progress = ProgressReporter(f"{self.mechanism.name}: deviating mechanisms")
         for start in range(0, len(samples), block_size):
             # `report_if_due` calls the function before it returns, and only for a report.
-            # The loop variable therefore still has its present value (B023).
+            # The loop variable therefore still has its present value, and the warning B023
+            # of the linter does not apply.
             progress.report_if_due(
                 lambda: f"configuration {start + 1} of {len(samples)}"  # noqa: B023
             )

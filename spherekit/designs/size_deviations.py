@@ -87,8 +87,8 @@ class SizeDeviations:
 
         Returns
         -------
-        (sizes, count) deviations in the unit of `size`. Uniform ones are between -`size`
-        and `size`; normal ones have the standard deviation `size`.
+        (sizes, count) deviations. The attribute `size` is the largest deviation of a
+        uniform distribution, or the standard deviation of a normal one.
         """
         from scipy.special import ndtri
         from scipy.stats import qmc
@@ -97,11 +97,11 @@ class SizeDeviations:
         # length is a power of 2. A sequence of the next power is computed and cut.
         power = (self.count - 1).bit_length()
         unit_points = qmc.Sobol(sizes, rng=self.seed).random_base2(power).T[:, : self.count]
-        # One size for all deviations, or one for each.
-        size = np.reshape(self.size, (-1, 1))
+        # (1, 1) for all sizes together, or (sizes, 1).
+        deviation_scales = np.reshape(self.size, (-1, 1))
         if self.distribution == "uniform":
-            return size * (2.0 * unit_points - 1.0)
+            return deviation_scales * (2.0 * unit_points - 1.0)
         # The inverse of the normal distribution turns probabilities into deviations. It is
         # infinite at 0 and 1.
         probabilities = np.clip(unit_points, MIN_PROBABILITY, 1.0 - MIN_PROBABILITY)
-        return size * ndtri(probabilities)
+        return deviation_scales * ndtri(probabilities)

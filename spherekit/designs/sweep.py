@@ -574,15 +574,18 @@ class Sweep:
     def _worth_running(self, design: Floats, rows: DesignTable) -> bool:
         """Return whether the analyses of a design have to be run.
 
-        A kernel has computed some figures of merit already. If they violate the conditions
-        of the sweep, the design has no row in the table and need not be run.
+        A design that violates the conditions of the sweep is left out of the result. Some
+        figures of merit are computed quickly, before the analyses. If they violate the
+        conditions already, the analyses are not run. Conditions on other figures are
+        checked after the analyses.
 
         Parameters
         ----------
         design
             (variables,) values of the design variables, in the units of the file.
         rows
-            The rows of the design, with the figures of merit that a kernel has computed.
+            One row for each assembly mode (way to assemble the mechanism) of the design,
+            with the figures of merit that are computed before the analyses.
 
         Returns
         -------

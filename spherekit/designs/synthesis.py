@@ -218,7 +218,8 @@ def synthesize_dimensions(specification: Specification, starts: int = 12) -> Syn
     for k, start in enumerate(descent_starts):
         optima.append(descent.descend(start.mode, start.x))
         # `report_if_due` calls the function before it returns, and only for a report. The
-        # loop variable therefore still has its present value (B023).
+        # loop variable therefore still has its present value, and the warning B023 of the
+        # linter does not apply.
         progress.report_if_due(
             lambda: f"{k + 1} of {counted(len(descent_starts), 'descent')}"  # noqa: B023
         )
@@ -255,10 +256,12 @@ def synthesize_dimensions(specification: Specification, starts: int = 12) -> Syn
 def _require_gradients(specification: Specification) -> DesignEvaluator:
     """Return the evaluator of the designs, if it has what a synthesis needs.
 
-    A synthesis follows the gradients of figures of merit by the numbers of the design. They
-    are known if one function (kernel) evaluates all designs, or if contact profiles that
-    are not circles vary. There is no kernel if constraints repeat each other, or if the
-    closure equations of a group of links have too many bodies or complex solutions.
+    A synthesis follows the gradients of figures of merit by the numbers of the design. In
+    general a function that evaluates all designs at once (the kernel) computes them. There
+    is no kernel if constraints repeat each other, or if the closure equations of a group of
+    links have too many bodies or complex solutions. Contact profiles that are not circles
+    are evaluated outside of this function. Their gradients are known if only numbers of
+    profiles and sizes of links vary.
 
     Raises
     ------
@@ -300,8 +303,8 @@ def _explore_designs(
         The requirements (objectives and conditions), with the sweep.
     rows_per_part
         Number of best rows that are returned from each part if there is one objective. With
-        several objectives all nondominated rows of a part are returned. A row is
-        nondominated if no row of the same assembly mode is better in all objectives.
+        several objectives it is not used: all nondominated rows of a part are returned. A
+        row is nondominated if no row of the same assembly mode is better in all objectives.
     progress
         Shows the user how many designs are evaluated.
 
@@ -329,7 +332,8 @@ def _explore_designs(
         objectives_of_parts.append(objectives[best])
         design_count = min((number + 1) * sweep.part_size, sweep.space.count)
         # `report_if_due` calls the function before it returns, and only for a report. The
-        # loop variable therefore still has its present value (B023).
+        # loop variable therefore still has its present value, and the warning B023 of the
+        # linter does not apply.
         progress.report_if_due(lambda: f"{design_count} designs looked at")  # noqa: B023
     if not feasible_count:
         raise DesignError(

@@ -35,8 +35,8 @@ class ModeOrigin:
         The design with these configurations.
     configurations
         (variables, n) pair variables (rad) of the mode: first at the samples of the input,
-        then at the input values that single figures of merit use. NaN where the mechanism
-        cannot be assembled in this mode.
+        then at the inputs that figures such as ``at(theta_41, 0.5)`` state. NaN where the
+        mechanism cannot be assembled in this mode.
     """
 
     path_kernel: PathKernel
@@ -73,17 +73,17 @@ class SynthesisMode:
 
         If all groups of links are dyads (two links and three R pairs), the numbers are the
         signs of the dyads. They choose between the two ways to assemble each dyad.
-        Otherwise they are the variables of all pairs. The configurations of another design,
-        the origin, are then tracked by Newton's method in small steps, while its sizes
-        change to those of this design and the inputs stay the same.
+        Otherwise they are the variables of all pairs. They are tracked by Newton's method
+        from known configurations of another design, the origin, while its sizes change
+        gradually to those of this design. The inputs stay the same.
 
         Parameters
         ----------
         design
             The design.
         count
-            Number n of configurations for which signs are repeated. Tracked configurations
-            are as many as those of the origin, whatever this number is.
+            Number of configurations n, for which signs are repeated. It is not used if
+            configurations are tracked: n is then the number of those of the origin.
 
         Returns
         -------
@@ -104,8 +104,10 @@ class SynthesisMode:
         if origin.profiles is not None:
             deviation = design.values - origin.values
             profiles = origin.profiles.interpolate_to(deviation[:, None])
-        # The sizes may change much. Newton steps must then become shorter by a large
-        # factor (the contraction), or the path could jump to another mode.
+        # The sizes may change much. A path is followed in steps, and Newton's method
+        # corrects each. The step is made smaller until every Newton step is at most this
+        # fraction (the contraction) of the one before. Otherwise the path could jump to
+        # another assembly mode.
         values, has_arrived = track_solutions(
             self.origin.path_kernel,
             start=configurations[:, closed_indices],
@@ -140,11 +142,13 @@ class SynthesisMode:
         configurations agree there at all samples at which both exist. At least one such
         sample is needed.
         """
+        # Either all modes of a mechanism have an origin, or none has. Without an origin the
+        # label consists of the signs of the dyads.
         if other_mode.origin is None:
-            # The label of a mode without an origin consists of the signs of its dyads.
             return self.label == other_mode.label
         other_configurations = other_mode.origin.configurations
-        # (variables, n) pair variables of this mode, tracked to the design of the other.
+        # (variables, n) pair variables of this mode in the design of the other mode. As
+        # this mode has an origin, `position_arguments` tracks them from there.
         tracked_configurations = self.position_arguments(other_mode.origin.design)
         # Configurations that do not exist are NaN.
         both_exist = all_finite(tracked_configurations, 0) & all_finite(
@@ -164,7 +168,8 @@ def find_labelled_modes(
     An assembly mode is one of the ways to assemble the mechanism at given inputs. If all
     groups of links are dyads (two links and three R pairs), a label consists of the signs
     of the dyads, such as ``"+-"``. It then describes the mode completely, and nothing is
-    searched. Otherwise all modes of each design are searched with their configurations.
+    searched. If a group is larger, or a contact profile is no circle, modes have no such
+    signs. All modes of each design are then searched at the samples of the evaluator.
 
     Parameters
     ----------

@@ -169,15 +169,17 @@ class Specification:
         design that closes.
         """
         designs = self.sweep.space.compute_designs(0, MAX_EXPLAINED_DESIGNS)
+        # Objectives and conditions may contain the error at the precision points.
         rows = self.add_match(self._tabulate(designs))
         status = rows["status"]
         reasons = []
         design_count = designs.shape[1]
         if never_count := np.sum(status == NEVER_CLOSES):
             reasons.append(f"{never_count} of {design_count} close at no sample")
-        others = rows["reason"][(status != OK) & (status != NEVER_CLOSES)]
-        if len(others):
-            reasons.append(f"{len(others)} of {design_count} cannot be ({others[0]})")
+        is_impossible = (status != OK) & (status != NEVER_CLOSES)
+        causes = rows["reason"][is_impossible]
+        if len(causes):
+            reasons.append(f"{len(causes)} of {design_count} cannot be ({causes[0]})")
         closing = {name: values[status == OK] for name, values in rows.items()}
         if row_count := len(closing["status"]):
             reasons += [
