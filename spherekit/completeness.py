@@ -37,7 +37,8 @@ class Completeness:
     reason
         Reason in words.
     box
-        Size of the box (rad) of the level `TO_BOX`; 0 for other levels.
+        Size (rad) from which on parts of the result were all found, at the level `TO_BOX`.
+        Smaller parts may be missing. It is 0 for other levels.
     """
 
     guarantee: Guarantee

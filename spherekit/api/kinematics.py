@@ -285,6 +285,9 @@ class Kinematics:
     def frame(self, degrees: bool = False) -> Any:
         """Return a pandas frame with a row for each configuration, moving input and pole.
 
+        A row has the pole axis of two links and their coefficients of velocity and
+        acceleration, per rad of the moving input.
+
         Parameters
         ----------
         degrees
@@ -296,11 +299,14 @@ class Kinematics:
         requested = [
             (*pole, moving) for moving in range(len(self.input_pairs)) for pole in poles
         ]
+        # These columns have everything but the error bounds and the inputs.
         data: Facts = batch.pole_columns(requested)
-        read_column = batch.of_poles(requested)
+        make_column = batch.of_poles(requested)
         for column in TABLE.columns:
             if column.name.endswith("error_bound"):
-                data[column.name] = read_column(column.name, None)
+                # None: a bound is one number, and has no components as a vector has.
+                data[column.name] = make_column(column.name, None)
+        # All poles of a configuration have the same inputs, so each value is repeated.
         for name, values in input_columns(self.mechanism, self.inputs).items():
             data[name] = batch.interleaved([values] * len(requested))
         table = TABLE.of(self.mechanism)
@@ -486,12 +492,19 @@ def _prepare_evaluation(
         evaluate_row = _single_row_evaluator(mechanism, range_analysis, mode_index, needs)
 
     def evaluate_inputs(q: Floats) -> Kinematics:
-        """Return the kinematics at inputs q (rad), shaped as in `evaluate`.
+        """Return the kinematics of the requested assembly mode, or of all modes.
 
-        They are those of the requested assembly mode, or of all modes. `range_analysis` has
-        the modes over the range of the only input; with several inputs it is None.
+        `range_analysis` has the modes over the range of the only input. With several inputs
+        it is None.
+
+        Parameters
+        ----------
+        q
+            Inputs (rad). With one input, a number or (n,) values. With several, (inputs,)
+            values or (n, inputs).
         """
-        # One mode at one value of the only input: the fast function, if it can be used.
+        # One mode at one value of the only input: the fast function, if there is one. It
+        # returns None if float64 may give too few digits at this input.
         is_single = q.size == 1 and q.ndim < 2
         if range_analysis is not None and evaluate_row is not None and is_single:
             read_batch = evaluate_row(q.item())
@@ -511,15 +524,16 @@ def _prepare_evaluation(
             motion = position_analysis.at(shift_into_range(position_analysis, q))
         else:
             path = q[None] if q.ndim == 1 else q
+            # independent: the rows of the path are unrelated inputs, and no motion.
             position_analysis = PositionAnalysis(mechanism, path=path, independent=True)
             motion = position_analysis.motion()
         if assembly_mode is not None:
             mode_index = position_analysis.find_mode_index(assembly_mode)
             number = position_analysis.assembly_modes[mode_index].number
             motion = motion.rows(motion.assembly_mode == number)
-        # Each input that moves has a plan by which its poles are constructed. `by_rank`
-        # says that the mobility follows from the rank of the velocity equations, because
-        # counting links and pairs gives another one.
+        # Each input that moves has a plan by which its poles are constructed. `by_rank` is
+        # True for overconstrained mechanisms. Counting links and pairs gives a wrong
+        # mobility for these, so it follows from the rank of the velocity equations.
         requests = plan_requests(
             position_analysis.mechanism, needs, position_analysis.by_rank
         )
@@ -595,15 +609,17 @@ def _single_row_evaluator(
         )
         (input_columns_of_row,) = kernel.input_columns
         # A pole axis has two opposite unit vectors. The one at less than 90 deg to the sum
-        # of the axis vectors of all pairs is chosen. `signed_columns` is a view of the
-        # columns that change sign with this choice, so `columns` change with it. Its first
+        # of the axis vectors of all pairs is chosen. Some columns change sign with it.
+        # `signed_columns` is a view of these, so `*=` below changes `columns`. Its first
         # three rows are the direction of each pole.
         signed_columns = input_columns_of_row.signed_part(columns)
         find_signs = signs_by_axis_sums(np.array([evaluated_row.axis_sum]))
+        # The batch has one row, of one mode, so both have index 0.
         row_index = 0
         mode_index_of_row = 0
         signs = find_signs(signed_columns[:3], row_index, mode_index_of_row)
         signed_columns *= signs
+        # The field has the poles, their rates and the bounds of their errors.
         field = make_certified_field(input_columns_of_row, columns, row, request)
         return Batch(mechanism, (request.plan,), needs, row, (field,))
 

@@ -232,8 +232,8 @@ def _labels_of_mode(study: Study) -> Names:
 
     - ``+-``, the signs of its dyads (groups of two links), if positions have a closed form;
     - ``1 +-``, number and signs, if modes have to be tracked from design to design;
-    - ``1``, the number alone, if only a complete run of the design has the mode;
-    - ``run 1``, the same for a design with further modes that are labelled by their signs.
+    - ``1``, the number alone, if the modes of the design come from a complete run;
+    - ``run 1``, if only some of its modes come from a run. The other modes have signs.
 
     If the study states no mode, all modes are wanted and there are no labels.
 
@@ -244,7 +244,8 @@ def _labels_of_mode(study: Study) -> Names:
     """
     if study.assembly_mode is None:
         return ()
-    # Modes are numbered along the ranges of the inputs, so laws and starts are left out.
+    # A study can let the inputs follow laws in time, or simulate them from a start. A mode
+    # has its number on the ranges of the inputs, so the study is changed to use these.
     at_rest = replace(study, start=None, laws={}, duration=None)
     # The position analysis of a study that states a mode has only this mode.
     (mode,) = make_sampling(at_rest).position_analysis.assembly_modes

@@ -62,7 +62,7 @@ EXAMPLES = """examples:
 def add_arguments(parser: ArgumentParser) -> None:
     """Declare the arguments of `spherekit certify`."""
     add_input_argument(parser)
-    add_lock_argument(parser)
+    add_lock_argument(parser)  # --lock PAIR=VALUE holds a pair, so that its links are one
     file_argument = parser.add_argument(
         "file",
         metavar="FILE",
@@ -91,13 +91,19 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--clear-of",
         metavar="DECIMAL",
-        help="over a range: how far the input may go from here before any singularity",
+        help=(
+            "over a range: print how far the input can move from this value before it "
+            "reaches a singularity"
+        ),
     )
     parser.add_argument(
         "--cell",
         metavar="RAD",
         type=number,
-        help="with several inputs: largest side of the cells judged, 0.01 by default",
+        help=(
+            "with two inputs: largest side of the boxes of inputs in which the number of "
+            "modes is proven, 0.01 by default"
+        ),
     )
     parser.add_argument(
         "--figure",
@@ -579,9 +585,10 @@ def _describe_singularities(
     for singularity in located.singularities:
         is_outside = curves.wrap_into_range(singularity.q) is None
         outside = ", out of the range" if is_outside else ""
-        # `q` is the input angle (rad). The error is that of a variable of the curve. With
-        # toothed wheels, the input angle is `cycle_turns` (a whole number) times it, so
-        # that all wheels are back after one turn of the variable. Otherwise it is 1.
+        # The curve has a variable that makes one turn until all links are back in their
+        # first pose. With toothed wheels, the input makes `cycle_turns` turns in this time,
+        # otherwise one. The error of the input is larger than that of the variable by this
+        # factor.
         error = np.degrees(singularity.point.error * curves.cycle_turns)
         lines.append(
             f"  output {singularity.output}: type {singularity.type} at "
@@ -592,6 +599,7 @@ def _describe_singularities(
         lines.append(f"  singularities undecided in {located.undecided} parts of curves")
     for name, curve in located.resting:
         lines.append(f"  output {name}: at rest all along curve {curve}")
+    # The equations have no angle of these outputs, so it is unknown where they are at rest.
     for name in located.skipped:
         lines.append(f"  output {name}: no pair measures it; type II only")
     return lines

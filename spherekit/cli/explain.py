@@ -56,10 +56,11 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Print the poles, groups and tables that a run would compute, and their cost.
+    """Print the poles and tables that a run would compute, and their cost.
 
-    With ``--recording``, two short recordings are made in a temporary folder, from which
-    the size of the whole one is predicted.
+    The groups of links whose positions are computed together are printed, too. With
+    ``--recording``, two short recordings are made in a temporary folder, from which the
+    size of the whole one is predicted.
     """
     from spherekit.runs.expected_size import predict_recording
     from spherekit.runs.registry import create_analysis
@@ -74,6 +75,8 @@ def execute(options: Namespace) -> int:
     if options.only_needed:
         study = replace(study, mechanism=extract_needed_part(study, analyses))
     description = _describe_run(study, analyses)
+    # The short recordings need all assembly modes. The prediction has no number of modes if
+    # finding them could take long, or if nothing is predicted, as for a simulation.
     if options.recording and description["predicted"].get("assembly_modes"):
         from spherekit.display.rerun.recorder import RerunRecorder
 
@@ -188,7 +191,7 @@ def _print_description(description: Facts, link_count: int) -> None:
     print(f"positions, group by group:{'' if groups else ' no loop to close'}")
     for group in groups:
         print(f"  {group['group']} of pairs {', '.join(group['pairs'])}")
-    # Some analyses also compute configurations that are not at samples.
+    # Some analyses also compute configurations between samples, for example singular ones.
     analyses_with_search = description["other_configurations"]
     if analyses_with_search:
         print(
@@ -202,9 +205,9 @@ def _print_description(description: Facts, link_count: int) -> None:
             f"{', '.join(at_once['analyses'])}; about {size_text(at_once['bytes_a_row'])} "
             "of memory for each sample of each assembly mode"
         )
-    # Poles are the instantaneous axes of two links. The poles that the analyses ask for are
-    # printed first. There is one plan for each input that moves while the others are
-    # locked. A plan evaluates these poles and those from which they follow.
+    # A pole is the instantaneous axis of two links. The poles that the analyses need at
+    # each sample are printed first. Each input that moves while the others are locked has a
+    # plan, which evaluates these poles and those from which they follow.
     poles = description["asked"]
     if not poles:
         print("asked of the samples: no poles")
@@ -214,8 +217,9 @@ def _print_description(description: Facts, link_count: int) -> None:
     for plan in description["plans"]:
         if plan["locked"]:
             print(f"while {plan['moving']} moves, {', '.join(plan['locked'])} locked:")
-        # Primary poles are axes of pairs. Secondary poles are intersections of great
-        # circles; those of irreducible parts of the mechanism are solved together instead.
+        # Primary poles are axes of pairs. Secondary poles follow from them, most of them as
+        # intersections of great circles. In an irreducible part of the mechanism these do
+        # not suffice, and its velocity equations are solved.
         counts = plan["counts"]
         secondary = counts["secondary"] + counts["irreducible"]
         print(

@@ -45,11 +45,14 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs="*",
         metavar="NAME",
         help=(
-            "what has curves, names or patterns such as theta_* (default: velocity "
-            "coefficients of outputs, transmission angles and, with masses, driving "
-            "torques)"
+            "quantities whose curves the page shows: names or patterns such as theta_* "
+            "(default: velocity coefficients of outputs, transmission angles and, with "
+            "masses, driving torques)"
         ),
     )
+    # Curves of configurations cross where two assembly modes meet. The sign of a dyad says
+    # which of two poses this group of two links has. It changes along a smooth curve at a
+    # crossing. With "end" a mode keeps its signs, so it leaves its smooth curve there.
     parser.add_argument(
         "--crossings",
         choices=("end", "pass"),
@@ -77,8 +80,9 @@ def execute(options: Namespace) -> int:
         vary=options.vary,
         quantities=options.quantities,
         input_pair=options.input,
-        # Where two configuration curves cross, an assembly mode keeps the signs of its
-        # dyads ("end") or follows its smooth curve ("pass").
+        # Two configuration curves can cross. With "pass" an assembly mode follows its
+        # smooth curve there. With "end" it leaves this curve, because it keeps the signs
+        # of its dyads (which of two poses each group of two links has).
         crossings=options.crossings or "end",
     )
     # `holds` is a phrase that says what the page shows. Notes say what it leaves out.

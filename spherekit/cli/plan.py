@@ -17,7 +17,12 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """Declare the arguments of `spherekit plan`."""
+    """Declare the arguments of `spherekit plan`.
+
+    The command prints a table of all poles (instantaneous axes of two links). The table
+    says in which pass of the construction a pole is known. The steps say how each pole is
+    constructed.
+    """
     add_lock_argument(parser)
     file_argument = parser.add_argument(
         "file",
@@ -36,7 +41,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         dest="poles",
         nargs="+",
         metavar="POLE",
-        help="only these poles, as 3/1",
+        help="only these poles: 3/1 is that of link 3 relative to link 1",
     )
     exclusive = parser.add_mutually_exclusive_group()
     exclusive.add_argument(
@@ -47,12 +52,12 @@ def add_arguments(parser: ArgumentParser) -> None:
     exclusive.add_argument(
         "--markdown",
         action="store_true",
-        help="the Table as Markdown",
+        help="the table as Markdown",
     )
     parser.add_argument(
         "--steps",
         action="store_true",
-        help="print the steps as well",
+        help="print how each pole is constructed, too",
     )
 
 

@@ -425,6 +425,8 @@ def _check_options(study: "Study", options: Namespace) -> None:
     folder = "a folder: give that of the run with -o"
     simulation = "a simulation: give --start"
     recording = "a recording: give --save, --serve, --connect or --view"
+    # Without --format the tables have Parquet files. `--prove` encloses the poles of a run
+    # by proof, and compares them with the numbers in these files.
     formats = FORMAT_CHOICES.get(options.format)
     writes_parquet = formats is None or not all(is_csv(name) for name in formats)
     # For each option: the condition that it needs, whether it is given, its name, a hint.

@@ -179,8 +179,9 @@ def by_equal_counts(assembly_modes: Sequence[Any]) -> Lines:
     Parameters
     ----------
     assembly_modes
-        The entry ``assembly_modes`` of the summary: number, signs, name and the counts of
-        each mode.
+        The entry ``assembly_modes`` of the summary, with four keys for each mode:
+        ``number``, ``mode`` (its signs, such as ``+-``), ``name`` (if it has one) and
+        ``status`` (the number of samples of each status).
     """
     modes_of_counts: dict[str, Lines] = {}
     for mode in assembly_modes:
@@ -241,17 +242,17 @@ def duration(seconds: float) -> str:
 def accuracy_line(choice: Any) -> str:
     """Return the line about the setting that was chosen for a tolerance.
 
-    A setting is a way to compute the tables. A trade is a measurement of the time and error
-    of each setting. Its error of the chosen setting is the predicted error of the run. Runs
-    that compute poles at samples are also compared with accurate values at some rows, the
-    check rows.
+    A setting is a way to compute the tables. A trade measures the time and the error of
+    each setting. The run is predicted to have the error that a trade measured for the
+    chosen setting. If the run computes poles at samples, some of its rows (check rows) are
+    also compared with accurate values.
 
     Parameters
     ----------
     choice
         The entry ``accuracy`` of the summary. Its key ``why`` has the reason of the choice
-        as a phrase. The predicted error is None without a trade, and the achieved error is
-        None without check rows.
+        as a phrase, which names the trade. The predicted error is None without a trade, and
+        the achieved error is None without check rows.
     """
     predicted_error = choice["predicted_error"]
     achieved_error = choice["achieved_error"]

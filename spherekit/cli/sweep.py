@@ -211,12 +211,15 @@ def _print_result(result: "SweepResult") -> None:
     for line in _describe_reasons(frame[is_failed]):
         print(line)
     if result.folder:
+        # A part is a file with the rows of some successive designs.
         folder_text = terminal_text(str(result.folder))
         print(
             f"{counted(result.sweep.part_count, 'part')} in {folder_text}, "
             f"{result.computed} computed now; read with pandas.read_parquet",
             file=sys.stderr,
         )
+    # With the option for tables, the runs of all designs are stored, too. Each data set is
+    # a folder with the files of one table.
     if result.sweep.tables:
         for folder in result.data_sets:
             print(f"  {terminal_text(str(folder))}", file=sys.stderr)

@@ -24,11 +24,14 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """Declare the arguments of `spherekit synthesize`."""
+    """Declare the arguments of `spherekit synthesize`.
+
+    The command evaluates many designs, and starts a local optimisation at the best ones.
+    """
     synthesis_argument = parser.add_argument(
         "synthesis",
         metavar="SYNTHESIS",
-        help="file of what is wanted",
+        help="file with the wanted function, the free sizes and the conditions",
     )
     set_completer(synthesis_argument, complete_toml_files)
     parser.add_argument(
@@ -36,21 +39,21 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="N",
         type=whole_number,
         default=16384,
-        help="designs that are looked at first; default 16384",
+        help="number of designs that are evaluated first; default 16384",
     )
     parser.add_argument(
         "--starts",
         metavar="K",
         type=whole_number,
         default=12,
-        help="from how many of the best the objective is followed down; default 12",
+        help="number of the best designs that are optimised further; default 12",
     )
     parser.add_argument(
         "--seed",
         metavar="K",
         type=whole_number,
         default=0,
-        help="of the designs; default 0",
+        help="seed of the random numbers for the first designs; default 0",
     )
     parser.add_argument(
         "-o",
@@ -91,11 +94,11 @@ def execute(options: Namespace) -> int:
 def _print_result(result: "Synthesis") -> None:
     """Print how far each objective fell, and the best designs.
 
-    A synthesis explores many designs (rows, one for each assembly mode of a design). From
-    the best rows that meet its conditions, it minimises one or more objectives by descents.
-    With one objective its best designs are printed. With several, designs of the Pareto
-    front are printed, evenly chosen along it. No descent met a design of the same assembly
-    mode that is better than one of these in all objectives.
+    A synthesis evaluates many designs (rows, one for each assembly mode of a design). From
+    the best rows that meet its conditions, it minimises one or more objectives by descents
+    (local optimisations). With one objective its best designs are printed. With several,
+    designs of the Pareto front are printed, evenly chosen along it. Each assembly mode has
+    its own front.
     """
     import numpy as np
 
@@ -114,7 +117,8 @@ def _print_result(result: "Synthesis") -> None:
         print(f"{name}: {text}, the least there {before:.6g}, after descents {after:.6g}")
     has_one_objective = len(result.headings) == 1
     if not has_one_objective:
-        # A design beats another one if it is better by more than these differences.
+        # A design of the front is beaten by no other one of its assembly mode. One design
+        # beats another if it is better in all objectives by more than these differences.
         tolerances = " and ".join(f"{value:.2g}" for value in result.tolerance)
         print(
             f"{counted(len(result.objectives), 'design')} that none met beats, of their "
@@ -125,7 +129,8 @@ def _print_result(result: "Synthesis") -> None:
     else:
         spaced = np.linspace(0, len(frame) - 1, MAX_PRINTED_DESIGNS)
         rows = np.unique(spaced.astype(int))
-    # Columns of values that are only compared with a wanted function are left out.
+    # A matched column has the error of a design at one point of the wanted function. There
+    # is a column for each point, so these are not printed.
     matched_columns = [name for name in frame.columns if name in synthesis.matched]
     printed = frame.drop(columns=matched_columns).iloc[rows]
     printed.columns = with_units(printed.columns, frame.attrs["units"])

@@ -24,7 +24,11 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """Declare the arguments of `spherekit trade`."""
+    """Declare the arguments of `spherekit trade`.
+
+    The command measures time and error of each setting (way to compute the tables of an
+    analysis).
+    """
     add_study_arguments(parser)
     add_time_arguments(parser)
     analysis_argument = parser.add_argument(
@@ -38,7 +42,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--tol",
         metavar="T",
         type=number,
-        help="largest error of any column: the cheapest setting that meets it is named",
+        help="largest error of any column; the fastest setting that meets it is named",
     )
     parser.add_argument(
         "--rounds",
@@ -131,7 +135,10 @@ def _check_destinations(options: Namespace) -> None:
 
 
 def _write_files(result: Any, options: Namespace) -> None:
-    """Write the trade as CSV and JSON, and as a figure if matplotlib is installed."""
+    """Write the times and errors of all settings as CSV, JSON and figure.
+
+    A setting is a way to compute the tables. There is no figure without matplotlib.
+    """
     from spherekit.runs.trade_text import as_csv
     from spherekit.storage.atomic_write import SOFTWARE_MARK, make_folder, write_text
 
@@ -140,8 +147,8 @@ def _write_files(result: Any, options: Namespace) -> None:
     write_text(folder / "trade.csv", as_csv(result))
     write_text(folder / "trade.json", data + "\n")
     if find_spec("matplotlib") is None:
-        files = "2 files, and no figure without matplotlib: pip install "
-        files += '"spherekit-mechanisms[plot]",'
+        command = 'pip install "spherekit-mechanisms[plot]"'
+        files = f"2 files, and no figure without matplotlib: {command},"
     else:
         files = "3 files"
         result.plot(options.tol).savefig(

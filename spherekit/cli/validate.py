@@ -28,7 +28,7 @@ EXAMPLES = """examples:
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Declare the arguments of `spherekit validate`."""
-    add_lock_argument(parser)
+    add_lock_argument(parser)  # --lock PAIR=VALUE holds a pair, so that its links are one
     file_argument = parser.add_argument(
         "file",
         nargs="+",
@@ -136,6 +136,10 @@ def validate_file(name: str, lock_texts: Sequence[str] | None = None) -> Facts:
 
 def describe_properties(properties: Facts) -> str:
     """Return the line that is printed for the properties of a valid file.
+
+    It has the mobility by Gruebler's count of links and pairs, and the one by the rank of
+    the velocity equations if this is another number. Groups are the links whose positions
+    are computed together, such as a dyad.
 
     Parameters
     ----------
