@@ -302,8 +302,7 @@ class SensitivityAnalysis(AbstractAnalysis):
         To first order the variance of a quantity is the sum over all sizes of (derivative
         times standard deviation)^2, and the worst case is the sum of |derivative| times
         largest deviation. In addition mechanisms with random sizes, the draws, are
-        computed. Rows that failed are NaN. A quantity whose standard deviation is below
-        `_zero_spread`, a small part of the deviation of the sizes, depends on no size.
+        computed. Rows that failed are NaN.
         """
         # 1. First order.
         sensitivity = self._sensitivity(batch.mechanism)
@@ -320,21 +319,24 @@ class SensitivityAnalysis(AbstractAnalysis):
             # Deviations of sizes are independent, so that their variances are added.
             squares = (gradients * deviations.spread[:, None, None]) ** 2
             variance = np.sum(squares, axis=0)
+            # A smaller standard deviation is only rounding: no size changes the quantity.
             is_dependent = np.sqrt(variance) > self._zero_spread
             shares = np.where(is_dependent, squares / variance, np.nan)
 
         # 2. Draws: standard deviation, largest deviation, and part of the draws that cannot
         # be assembled.
-        drawn_moments = np.full((3, *variance.shape), np.nan)
-        # In failed rows all quantities are NaN, so that the first one identifies these
-        # rows.
+        draw_statistics = np.full((3, *variance.shape), np.nan)
+        # Draws are computed only in rows that did not fail. A row that failed has NaN for
+        # every quantity, so one quantity is enough to test.
         rows = np.flatnonzero(np.isfinite(values[0]))
         if self.draws and len(rows):
             drawn_values = sensitivity.scattered(
                 samples[rows], configurations[rows], deviations.draws(len(sensitivity.keys))
             )
-            drawn_moments[:, :, rows] = _moments(drawn_values - values[:, rows, None])
-        drawn_spread, drawn_worst, lost = drawn_moments
+            draw_statistics[:, :, rows] = _draw_statistics(
+                drawn_values - values[:, rows, None]
+            )
+        drawn_spread, drawn_worst, lost = draw_statistics
         tolerances = Tolerances(
             spread=np.sqrt(variance),
             # s: size, c: quantity, n: row
@@ -357,8 +359,9 @@ class SensitivityAnalysis(AbstractAnalysis):
         """Return the largest spread of each quantity, and the size that causes most of it.
 
         The spread is the standard deviation that deviations of sizes cause, to first order.
-        The summary also has the spread of the draws, which are mechanisms with random
-        sizes, and the part of the draws that cannot be assembled (`lost`).
+        The draws are mechanisms with random sizes. The summary also has their spread, and
+        the part of them that cannot be assembled (`lost`), in the row (sample and assembly
+        mode) with the largest spread.
         """
         result = self._result(batch)
         sensitivity = result.sensitivity
@@ -379,9 +382,10 @@ class SensitivityAnalysis(AbstractAnalysis):
                 summary[name]["drawn"] = float(tolerances.drawn_spread[number, row])
                 summary[name]["lost"] = float(tolerances.lost[number, row])
         findings = self._make_findings(summary, self._describe_sizes(sensitivity.keys))
-        # Links with two axes on one line have an arc of 0 or 180 degrees. A deviation of
-        # this arc could open it in any direction, so there is no derivative. A warning says
-        # that their sizes are left out, unless the user has chosen the sizes (`by`).
+        # The arc of a link is the angle between its two axes. If both axes are on one line,
+        # the arc is 0 or 180 degrees. A deviation can then turn one axis away from the
+        # other in any direction, so the derivative is undefined. These sizes are left out,
+        # with a warning unless the user has chosen the sizes (`by`).
         if not sensitivity.left_out or self.by:
             return findings
         left_out = listing(f"links.{link}" for link in sensitivity.left_out)
@@ -420,11 +424,14 @@ class SensitivityAnalysis(AbstractAnalysis):
         Parameters
         ----------
         summary
-            The record of the largest spread of each quantity.
+            For each quantity, the record of its largest spread (standard deviation). It can
+            also have the spread of the draws, which are mechanisms with random sizes.
         sizes
             A sentence about the sizes that deviate.
         """
-        # Quantities that do not depend on the sizes.
+        # Quantities that do not depend on the sizes. Their spread is only rounding. One
+        # number is the limit for quantities of all units, because it is far below any
+        # spread of interest.
         independent = [
             name for name in summary if summary[name]["spread"] <= self._zero_spread
         ]
@@ -538,17 +545,18 @@ def _input_samples(batch: Batch, sensitivity: Sensitivity) -> Floats:
     )
 
 
-def _moments(deviations: Floats) -> Floats:
-    """Return statistics of the deviations of draws.
+def _draw_statistics(deviations: Floats) -> Floats:
+    """Return statistics of the deviations of draws, which are mechanisms with random sizes.
 
     Parameters
     ----------
     deviations
-        (..., draws) deviations, NaN for draws that cannot be assembled.
+        (..., draws) deviations of a quantity, NaN for draws that cannot be assembled.
 
     Returns
     -------
-    (3, ...) standard deviation, largest size, and part of the draws that are NaN.
+    (3, ...) standard deviation, largest absolute deviation, and lost part (the fraction of
+    draws that cannot be assembled).
     """
     is_assembled = np.isfinite(deviations)
     count = np.sum(is_assembled, axis=-1)
@@ -558,8 +566,8 @@ def _moments(deviations: Floats) -> Floats:
         variance = mean_square - mean * mean
         # Rounding can make a variance of zero slightly negative.
         spread = np.sqrt(np.maximum(variance, 0.0))
-        sizes = np.where(is_assembled, np.abs(deviations), 0.0)
-        worst = np.max(sizes, axis=-1)
+        absolute_deviations = np.where(is_assembled, np.abs(deviations), 0.0)
+        worst = np.max(absolute_deviations, axis=-1)
     lost = 1.0 - count / deviations.shape[-1]
     return np.stack([spread, worst, lost])
 

@@ -211,7 +211,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
         summary: dict[str, Any] = {
             "output": workspaces.kinematics.output.name,
             "legs": list(workspaces.kinematics.legs),
-            "limits": [bound.name for bound in workspaces.bounds],
+            "limits": [limit.name for limit in workspaces.limits],
             "working_modes": modes,
         }
         # Modes with the same workspace are described together.

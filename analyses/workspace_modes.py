@@ -131,7 +131,7 @@ class WorkspaceModes:
     ) -> None:
         """Store the arguments, and list the limits of the output.
 
-        The limits are those of the mechanism, such as the reach of its legs, and those of
+        The limits are those of the mechanism, such as how far its legs extend, and those of
         `constraints`. The workspace of each mode is computed when it is first needed.
 
         Parameters
@@ -150,8 +150,10 @@ class WorkspaceModes:
         """
         self.mechanism = mechanism
         self.kinematics = kinematics
-        self.bounds = bounds_of(kinematics, constraints)
-        self.limit_names = [bound.name for bound in self.bounds] + [NO_LIMIT_NAME]
+        self.limits = bounds_of(kinematics, constraints)
+        # Borders have the number of a limit, or -1 if the workspace ends without one.
+        # Index -1 selects the last name.
+        self.limit_names = [limit.name for limit in self.limits] + [NO_LIMIT_NAME]
         self.modes = modes
         self.poses = poses
         self.tolerance = tolerance
@@ -162,7 +164,7 @@ class WorkspaceModes:
         find_workspaces: Callable[..., Sequence[Workspace]] = orientation_workspaces
         if self.kinematics.points:
             find_workspaces = direction_workspaces
-        return find_workspaces(self.kinematics, self.bounds, self.modes, self.tolerance)
+        return find_workspaces(self.kinematics, self.limits, self.modes, self.tolerance)
 
     @cached_property
     def samples(self) -> dict[tuple[int, ...], PoseSamples]:
@@ -182,7 +184,7 @@ class WorkspaceModes:
 
     def judge(self, workspace: Workspace, poses: Floats) -> Judged:
         """Return margins and measures of poses (n, 3) or (n, 4) in a workspace's mode."""
-        return judge(self.kinematics, self.bounds, workspace.signs, poses)
+        return judge(self.kinematics, self.limits, workspace.signs, poses)
 
     def table_parts(self) -> dict[str, list[Columns]]:
         """Return samples, borders and sizes of all modes by table."""
@@ -219,13 +221,15 @@ class WorkspaceModes:
         directions outside of it a gap. A curve separates one component from one gap, and
         the table has the numbers of both.
         """
-        # If base and output mirror each other in a plane, the table has its two angles.
+        # In some mechanisms base and output are mirror images in a plane. The table then
+        # has the two angles of this plane.
         mid_plane_architecture = self.kinematics.form
         columns = []
         for curve_number, curve in enumerate(region.boundaries):
             for arc_number, arc in enumerate(curve.arcs):
-                # `arc.margin` is the number of the limit that is reached on the arc. It is
-                # -1, the index of the last name, if no limit is reached.
+                # Each limit has a margin, an angle that is 0 where the limit is reached.
+                # `arc.margin` is the number of the one that is 0 on the arc. It is -1, the
+                # index of the last name, if there is none.
                 limit_number = arc.margin
                 columns.append(
                     {
@@ -315,6 +319,8 @@ class WorkspaceModes:
         The set was measured with a mesh of triangles on the unit sphere. The area
         ``unresolved_sr`` (sr) is that of triangles which contain too much detail, such as
         borders that touch. They are counted in the bound of the error, ``error_sr``.
+        ``components`` and ``holes`` list connected parts that are larger than this area,
+        and ``evaluations`` is the number of directions that were tested.
         """
         record: Columns = {
             "area_sr": region.area,
@@ -326,8 +332,8 @@ class WorkspaceModes:
             "evaluations": region.evaluations,
         }
         if not region.components:
-            # The smallest sets of limits that no direction keeps together, such as the
-            # limits 0 and 2. Each set alone explains why the workspace is empty.
+            # Each set of limits, such as 0 and 2, explains why the workspace is empty: no
+            # direction satisfies all limits of the set. No limit of a set can be left out.
             excluding = [
                 " with ".join(self.limit_names[number] for number in limits)
                 for limits in region.excluding
@@ -444,7 +450,7 @@ class WorkspaceModes:
         if is_inside:
             return record, f"{np.degrees(judged.margin[0]):.4g} deg from {limit}"
         text = f"by {limit}"
-        nearest = nearest_reachable(self.kinematics, self.bounds, workspace, pose)
+        nearest = nearest_reachable(self.kinematics, self.limits, workspace, pose)
         if nearest is not None:
             nearest_pose, distance = nearest
             nearest_judged = self.judge(workspace, nearest_pose[None])
@@ -626,8 +632,6 @@ def resolved_parts(region: Region, parts: Sequence[Part]) -> list[Part]:
 def read_distinct_poses(text: str, kinematics: ClosedKinematics) -> Floats:
     """Return the poses of an output that a text gives, without repeated ones.
 
-    The output is a direction (`kinematics.points` is True) or an orientation.
-
     Parameters
     ----------
     text
@@ -636,21 +640,24 @@ def read_distinct_poses(text: str, kinematics: ClosedKinematics) -> Floats:
         ``azimuth=10+tilt=20+azimuth=30+tilt=5`` are two directions. An empty text gives no
         poses.
     kinematics
-        The output.
+        The output, which is a direction or an orientation.
 
     Returns
     -------
-    (k, 3) directions, or (k, 4) unit quaternions xyzw of orientations.
+    (k, 3) directions, or (k, 4) unit quaternions xyzw of orientations; (0, 3) for an empty
+    text.
     """
     if not text:
         return np.empty((0, 3))
+    is_direction = kinematics.points
     pose_list = read_poses(kinematics, "workspace", text.split("+"), parameter="pose")
+    # The list has either `poses` or `inputs`, and the other one is None.
     poses = pose_list.poses
     if pose_list.inputs is not None:
         solutions = kinematics.forward(pose_list.inputs)
-        poses = solutions.directions if kinematics.points else solutions.rotations
+        poses = solutions.directions if is_direction else solutions.rotations
     assert poses is not None
-    if not kinematics.points:
+    if not is_direction:
         poses = quaternion(poses)  # from rotations (k, 3, 3)
     # The first one of equal poses, in the given order.
     _, first_rows = np.unique(poses, axis=0, return_index=True)

@@ -47,18 +47,21 @@ def _compare_positions(
     inputs
         Whether it applies to mechanisms with one input or with several.
     """
-    # During the comparison the time limit of the searches is raised to 100 s, so that only
-    # the parameter limits the accuracy. The time limit itself is not raised when it is the
-    # parameter, and the number of samples belongs to mechanisms without timed searches.
-    needs_time = parameter not in ("samples", "seconds")
+    # The searches for singularities of several inputs end after a time, `seconds`. It is
+    # raised to 100 s during the comparison, so that only the compared parameter limits the
+    # accuracy. There are two exceptions: `seconds` is the compared parameter itself, or
+    # the mechanism has one input (`samples`) and therefore no such searches.
+    raises_time_limit = parameter not in ("samples", "seconds")
     return Sweep(
         parameter,
         values,
         table="singularities",
         column="q",
         match=("kind", "output"),
+        # The numbers in the column are positions, see above.
         places=True,
-        beside=(("seconds", 100.0),) if needs_time else (),
+        # Another parameter that is constant during the comparison, and its value.
+        beside=(("seconds", 100.0),) if raises_time_limit else (),
         inputs=inputs,
     )
 
@@ -221,7 +224,10 @@ class SingularityAnalysis(AbstractAnalysis):
         def compute() -> OneInput | SeveralInputs:
             """Return the singularities for one or for several inputs.
 
-            The parameters of the analysis are passed on, the angle `mesh` in rad.
+            The user chooses how they are searched by the parameters of the analysis:
+            `slices` is the number of values at which each input is locked in the search,
+            `seconds` is the time limit, and `near` is the angle (degrees) to a singularity
+            below which a warning is given.
             """
             if len(batch.mechanism.inputs) == 1:
                 return OneInput(batch, self.outputs(batch.mechanism), self.near)

@@ -217,8 +217,9 @@ def describe_least_transmission(
 
     The transmission angle is the acute angle between the planes of both arcs of the dyad
     (two links in series) that places an output. It is 0 at a singularity of type II, where
-    the locked input does not hold the output. The least angle is therefore the nearest one
-    to such a singularity. Outputs that no dyad places have no sentence.
+    the locked input does not hold the output. The configuration with the least angle is
+    therefore called the nearest one to such a singularity. Outputs that no dyad places have
+    no sentence.
 
     Parameters
     ----------
@@ -235,7 +236,8 @@ def describe_least_transmission(
         if nearest is None:
             continue
         angle, q, modes = nearest
-        # The constant is the word "least", which is also in the names of figures of merit.
+        # The constant is the word "least". Names of figures of merit, such as
+        # least_transmission_angle_43, begin with the same constant.
         sentences.append(
             f"{NEAREST_TRANSMISSION_WORD} transmission angle of {name}: "
             f"{np.degrees(angle):.4g} deg at "

@@ -114,10 +114,10 @@ class OneInput:
         row is one configuration of the batch.
         """
         batch = self.batch
-        # Only a simulation states in which sense the input moves in each row, +1 or -1. It
-        # passes parts of the curves only, and a singularity counts as inside the range if
-        # it is on one of these parts. The parts are determined from the arc lengths of the
-        # rows, and from their inputs, which show the laps on a closed curve.
+        # Other runs cover the whole range of the input. A simulation passes only a part of
+        # each curve, and a singularity counts as inside if it is on such a part. To find
+        # the parts, the inputs of the rows are passed on. The rows are a simulation if the
+        # batch has the sense of motion (+1 or -1: the input increases or decreases).
         is_simulation = batch.motion.sense is not None
         return SampledSingularities(
             batch.tracer,
@@ -144,16 +144,17 @@ class OneInput:
 
         The rows are in this order: singular points on configuration curves, crossings of
         curves, and curves on which the input or an output is at rest everywhere. A
-        singularity is double if a rate only touches zero there and keeps its sign.
+        singularity is double if a rate only touches zero there and keeps its sign. The
+        column `inside` states whether the singularity is in the range of the input.
+        `guarantee` states how completely the curves are known.
         """
         sampled = self.sampled
         report = sampled.report
         rows: list[Columns] = []
         for point in (*report.points, *report.crossings):
             rows += self._rows_of_point(point)
-        # The third kind is a whole curve instead of a point. It has no geometric condition
-        # whose residual could differ from 0, and its type is certain: a rate is zero all
-        # along the curve.
+        # On the curves of the third kind a rate is zero everywhere. No point is computed
+        # there, so the residual (the error of a computed point) is 0.
         for point in report.resting_curves:
             # A piece is a part of a curve that belongs to one assembly mode.
             pieces = sampled.configurations.curves[point.curve].pieces
@@ -536,7 +537,8 @@ class OneInput:
         curves = points["curve"].tolist()
         # The relation has up to two forms. In form i the rate of the output link is that
         # relative to its own reference, in form ii relative to the reference of the input.
-        # `relations` lists form i first; the drawing uses form ii if it exists.
+        # `relations` lists form i first. The last form is drawn, which is form ii if it
+        # exists.
         six_poles: list[SixPoles] = []
         for curve, s, name in zip(curves, points["s"], points["output"], strict=True):
             output = self.names.index(name)
@@ -558,8 +560,8 @@ class OneInput:
                 parts.append(
                     Arrow(f"pole/{name}", label, axes, primary=False, path_shown=False)
                 )
-        # The three axes of each plane depend on the type. Types I and II have planes of
-        # their own. Type III and self-motions are drawn with those of type II.
+        # The three axes of each plane depend on the type. `AXES_OF_FIRST_PLANE` has entries
+        # for types I and II only, and all other kinds are drawn with the planes of type II.
         types = ["I" if kind == "I" else "II" for kind in points["kind"]]
         # The two planes that coincide, each through one triplet of the six axes.
         for number, (label, axes_of_plane) in enumerate(

@@ -205,30 +205,33 @@ class SeveralInputs:
 
         - A kind of singularity that occurs in every configuration has a single row.
         - A surface has one row for each vertex of its mesh.
-        - A curve has one row for each of its points. Points at which both types I and II
-          occur get a further row as type III. Such a point is on a curve of type I and on
-          a curve of type II, but gets this row only once.
+        - A curve has one row for each of its points. A point of type III, at which both
+          types I and II occur, is on a curve of each of these types. It has one further
+          row as type III.
 
         A locus is the set of all singular points of one kind. Its `claim` states how
-        complete the search for it was. The column `inside` states whether all inputs are
-        within their declared ranges.
+        complete the search for it was, for example certified or only sampled. The column
+        `inside` states whether all inputs are within their declared ranges. The column
+        `curve` numbers the curves of an output, or the connected surfaces.
         """
         tables: list[Columns] = []
         for output in self.batch.mechanism.outputs:
             name = name_output(self.batch.mechanism, output)
             curve_number = 0
-            # (k, variables) configurations of the points of type III that are listed
-            # already.
+            # (k, variables) configurations of the points of type III that have a row
+            # already. They are passed on, so that the second curve through such a point
+            # does not add the row again.
             listed_values = np.zeros((0, len(self.batch.mechanism.variable_names)))
             for locus in self.loci[output.name]:
                 if locus.everywhere:
                     tables.append(
                         {
                             "kind": locus.kind,
+                            # Every configuration is singular, also those in the ranges.
                             "inside": "yes",
                             "residual": 0.0,
                             "output": name,
-                            "curve": -1,
+                            "curve": -1,  # no curve
                             **_certainty_columns(locus.claim),
                             "note": "in every configuration",
                         }
@@ -307,7 +310,8 @@ class SeveralInputs:
         output
             The output.
         claim
-            How complete the search for such points was.
+            How complete the search for such points was, for example certified or only
+            sampled.
 
         Returns
         -------
@@ -320,13 +324,13 @@ class SeveralInputs:
             mechanism.link_number[output.link],
             mechanism.link_number[output.relative_to],
         )
-        # The links at the given configurations.
+        # The poses of all links at the singular configurations.
         motion = batch.tracer.given(points.values)
-        # The geometric reasons of the singularities, for example axes in one plane. They
-        # follow from the rates of the output. `output_of` returns linear equations in the
-        # rates of all pairs, which are zero if the output rests. `by_rank` states how
-        # degrees of freedom are determined: by rank, or by counting links and pairs.
+        # The linear equations in the rates of all pairs that hold if the output is at rest.
         rest_condition = output_of(mechanism, output.name)
+        # The geometric reasons of the singularities as texts, for example that axes are in
+        # one plane. `by_rank` states how degrees of freedom are determined: by rank, or by
+        # counting links and pairs.
         conditions = what_vanishes(
             motion,
             rest_condition,
@@ -353,19 +357,21 @@ class SeveralInputs:
         type II, d_i at type I. The table has every row of the batch once for each output
         and input.
 
-        The relation has form i: the output link moves relative to its own reference link.
-        With one input there is also a form ii, relative to the reference of the input. The
-        column `sigma` is 0 if a link can move although all inputs are locked. The column
-        `group` is 0 for regular rows. At a singularity it is 1 if the mechanism in which
-        only one input moves is singular too, for at least one input, otherwise 2.
+        The column `form` is always i: w_i is relative to the reference link of the output.
+        (Tables of mechanisms with one input have another form, ii.) The column `sigma` is
+        the smallest singular value of the loop equations with all inputs locked. It is 0 if
+        a link can move nevertheless.
+
+        The column `group` sorts singularities. If all inputs but one are locked, a
+        mechanism with one degree of freedom remains. In group 1 such a mechanism is
+        singular for at least one input, in group 2 for none. Regular rows have group 0.
         """
         batch = self.batch
         tables: list[Columns] = []
         for output in batch.mechanism.outputs:
             # Coefficients, rates and distances of all rows of the batch. `w` are the
             # angular velocities as vectors, `u` the unit vectors along the pole axes of the
-            # output, both (n, inputs, 3). `hold` is the smallest singular value of the loop
-            # equations with all inputs locked.
+            # output, both (n, inputs, 3).
             rows = self.coefficients[output.name]
             velocity_coefficients = np.vecdot(rows.w, rows.u)
             for number, pair in enumerate(batch.moving_inputs):
@@ -603,22 +609,23 @@ class SeveralInputs:
     ) -> Locus:
         """Return the singularities of one kind: curves of two inputs, surfaces of three.
 
-        In a mid-plane symmetric architecture the output is the mirror image of the base in
-        a moving plane. Its singular curves have a closed form, which is used unless there
-        are slices, the curves of configurations with all inputs but one locked.
+        Slices are curves of configurations with all inputs but one locked. They are
+        followed once for all searches.
 
         Parameters
         ----------
         kind, output
             The kind, and the name of the output.
         section
-            The slices on which the search starts; None to search from random starts.
+            The slices on which the search starts; None to search from random
+            configurations.
         time_limit
             Processor time to spend.
         """
         mechanism = self.batch.mechanism
-        # Slices are followed once for all searches. Both functions below get them as
-        # `made`, and 0 as the number of new ones.
+        # Below, `made` are the slices that exist, and `slices_of_each` is the number of
+        # slices to compute in addition. With None and 0 the search starts from random
+        # configurations.
         if len(mechanism.inputs) == SURFACE_INPUT_COUNT:
             # A mesh of triangles covers a surface. Its edges are halved afterwards.
             edge, halvings = self.first_edge_and_halvings
@@ -632,6 +639,9 @@ class SeveralInputs:
                 made=section,
                 budget=time_limit,
             )
+        # In a mid-plane symmetric architecture the output is the mirror image of the base
+        # in a moving plane. Its singular curves of types I and II have a closed form, but
+        # not those of self-motions.
         if section is None and kind != SELF_MOTION:
             curves = mid_plane_loci(mechanism, kind, output, time_limit)
             if curves is not None:
@@ -801,15 +811,18 @@ def _describe_locus(locus: Locus) -> tuple[dict[str, Any], str]:
     """Return the size of a locus (all singularities of one kind) as numbers and in words.
 
     The numbers count curves inside and outside of the ranges of the inputs, or vertices of
-    surfaces. Irregular configurations are counted too: singular ones that the search met
-    and from which it could not follow a curve or surface, for example where curves cross.
-    The entry ``claim`` says in words how complete the search was; for a surface it also
-    states the length of edges of the mesh.
+    surfaces. The entry ``claim`` says in words how complete the search was; for a surface
+    it also states the length of edges of the mesh.
+
+    Irregular configurations are singular ones that the search met, but from which it could
+    not follow a curve or surface, for example where curves cross. The words count them for
+    both shapes, the numbers only for surfaces.
     """
     if isinstance(locus, SingularSurface):
         shape = "surface"
         irregular = locus.irregular
         count = len(locus.nodes)
+        # `guarantee` is `claim` with the length of edges.
         counts = {"vertices": count, "irregular": irregular, "claim": locus.guarantee}
         words = f"{count} vertices of surfaces {of_kind(locus.kind)}"
     else:

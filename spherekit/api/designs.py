@@ -108,11 +108,12 @@ def specification_of(
     figures = [f"{name}={text}" for name, text in data.get("figures", {}).items()]
     # The name of a shipped mechanism, or a path relative to the folder of this file.
     name_or_path = named_in(data["mechanism"], Path(path).parent)
-    unit = to_radians(1.0, angle_unit_of(name_or_path))
-    # Deviations from precision points (wanted values at given inputs) are figures of merit
-    # too: `deviation_figures` has their texts by name. Their root mean square, which needs
-    # the number of points, can be an objective.
-    deviation_figures, point_count = _precision_point_deviations(document, unit)
+    # One degree or one rad, by the unit of angles in the mechanism file.
+    angle_unit_rad = to_radians(1.0, angle_unit_of(name_or_path))
+    # Precision points are wanted values at given inputs. The deviation from each of them is
+    # a figure of merit, too: `deviation_figures` has its text by name.
+    deviation_figures, point_count = _precision_point_deviations(document, angle_unit_rad)
+    # The first designs are a Sobol sequence (points spread evenly over all ranges).
     sweep = sweep_of(
         name_or_path,
         DesignSpace.from_variations(variations, designs, "sobol", seed),
@@ -122,6 +123,8 @@ def specification_of(
     sweep = replace(sweep, where=tuple(data.get("where", ())))
     minimise = data["minimise"]
     objectives = (minimise,) if isinstance(minimise, str) else tuple(minimise)
+    # One objective can be the root mean square of all deviations. The specification has
+    # the number of precision points, by which the sum of squares is divided.
     return Specification(sweep, objectives, tuple(deviation_figures), point_count)
 
 

@@ -300,8 +300,9 @@ def _export_coupling_table(table: CouplingTable, target: Path) -> Exported:
     """Write a coupling table as an archive, CSV or C header, by the ending of the file.
 
     The table has values at the nodes of a grid over the inputs. A cell, the box between
-    neighbouring nodes, is sure if interpolation in it is as accurate as required. Programs
-    that read the table get no values (NaN) in other cells. A note says how many there are.
+    neighbouring nodes, is sure if interpolation in it is as accurate as required. A program
+    that looks up a value in another cell gets NaN. A note says how many such cells there
+    are. The caller has checked that the ending of `target` is one of the three.
     """
     if target.suffix == ".npz":
         write_npz(table, target)
@@ -310,8 +311,8 @@ def _export_coupling_table(table: CouplingTable, target: Path) -> Exported:
     else:
         write_text(target, header(table))
     sure_count = np.sum(table.sure)
-    # Only cells with an assembly mode at all their corners have an error. It is NaN in
-    # other cells, which cannot be interpolated.
+    # (modes, cells) errors. A cell has an error only if the assembly mode exists at all its
+    # corners. Otherwise it cannot be interpolated, and its error is NaN.
     cell_count = np.sum(np.isfinite(table.error))
     notes: Names = ()
     if sure_count < cell_count:
