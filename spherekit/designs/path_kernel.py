@@ -345,7 +345,7 @@ class PathKernel:
         else:
             outputs = self._evaluate_real(np.concatenate([values, numbers]))
         return NewtonStep(
-            change=outputs[: self.variables],
+            change=outputs[: self.variable_count],
             determinant=outputs[-2],
             squared_residual=outputs[-1],
         )
