@@ -367,9 +367,10 @@ class VariedMechanism:
     def kernel_sizes(self, values: Floats) -> tuple[Floats, NDArray[np.object_]]:
         """Return the sizes that kernels take as arguments, for n designs.
 
-        A kernel is a function that computes quantities of many designs at once. Some design
-        variables are sizes themselves. Other sizes are numbers of contacts, masses and
-        loads, which are read from the mechanism file of each design.
+        A kernel is a function that computes quantities of many designs at once. Some sizes
+        are design variables themselves, such as the arc of a link. The others are numbers
+        that describe contacts, masses and loads. These are read from the mechanism file of
+        each design, that is, from the file with the values of the design in it.
 
         Parameters
         ----------
@@ -380,19 +381,21 @@ class VariedMechanism:
         -------
         sizes
             (sizes, n) sizes in rad and SI units. The numbers that are read from a file are
-            NaN for impossible designs.
+            NaN if it cannot be read or the kernel does not apply to the design.
         reasons
-            (n,) `OK`, or the message of the error why the design is impossible. The message
-            is `OTHER_FORM` for a design that may be possible, but to which the kernel does
-            not apply. There are two causes: The number or the kinds of its loads or
-            contacts differ from those in the file. Or a number differs that was the same in
-            all trial designs, and is therefore a constant of the kernel.
+            (n,) a text for each design:
+
+            - `OK` if its sizes are valid,
+            - the constant text `OTHER_FORM` if the kernel does not apply to the design,
+              which the caller can then analyse by itself (`_read_varied_numbers`),
+            - otherwise the message of the error why the design is impossible.
         """
-        numbers = nans((len(self.varied_numbers), values.shape[1]))
-        reasons = np.full(values.shape[1], OK, dtype=object)
+        design_count = values.shape[1]
+        numbers = nans((len(self.varied_numbers), design_count))
+        reasons = np.full(design_count, OK, dtype=object)
+        # Without varied masses, loads and replaced contacts there is no number to read.
         if self._reads_files:
             for k, design in enumerate(values.T):
-                # The error of an impossible design has the reason as its message.
                 try:
                     numbers[:, k] = self._read_varied_numbers(design)
                 except SpherekitError as problem:
@@ -406,15 +409,17 @@ class VariedMechanism:
         """Return the sizes of a design and their derivatives, as kernels need them.
 
         A kernel is a function that computes quantities of many designs at once. Its
-        arguments are the sizes: first the design variables that are angles of links or
-        outputs, then the numbers of contacts, masses and loads that follow the variables.
+        arguments are called sizes, although they include masses and loads. The first sizes
+        are design variables themselves: angles of links or outputs. The others are those
+        numbers of contacts, masses and loads that change with the variables.
 
         Parameters
         ----------
         values
             (variables,) values of the design variables, in the units of the file.
         mechanism
-            The mechanism of the design. By default it is read from the file if needed.
+            The mechanism of the design, if it is known. It is needed only for contact
+            profiles that are not circles, and is then read from the file by default.
 
         Returns
         -------
@@ -424,20 +429,21 @@ class VariedMechanism:
         sizes, reasons = self.kernel_sizes(values[:, None])
         if reasons[0] != OK:
             return None
-        # Derivatives, by each variable, of the numbers of contacts, masses and loads. Some
-        # are the same for all designs, and are not computed again.
-        number_slopes = []
-        for k, constant_slope in enumerate(self.constant_slopes):
-            if constant_slope is None:
-                number_slopes.append(self._differentiate_numbers(values, k))
+        # For each variable, the derivatives (numbers,) of the numbers of contacts, masses
+        # and loads. Those that are the same for all designs are not computed again.
+        slopes_by_variable = []
+        for k, constant_slopes in enumerate(self.constant_slopes):
+            if constant_slopes is None:
+                slopes_by_variable.append(self._differentiate_numbers(values, k))
             else:
-                number_slopes.append(constant_slope)
+                slopes_by_variable.append(constant_slopes)
+        number_slopes = np.stack(slopes_by_variable, axis=1)  # (numbers, variables)
         # A variable that is a size itself changes this size alone. The derivative is the
         # factor from the unit of the file to rad or SI units.
         variable_slopes = np.zeros((len(self.size_variables), len(values)))
         for size, variable in enumerate(self.size_variables):
             variable_slopes[size, variable] = self.unit_scales[variable]
-        slopes = np.concatenate([variable_slopes, np.stack(number_slopes, axis=1)])
+        slopes = np.concatenate([variable_slopes, number_slopes])
         profiles = None
         if self.has_shaped_profiles:
             try:
@@ -514,14 +520,16 @@ class VariedMechanism:
         return [k for k in self.varied_numbers if k < self._contact_number_count]
 
     def _read_numbers(self, values: Floats) -> Floats:
-        """Read all numbers of contacts, masses and loads of a design from its file.
+        """Read the numbers that describe contacts, masses and loads of a design.
 
-        The form of contacts and loads is their number and their kinds. A kernel, which
-        computes many designs at once, has fixed formulas for one form, that of the
-        mechanism in the file. Only numbers may differ.
+        They are read from the mechanism file with the values of the design in it. A kernel,
+        which computes many designs at once, has fixed formulas in which only these numbers
+        may differ. The form of contacts and loads, which is how many there are of each
+        kind, must be that of the mechanism in the file.
 
         If contacts are replaced, the mechanism is computed as an equivalent linkage: links
-        with R pairs that move in the same way. Its angles are the numbers of the contacts.
+        with R pairs that move in the same way. The contacts are then described by the
+        angles of this linkage and the ratios of its wheels.
 
         Parameters
         ----------
@@ -530,14 +538,16 @@ class VariedMechanism:
 
         Returns
         -------
-        (numbers,) numbers of the links that replace contacts, if there are some, then of
-        masses and loads.
+        (numbers,) angles (rad) and ratios of the equivalent linkage, if there is one, then
+        the numbers of masses and loads in SI units.
 
         Raises
         ------
+        DesignError
+            With the message `OTHER_FORM` if contacts or loads have another form. Callers
+            compare the message, and analyse such a design without a kernel.
         SpherekitError
-            If the design is impossible. The message is `OTHER_FORM` if its contacts or
-            loads have another form than those of the kernel.
+            If the design is impossible.
         """
         # The mechanism of the design. If only masses and loads follow the variables, the
         # rest of the file is not read again.
@@ -555,6 +565,7 @@ class VariedMechanism:
         actions = masses_and_loads(mechanism)
         contact_numbers: list[float] = []
         if self.equivalent_linkage is not None:
+            # Wheels roll on each other if the gap between them is at most `wheel_gap_rad`.
             linkage = find_equivalent_linkage(mechanism, self.inputs, self.wheel_gap_rad)
             if linkage is None or linkage.form != self.equivalent_linkage.form:
                 raise DesignError(OTHER_FORM)
@@ -591,21 +602,25 @@ class VariedMechanism:
         """For each design variable, the derivatives that are the same in all designs.
 
         The derivatives (varied numbers,) are those of the numbers of contacts, masses and
-        loads that differ between designs. They count as the same if those at the design of
-        the file agree with those at the trial designs, in which all variables are changed
-        a little. The entry is None if they do not agree, or if no trial design is
-        possible.
+        loads that change with the variables. They are computed in the design of the file
+        and in trial designs, in which all variables are changed a little. The entry of a
+        variable is None if these derivatives do not agree, or no trial design is possible.
         """
         constant_slopes: list[Floats | None] = []
         for k, variable in enumerate(self.variables):
-            if not self._reads_whole_file and variable.path[0] not in ACTIONS:
-                # The variable is no number of a mass or load (`ACTIONS`). Only these are
-                # read from the file of a design, so no varied number follows it.
+            is_mass_or_load = variable.path[0] in ACTIONS
+            if not self._reads_whole_file and not is_mass_or_load:
+                # The whole file of a design is read only if contacts are replaced by links
+                # or masses follow the sizes of links. Otherwise the varied numbers are
+                # numbers of masses and loads, and these do not change with any other
+                # variable.
                 constant_slopes.append(np.zeros(len(self.varied_numbers)))
                 continue
             # The derivatives at the design of the file come first.
             nominal_slopes, *trial_slopes = self.trial_slopes(k)
-            # The tolerance is relative only, because the derivatives have several units.
+            # The derivatives have several units, so the tolerance is relative only. A
+            # derivative that is zero up to rounding then fails the test. This costs time
+            # but no accuracy, since the derivatives are then computed for each design.
             agrees = all(
                 np.allclose(nominal_slopes, slopes, rtol=CONSTANT_SLOPE_TOLERANCE, atol=0.0)
                 for slopes in trial_slopes
@@ -624,9 +639,10 @@ class VariedMechanism:
     def _differentiate_numbers(self, values: Floats, k: int) -> Floats:
         """Return the derivatives of the varied numbers by one variable, at a design.
 
-        The varied numbers are those of contacts, masses and loads that differ between
-        designs: first those of contacts, then those of masses and loads. They are read from
-        the mechanism file of each design and differentiated by difference quotients.
+        The varied numbers describe contacts, masses and loads, in this order, and change
+        with the variables. They are read from the mechanism file with the values of a
+        design in it, so no formula for their derivatives exists. Difference quotients are
+        used instead.
 
         Parameters
         ----------
@@ -640,24 +656,24 @@ class VariedMechanism:
         (varied numbers,) derivatives, NaN if no difference quotient is possible because
         designs with other values are impossible.
         """
+        no_slopes = nans(len(self.varied_numbers))
+        try:
+            numbers_at_values = self._read_varied_numbers(values)
+        except SpherekitError:
+            return no_slopes
 
         def read_change(design: Floats) -> Floats:
-            """Return the change of the numbers from those at `values`, which are nominal.
-
-            `nominal` is set below, before the first call.
-            """
-            change = self._read_varied_numbers(design) - nominal
-            # Most numbers of contacts are angles. They may jump by whole revolutions from
-            # one design to the next, which is no change. The changes of the others, the
-            # ratios of wheels, are too small to be altered by `wrap`.
+            """Return the change (varied numbers,) of the numbers from those at `values`."""
+            change = self._read_varied_numbers(design) - numbers_at_values
+            # Contacts are described by angles and by ratios of wheels. An angle may jump by
+            # a whole revolution from one design to the next, which `wrap` removes. A change
+            # of a ratio is far below half a revolution (pi), so `wrap` does not alter it.
             contact_count = len(self.varied_contact_numbers)
             change[:contact_count] = wrap(change[:contact_count])
             return change
 
-        slopes = None
-        with suppress(SpherekitError):
-            nominal = self._read_varied_numbers(values)
-            # A variable that is zero has steps relative to 1.
-            steps = RELATIVE_DIFFERENCE_STEPS * (abs(values[k]) or 1.0)
-            slopes = differentiate_by_variable(read_change, values, k, steps)
-        return nans(len(self.varied_numbers)) if slopes is None else slopes
+        # The longest step is tried first. A shorter one is used if a design within the
+        # longer one is impossible. A variable that is zero has steps relative to 1.
+        steps = RELATIVE_DIFFERENCE_STEPS * (abs(values[k]) or 1.0)
+        slopes = differentiate_by_variable(read_change, values, k, steps)
+        return no_slopes if slopes is None else slopes

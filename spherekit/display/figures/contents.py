@@ -170,13 +170,14 @@ def plan_figures(
 def _plan_series(
     source_scenes: Sequence[Scene], all_scenes: Sequence[Scene], sheet: Sheet
 ) -> Iterator[PlannedFigure]:
-    """Yield curves over one axis, or maps over a grid of two inputs, of each group.
+    """Yield figures of series: of curves over one axis, or of maps over two inputs.
 
-    A series has a number for each sample. Series of one group are the same kind of
-    quantity, and share a figure. If they need too many panels, `_divide` yields several
-    figures. A scene contains series and other drawings of one page: of one assembly mode
-    (way to assemble the mechanism), or of an analysis. `over` is a tuple of the axes over
-    which its samples run: inputs, the time, or other quantities.
+    A series has one number for each sample. Series of one group are the same kind of
+    quantity and share a figure, or several if they need too many panels.
+
+    A scene contains what is drawn of one assembly mode (way to assemble the mechanism), or
+    what an analysis draws under a title of its own. Its `page` is the number of the mode or
+    the title. Its `over` has the axes over which the samples run, such as inputs or time.
 
     Parameters
     ----------
@@ -187,32 +188,38 @@ def _plan_series(
     sheet
         Size of the figures, and titles of modes.
     """
-    for (_, group), items in _group_items(source_scenes, Series, "group").items():
-        lines = [
+    # Each title has figures of its own. All assembly modes are together, with title "".
+    for (_title, group), items in _group_items(source_scenes, Series, "group").items():
+        shown_series = [
             (scene, series)
             for scene, series in items
             if scene.over and np.any(np.isfinite(series.values))
         ]
-        if not lines:
+        if not shown_series:
             continue
-        first_scene, _ = lines[0]
+        first_scene, _ = shown_series[0]
         axes = first_scene.over
         if len(axes) > 1 and find_grid(axes) is not None:
-            # Maps: a figure for each label, with a panel for each page.
-            for label in dict.fromkeys(series.label for _, series in lines):
-                maps = [(scene, series) for scene, series in lines if series.label == label]
+            # Maps: a figure for each label, with a panel for each assembly mode.
+            for label in dict.fromkeys(series.label for _, series in shown_series):
+                maps = [
+                    (scene, series)
+                    for scene, series in shown_series
+                    if series.label == label
+                ]
                 subject = group if label == group else f"{group}: {label}"
                 yield from _divide(subject, maps, _page_of, draw_maps, sheet)
             continue
         # Several inputs that are no grid form a path. Curves are drawn over its length.
         curves = [
             (replace(scene, over=(path_axis(scene.over),)), series)
-            for scene, series in lines
+            for scene, series in shown_series
         ]
         # Inputs that any analysis marks, such as singular ones, are drawn on the curves.
         marks: list[tuple[Page, InputMarks]] = []
         if len(axes) == 1:
             marks = _find_marks(all_scenes, axes[0].label)
+        # A panel for each label, with the curves of all assembly modes.
         yield from _divide(group, curves, _label_of, partial(draw_curves, marks), sheet)
 
 
@@ -230,7 +237,7 @@ def _find_marks(scenes: Sequence[Scene], axis_label: str) -> list[tuple[Page, In
 
 
 def _page_of(item: ShownItem) -> Hashable:
-    """Return the page on which a primitive is shown."""
+    """Return the mode number or title of the page on which a primitive is shown."""
     scene, _ = item
     return scene.page
 

@@ -40,18 +40,19 @@ def is_path(item: PlaneItem) -> bool:
 
 
 def draw_plane(items: Sequence[PlaneItem], sheet: Sheet) -> Figure:
-    """Return a figure of one quantity against another, for all assembly modes in one panel.
+    """Return a figure with one panel, in which one quantity is plotted against another.
 
-    The quantities are given as a `Portrait` for each assembly mode (a way to assemble the
-    mechanism), or page. It has fixed curves and marks, such as singular curves, and the
-    values of both quantities in each sample of the mode. If the samples follow each other
-    along one input, their points are drawn as a path.
+    A `Portrait` has the values of both quantities in all samples of one assembly mode (a
+    way to assemble the mechanism). If the samples follow each other along one input, the
+    values are drawn as a path. A portrait may also have curves and marks that do not depend
+    on the samples, such as the singular curves of a mechanism with two inputs.
 
     Parameters
     ----------
     items
-        The scene and the portrait of each page. The portraits of all pages have the same
-        quantities. Curves and marks that occur in several pages are drawn once.
+        The portraits, all of the same two quantities, each with its scene. Usually there is
+        one for each assembly mode. An analysis may also give a portrait of no mode. Curves
+        and marks that occur in several portraits are drawn once.
     sheet
         Size of the figure, and titles of modes.
     """
@@ -83,8 +84,8 @@ def draw_plane(items: Sequence[PlaneItem], sheet: Sheet) -> Figure:
             look = marker_look(mark.tone) | {"label": label}
             panel.plot(*mark.place, zorder=4.0, **look)
         _set_frame(panel, first_portrait)
-        # Fixed curves of two quantities with one unit, such as singular curves of two
-        # inputs, have the same scale on both axes. A path fills the frame instead.
+        # If both quantities have one unit, as two inputs have, the scale is the same on
+        # both axes. A path fills the frame instead.
         has_one_unit = first_portrait.x_unit == first_portrait.y_unit
         if not paths and has_one_unit and not first_portrait.logarithmic:
             panel.set_aspect("equal")

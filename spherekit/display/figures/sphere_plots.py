@@ -54,6 +54,12 @@ MAX_RIM_RAD = np.radians(120.0)
 RIM_ROUNDING_RAD = 1e-9
 """Angle by which rounding may move a direction across a rim."""
 
+RIM_ROUNDING_STEPS = 1e-9
+"""The same as a part of `FINE_CIRCLE_STEP_RAD`.
+
+Larger: more directions that are close to a circle, but inside, get the next circle as rim.
+"""
+
 MAX_COUNTED_COLOURS = 12
 """Largest whole number up to which whole numbers have colours of their own."""
 
@@ -85,13 +91,15 @@ def draw_sphere(
     sheet
         Size of the figure, and titles of modes.
     """
-    # The rim is the next multiple of the fine step of circles beyond all directions. It is
-    # at least one coarse step if there are areas, and a hemisphere otherwise.
+    # The rim is the first circle beyond all directions, in fine steps from the centre. It
+    # is at least one coarse step if there are areas, and a hemisphere otherwise.
     shown_directions = directions_to_show(maps, curves)
     frame = frame_about(shown_directions)
     angles = SphereView(frame).angles_from_centre(shown_directions)
     farthest_angle = np.max(angles, initial=0.0)
-    steps_to_rim = np.ceil(farthest_angle / FINE_CIRCLE_STEP_RAD + RIM_ROUNDING_RAD)
+    # A direction on a circle, up to rounding, lies inside of the rim: the small number
+    # makes the next circle the rim. Otherwise rounding would decide which one is chosen.
+    steps_to_rim = np.ceil(farthest_angle / FINE_CIRCLE_STEP_RAD + RIM_ROUNDING_STEPS)
     least_rim = CIRCLE_STEP_RAD if maps else HEMISPHERE_RAD
     rim = max(least_rim, FINE_CIRCLE_STEP_RAD * steps_to_rim)
     frames = [frame]

@@ -135,7 +135,7 @@ class PageMaker:
             Whether assembly modes end where their configuration curves cross ("end") or
             follow smooth curves through these crossings ("pass").
         """
-        # The mechanism as given: formulas are made from it, and read its file themselves.
+        # The argument as given, which may be a path: it is passed on to `formulas`.
         self._any_mechanism = mechanism
         self._input_pair = input_pair
         self._crossings = crossings
@@ -149,8 +149,9 @@ class PageMaker:
         self._has_named_sizes = vary is not None
         self.keys = self._find_sizes() if vary is None else tuple(vary)
         # For each input, the steps by which all pole axes are constructed while this input
-        # moves alone. Counting links and pairs can give too small a mobility. If the rank
-        # of the loop-closure equations gives the right one, the plans rely on the rank.
+        # moves alone. Usually the numbers of links and pairs give the mobility. They give
+        # too little if loop-closure equations depend on each other. The plans then use the
+        # rank of these equations.
         moves_by_rank = is_mobile_by_rank_only(self._mechanism)
         self._pole_plans = plans(self._mechanism, moves_by_rank)
 
@@ -159,7 +160,7 @@ class PageMaker:
 
         A kernel is a set of functions in JavaScript. One kernel computes all quantities at
         every sample, another one the picture at the cursor. A slider that changes nothing
-        is left out with a note. If the user asked for it by its key, it is an error.
+        is left out with a note. It is an error if the user asked for it by its key.
 
         Raises
         ------
@@ -167,7 +168,8 @@ class PageMaker:
             If a number that the user named for a slider changes nothing.
         """
         row_formulas = self._make_row_formulas()
-        # Without a closed form, formulas of positions are a step of Newton's method.
+        # `step` contains one step of Newton's method, by which positions are computed if
+        # they have no closed form. It is empty if they have one.
         has_closed_form = not row_formulas.step
         shown_patterns = self._requested_quantities
         if shown_patterns is None:
@@ -183,7 +185,7 @@ class PageMaker:
             "picture": self._make_formulas(drawn_names),
         }
         if self._has_named_sizes:
-            # This raises an error if a number changes no result.
+            # This raises an error if a number with a slider changes no result.
             check_arguments(formulas_by_kernel.values())
         else:
             idle_keys = idle_arguments(formulas_by_kernel.values())
@@ -195,7 +197,9 @@ class PageMaker:
                 return self.make_page()
         for reason in row_formulas.mode_table.left_out:
             self.notes.append(f"left out: assembly mode {reason}")
-        # Newton's steps cannot follow a mode through a crossing of configuration curves.
+        # The user asked that modes pass through crossings of configuration curves. Newton's
+        # method cannot do this. No crossings are known here, as `_make_row_formulas` raises
+        # an error otherwise. With other numbers at the sliders there may be some.
         if self._crossings == "pass" and not has_closed_form:
             self.notes.append(
                 "no curves are known to cross with the sizes of the file; where they do "
@@ -213,13 +217,14 @@ class PageMaker:
         """Return the formulas of quantities, with arguments that the page can give.
 
         These are the inputs, their rates and accelerations, and the whole revolutions of
-        passive pairs with wound springs.
+        passive pairs on whose angle loads depend, as that of a spring does.
 
         Raises
         ------
         EngineError
-            If loads depend on other arguments, such as the time. Also if curves of assembly
-            modes cross and positions are computed by Newton's method, which ends there.
+            If loads depend on other arguments, such as the time. Also if configuration
+            curves of assembly modes cross, modes shall pass the crossings, and positions
+            are computed by Newton's method, which cannot pass them.
         """
         page_formulas = formulas(
             self._any_mechanism,
@@ -229,9 +234,9 @@ class PageMaker:
             crossings=self._crossings,
         )
         self._check_smooth_curves(page_formulas)
-        # Crossings of configuration curves move when sizes change, so the page finds them
-        # for the sizes of its sliders. The table for the sizes of the file (`smooth`) is
-        # removed.
+        # `smooth` states how modes pass through crossings of configuration curves, for the
+        # sizes of the file. Crossings move when sizes change, so the page finds them itself
+        # and does not need this table.
         page_formulas = replace(
             page_formulas, mode_table=page_formulas.mode_table._replace(smooth=None)
         )
@@ -252,10 +257,13 @@ class PageMaker:
     def _check_smooth_curves(self, page_formulas: Formulas) -> None:
         """Raise an error if Newton's method would have to pass crossings of assembly modes.
 
-        At a crossing two configuration curves meet, and an assembly mode can follow its own
-        smooth curve through it. This needs a closed form of the positions. Without one,
-        the formulas compute one step of Newton's method (`Formulas.step`). The web page
-        repeats this step along each assembly mode and cannot pass a crossing.
+        At a crossing two configuration curves meet. The option `crossings` of the page is
+        "end" if assembly modes end there. It is "pass" if each mode follows its own smooth
+        curve through the crossing, which needs a closed form of the positions. Without one,
+        the page repeats a step of Newton's method, which cannot pass a crossing.
+
+        The message names two ways out: the option "end", and the command `export` instead
+        of a page. Exported source code has starting values on both sides of a crossing.
 
         Parameters
         ----------
@@ -267,6 +275,7 @@ class PageMaker:
         EngineError
             If positions have no closed form, and curves of modes cross.
         """
+        # `step` contains the step of Newton's method; it is empty in closed form.
         has_closed_form = not page_formulas.step
         # None if modes do not follow smooth curves through crossings.
         smooth_modes = page_formulas.mode_table.smooth
@@ -285,18 +294,20 @@ class PageMaker:
 
         Two kinds of quantities are added to those that are needed or shown:
 
-        - Angular velocities of links. The page finds from them in which of its two
-          directions a pole axis (the axis of the rotation of two links relative to each
-          other) continues from sample to sample.
+        - Angular velocities of links, from which the page finds the signs of velocity
+          coefficients. They are needed for two links that no pair joins: the axis of their
+          relative rotation has two directions, and the coefficient changes sign with it.
         - If positions have a closed form, a number for each dyad (two links between two
           known axes) that is negative if its loop does not close.
         """
+        # The page counts the whole revolutions of pairs on whose angle loads depend.
         needed_names = self._page_quantities.needed_names(self._wound_pairs)
         row_formulas = self._make_formulas_with_torques(needed_names)
         sign_velocities = self._page_quantities.sign_velocities(row_formulas.results)
         added_names = [name for name in sign_velocities if name not in row_formulas.results]
-        # A step of Newton's method is only there if positions have no closed form. In
-        # closed form `places` are the signs of the dyads, which select the assembly mode.
+        # `step` contains a step of Newton's method; it is empty if positions have a closed
+        # form. In closed form `places` are the names of the signs of the dyads. These signs
+        # select the assembly mode.
         has_closed_form = not row_formulas.step
         if has_closed_form:
             dyad_count = len(row_formulas.places)
@@ -358,8 +369,15 @@ class PageMaker:
     def _omit_axes_by_directions(self, keys: Names) -> Names:
         """Return keys of sizes, without axes that the file does not contain.
 
-        The file of a P pair may give two directions of its arc instead of its axis. Such an
-        axis can have no slider, and a note says so.
+        In a P pair one link slides along an arc of a great circle on the other one. Its
+        axis is the pole of that circle. The file may state two directions on the arc
+        instead of the axis. The axis is then no number of the file and can have no slider.
+        `notes` gets a sentence that says so.
+
+        Parameters
+        ----------
+        keys
+            Keys of numbers in the file. That of a number of an axis is ``pairs.NAME...``.
         """
         pairs_without_axis = [
             name
@@ -378,10 +396,11 @@ class PageMaker:
 
     @property
     def _wound_pairs(self) -> list[str]:
-        """The passive pairs whose whole turns the page counts, with one input only.
+        """The passive pairs whose whole turns the page counts.
 
-        It counts none if modes pass through crossings, since turns are counted along modes
-        with constant signs.
+        They are the pairs on whose angle loads depend, as that of a spring does. The page
+        counts turns only for a mechanism with one input. It counts none if modes pass
+        through crossings, since turns are counted along modes with constant signs.
         """
         if len(self._inputs) > 1 or self._crossings == "pass":
             return []
@@ -550,10 +569,11 @@ def _read_part(name: str) -> str:
 def _write_kernels(formulas_by_kernel: Mapping[str, Formulas]) -> str:
     """Return the functions of formulas as a JavaScript object.
 
-    A kernel has a description of the formulas (`about`), the function that computes their
-    results (`at`), and one that takes a step of Newton's method towards a configuration
-    (`step`, null if positions have a closed form). Each kernel has a scope of its own,
-    since the kernels have the same names of functions.
+    The text of a kernel defines names such as ``four_bar_about`` (a description of the
+    formulas), ``four_bar`` (the function that computes their results) and ``four_bar_step``
+    (a step of Newton's method towards a configuration, if positions have no closed form).
+    In the object they are `about`, `at` and `step`. Each kernel has a scope of its own,
+    since all kernels define the same names.
 
     Parameters
     ----------
@@ -564,7 +584,7 @@ def _write_kernels(formulas_by_kernel: Mapping[str, Formulas]) -> str:
     for kernel, kernel_formulas in formulas_by_kernel.items():
         # A page is no module, and exports nothing.
         text = re.sub(r"^export ", "", source(kernel_formulas, "js"), flags=re.M)
-        # The name of the function of results; the others begin with it.
+        # The first part of the names is found in the line "const four_bar_about = ...".
         (name,) = re.findall(r"^const (\w+)_about\b", text, re.M)
         step = f"{name}_step" if kernel_formulas.step else "null"
         parts.append(

@@ -193,18 +193,21 @@ def _step_facts(pole_plan: Plan, step: Step) -> Iterator[Facts]:
     - ``text``: the step in words.
     - ``lines``: for each great circle the two poles through which it passes.
     - ``contacts``: names of the sliding contacts whose planes are used.
-    - ``poles``: the poles that the step gives.
+    - ``poles``: the poles that the step gives. A pole is a list of two names of links.
 
-    A pole is a list of two names of links. If great circles cannot determine the poles of
-    a part of the mechanism one by one (`BlockPoles`), a first description has the poles
-    that velocity equations give. The steps that construct its other poles follow.
+    Usually great circles give one pole after the other, and the step has one description.
+    In some parts of a mechanism no pole can be found in this way (`BlockPoles`). The first
+    description then has the poles that velocity equations give. Further descriptions
+    follow for the poles that great circles give from there on.
     """
-    description, *_ = describe(pole_plan, step).split("\n")  # the first line
+    lines_of_text = describe(pole_plan, step).split("\n")
+    description = lines_of_text[0]
     lines: Sequence[list[list[str]]] = []
     contacts: Sequence[str] = []
     if isinstance(step, BlockPoles):
-        poles_of_passes = {inner_step.pole for inner_step in step.passes}
-        solved_poles = [pole for pole in step.poles if pole not in poles_of_passes]
+        # `passes` are the later steps, each with one pole from great circles.
+        poles_from_circles = {inner_step.pole for inner_step in step.passes}
+        solved_poles = [pole for pole in step.poles if pole not in poles_from_circles]
     else:
         solved_poles = [step.pole]
     if isinstance(step, LinePole):

@@ -109,11 +109,13 @@ class PageQuantities:
     def output_paths(self) -> list[OutputPath]:
         """The paths on the sphere that are drawn for the outputs.
 
-        The path of an output is that of the direction that it declares. The page draws in
-        ground axes, and the components of this direction are in the axes of the link from
-        which the output is seen. If that link is not the ground, or no direction is
-        declared, the axes of the output link's pairs are drawn instead. Axes of pairs at
-        the ground do not move and are left out.
+        The page draws directions that have components in ground axes. An output is a link
+        seen from another one, and may declare a direction fixed in it. The components of
+        this direction are in the axes of the other link. If that is the ground, the path of
+        the direction is drawn. Otherwise, or without a direction, the axes of the output
+        link's pairs are drawn. Axes of pairs at the ground do not move and are left out.
+
+        A path has two fields: the name of its vector and the link on which it is fixed.
         """
         mechanism = self._mechanism
         paths: list[OutputPath] = []
@@ -123,6 +125,7 @@ class PageQuantities:
                 continue
             for pair in mechanism.pairs:
                 is_moving = mechanism.ground not in pair.links
+                # R and P pairs have an axis, contacts have none.
                 if pair.kind.has_axis and output.link in pair.links and is_moving:
                     paths.append(OutputPath(f"axis_{pair.name}", output.link))
         return paths
@@ -140,8 +143,9 @@ class PageQuantities:
         """Return the quantities whose sign depends on the sense of a pole, by the pole.
 
         A pole is the axis of the relative rotation of two links while one input moves. If
-        no pair joins the links, the axis may point either way. The HTML page chooses its
-        sense, and the signs of the coefficients along it, as `sk.evaluate` does.
+        an R or P pair joins the links, its axis in the file has one of the two senses. For
+        other links the HTML page chooses the sense. If it reverses the sense, it has to
+        change the signs of the quantities that are returned here.
 
         Parameters
         ----------
@@ -154,6 +158,7 @@ class PageQuantities:
             frozenset(pair.links) for pair in mechanism.pairs if pair.kind.has_axis
         ]
         names_by_pole: dict[SignedPole, list[str]] = {}
+        # Link a relative to b, and b relative to a, have quantities of different names.
         for a, b in permutations(mechanism.links, 2):
             if frozenset((a, b)) in joined_links:
                 continue
@@ -204,10 +209,12 @@ class PageQuantities:
         Parameters
         ----------
         wound_pairs
-            Passive pairs whose whole turns the page counts.
+            Passive pairs whose whole turns the page counts, since loads depend on them. An
+            example is a pair with a spring.
         """
         names: list[str] = []
-        # Velocity coefficients of the output while one input moves, for each input.
+        # Velocity coefficients of the outputs while one input moves, for each input. The
+        # page marks the inputs at which they are zero, so that an output is at rest.
         for suffix in self.input_suffixes:
             names += self.output_coefficients(suffix)
         # Components of the vectors whose paths are drawn.

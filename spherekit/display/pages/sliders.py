@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.conventions import Facts
-from spherekit.designs.design_variables import DesignVariable, make_design
+from spherekit.designs.design_variables import POINTED, DesignVariable, make_design
 from spherekit.errors import SpherekitError
 from spherekit.files.toml_document import Document
 from spherekit.mechanism.elements import SizeGeometry
@@ -88,7 +88,8 @@ def slider_range(
     half_range = (
         SLIDER_REACH_DEG * degrees_to_file_unit if variable.is_angle else abs(value) or 1.0
     )
-    # A power of ten that divides the range of the slider into 100 steps or more.
+    # The largest power of ten that divides the range of the slider (twice `half_range`)
+    # into at least 100 steps.
     step = float(10.0 ** np.floor(np.log10(half_range / 50.0)))
     # Numbers may be typed over a wider range than the slider has. The format has limits for
     # angles only, in degrees.
@@ -99,9 +100,13 @@ def slider_range(
         least = max(least, limits[0] * degrees_to_file_unit)
         most = min(most, limits[1] * degrees_to_file_unit)
     # Other parts of the file may narrow the limits: if a mass is given along an arc, for
-    # example, the arc must be neither 0 nor 180 degrees.
-    least = _find_last_accepted(document, variable, [max(value - half_range, least), least])
-    most = _find_last_accepted(document, variable, [min(value + half_range, most), most])
+    # example, the arc must be neither 0 nor 180 degrees. So the file is read with the end
+    # of the slider, and then with the limit of typed numbers. If the end of the slider is
+    # refused, bisection within its shorter range locates the limit more closely.
+    slider_start = max(value - half_range, least)
+    slider_end = min(value + half_range, most)
+    least = _find_last_accepted(document, variable, [slider_start, least])
+    most = _find_last_accepted(document, variable, [slider_end, most])
     # At the limit of an arc or a latitude two axes lie on one line. The slider ends one
     # step before, but still includes the number of the file.
     low = max(value - half_range, min(least + step, value))
@@ -120,22 +125,26 @@ def _find_format_limits(
     Returns
     -------
     The smallest and the largest angle (deg), infinite if there is no limit. None if the
-    limits are not known beforehand, so that numbers have to be tried. This is so if the
-    variable is not an angle of a link, pair or output, or the mechanism has contacts, which
-    may not exist for all angles.
+    limits are not known beforehand, so that the caller can only try to read the file with
+    other numbers. This is so if the variable is not an angle of a link, pair or output. It
+    is also so if the mechanism has contacts, which may not exist for all angles.
     """
     if variable.slot is None or mechanism.has_contacts:
         return None
-    # A size has two locations. The slot is that in the mechanism: the kind of the size and
-    # its owner, such as ("arcs", (link, pair)). The owner of an output's size is (output, 0
-    # for a longitude or 1 for a latitude). The path is that in the file: a table and keys.
+    # The slot of a variable is the kind of the size, and to what it belongs:
+    # - ("arcs", (link, pair)): arc of a link to the axis of a pair,
+    # - ("latitudes", pair): latitude of the axis of a pair in the reference pose,
+    # - ("pointed", (output, 0 or 1)): longitude or latitude of an output.
     size_kind, size_owner = variable.slot
-    if size_kind == "latitudes" or (variable.path[0] == "outputs" and size_owner[1] == 1):
+    if size_kind == "latitudes":
+        return -90.0, 90.0
+    if size_kind == POINTED and size_owner[1] == 1:
         return -90.0, 90.0
     geometry = mechanism.geometry
     if isinstance(geometry, SizeGeometry) and size_kind == "arcs":
         # The arcs of a link may be negative if the file declares them as signed.
-        has_signed_arcs = geometry.links[size_owner[0]].signed
+        link, _ = size_owner
+        has_signed_arcs = geometry.links[link].signed
         return (-np.inf, np.inf) if has_signed_arcs else (0.0, 180.0)
     return -np.inf, np.inf
 

@@ -25,8 +25,9 @@ _MARK_FORMAT = "{}.5e-271"
 _MAX_TRIED_NUMBERS = 64
 """Numbers that are tried from the line of a key on.
 
-Larger: long files take longer; smaller: a number far behind its key, as in a long array, is
-not found, and the file is written anew without its comments.
+Each trial parses the whole file. Larger: long files take longer. Smaller: a number far
+behind its key, as in a long array, is not found, and the file is written anew without its
+comments.
 """
 
 
@@ -62,11 +63,15 @@ def split_at_numbers(document: Document, paths: Sequence[KeyPath]) -> list[str |
 
 
 def _mark_number(document: Document, text: str, path: KeyPath, mark: str) -> str | None:
-    """Return a text with a mark in place of the number at a path.
+    """Return the text of a file with a mark in place of one number.
 
-    The position of the number in the text is found by trial: numbers from the line of the
-    key on are replaced one by one. The right one is found if the text then reads as a file
-    with the mark, a number too, at the path.
+    The text is later cut at the marks, so that the numbers of sliders can be put there. A
+    mark is itself a number, one that no file contains, so the text remains valid TOML.
+
+    The position of the number is found by trial. Numbers from the line of its key on are
+    replaced by the mark, one at a time. The right one is replaced if the parsed text then
+    has the mark at the path of the number. At most `_MAX_TRIED_NUMBERS` are tried, because
+    each trial parses the whole text.
 
     Parameters
     ----------
@@ -77,7 +82,7 @@ def _mark_number(document: Document, text: str, path: KeyPath, mark: str) -> str
     path
         Path of the number in the file.
     mark
-        Text of a number that no file has.
+        The number that serves as a mark, as text.
 
     Returns
     -------
