@@ -198,19 +198,20 @@ class Sampler:
         self.poles = poles
         self.closure = position_analysis.solver.closure
         self.loads = Loads(self.mechanism)
-        # Names of the velocities on which components of loads work, by the index of the
-        # component.
+        # The power of a component of a load is its magnitude times its load velocity. The
+        # dictionary has the names under which load velocities are stored, by the index of
+        # the component. Components at pairs use the rate of the pair and are left out.
         self.load_velocities = load_velocity_names(self.loads)
         self.has_dynamics = bool(self.mechanism.masses or self.mechanism.loads)
 
     def make_heading(self, assembly_mode: int) -> StoredHeading:
-        """Return the heading of the model of an assembly mode, without its functions.
+        """Return the heading of the model of an assembly mode (way to assemble the links).
 
-        The heading describes a reduced model: the mechanism, its loads, and the coordinates
-        (``by``) with their ranges. The functions are added after they were fitted. A pole
-        is the axis of relative rotation of two links. The user has chosen the poles whose
-        functions are stored. ``rise`` is the growth of each pair variable (rad) over one
-        period of the coordinate.
+        The heading describes the model: the mechanism, its loads, the poles (axes of
+        relative rotation of two links), and the coordinates (``by``) with their ranges.
+        ``variables`` are the names of all pair variables, ``angles`` those of the R pairs.
+        ``rise`` is the growth of each variable (rad) over one period of the coordinate. The
+        fitted functions are not part of the result.
         """
         mechanism = self.mechanism
         return StoredHeading(
@@ -280,9 +281,10 @@ class Sampler:
         """Return the labels of the inertia matrix and of its Christoffel symbols.
 
         With one coordinate x (a curve) these are only the inertia B and its derivative
-        dB/dx. Only the unit of dB/dx names the radian; that of other Christoffel symbols
-        does not, although they are derivatives by angles, too.
+        dB/dx. All coordinates are in rad. The unit of dB/dx is written as kg m2/rad, that
+        of Christoffel symbols as kg m2: the radian is a unit without dimension.
         """
+        # `heading.inertia` and `heading.christoffel` have the names of the functions.
         labels = [
             FunctionLabel(name, "kg m2", FunctionKind.INERTIA) for name in heading.inertia
         ]
@@ -571,6 +573,7 @@ class CurveSampler(Sampler):
         if self.periodic:
             nearest %= SENSE_SAMPLES * self.laps_per_period
         for pole, direction in directions.items():
+            # Axes of pairs are not stored: their sense is fixed by the mechanism file.
             if pole in self.stored_directions:
                 cosines = np.vecdot(direction, self.stored_directions[pole][nearest])
                 direction[cosines < 0.0] *= -1.0
@@ -588,10 +591,12 @@ class CurveSampler(Sampler):
         SolveError
             If the two links of a pole do not move relative to each other somewhere.
         """
-        # The first method: as intersections of planes, in the order of the plan, with an
-        # error bound.
+        # The first method is the theorem of Aronhold and Kennedy: the three pole axes of
+        # three links lie in a plane. An unknown axis is the intersection of two such
+        # planes. The plan has the order in which the axes are computed.
         planned = PlannedPoles(self.plan, self._convert_motion(motion))
         axes: dict[Pole, Floats] = {}
+        # (n, links, 3) angular velocities per unit rate of the only coordinate (index 0).
         w = motion.w[:, 0]
         max_speeds = np.max(np.linalg.norm(w, axis=2), axis=1)
         for pole in self.poles:
@@ -601,10 +606,10 @@ class CurveSampler(Sampler):
             first, second = pole
             relative_w = w[:, second] - w[:, first]
             relative_speed = np.linalg.norm(relative_w, axis=1)
-            # The second method: the direction of the relative angular velocity, with an
-            # error of a few roundings of the largest angular velocity. It replaces an axis
-            # whose bound is larger. Axes with a bound below `TRUSTED_AXIS_ERROR_RAD` stay,
-            # because they are accurate enough.
+            # The second method: the direction of the relative angular velocity. Its error
+            # is estimated as `AXIS_ERROR_ROUNDINGS` roundings of the largest angular
+            # velocity. It replaces an axis whose bound is larger. Axes with a bound below
+            # `TRUSTED_AXIS_ERROR_RAD` stay, because they are accurate enough.
             with np.errstate(divide="ignore", invalid="ignore"):
                 velocity_error = AXIS_ERROR_ROUNDINGS * EPS * max_speeds / relative_speed
                 is_better = (error > TRUSTED_AXIS_ERROR_RAD) & (velocity_error < error)
@@ -628,14 +633,18 @@ class CurveSampler(Sampler):
         """Store directions of the secondary pole axes along the curve, in a smooth sense.
 
         A primary pole is the axis of a pair, whose sense is known. A secondary pole is the
-        axis of two links that no pair joins. Its first stored direction points to the side
-        of the sum of all pair axes, and each further one to the side of the one before. If
-        an axis comes back reversed after one lap, the period of the model becomes two laps.
+        axis of two links that no pair joins. Its sense is free, but has to be smooth: each
+        stored direction makes an acute angle with the one before. If an axis comes back
+        reversed after one lap of the curve of configurations, the period of the model
+        becomes two laps.
         """
         primary = {step.pole for step in self.plan.steps if isinstance(step, PrimaryPole)}
         motion = self._compute_motion(
             self.lap_length * np.arange(SENSE_SAMPLES + 1) / SENSE_SAMPLES
         )
+        # (pairs, 3) axes of all pairs at the first sample: the third columns (z) of the
+        # pair frames. The first direction makes an acute angle with their sum. Any other
+        # reference would serve, because the sense is free.
         pair_axes = self._convert_motion(motion).frames[0, :, :, 2]
         reference = np.sum(pair_axes, axis=0)
         axes = {
@@ -732,7 +741,8 @@ class BoxSampler(Sampler):
         inputs
             (n, m) values of the m inputs, in rad.
         function_count
-            Number of the labels. Without a valid configuration no values tell it.
+            Number of the labels. It is the width of the result, which is unknown if no row
+            has a valid configuration.
 
         Returns
         -------
@@ -750,7 +760,7 @@ class BoxSampler(Sampler):
             # Newton's method can arrive on another assembly mode. On the mode of the node
             # the trapezoidal rule leads from the node to the configuration: the change of a
             # variable is the step of the inputs times the mean of its rates at both ends.
-            input_steps = closed.steps
+            input_steps = closed.steps  # inputs of the row less those of its node
             rate_sums = nodes.rates[node_of_row] + motion.rates
             change = 0.5 * np.einsum("ni,niv->nv", input_steps, rate_sums)
             predicted = nodes.values[node_of_row] + change
@@ -876,7 +886,6 @@ def _describe_loads(
         Names of the load velocities by the index of the component in `loads.components`.
         Components at pairs are not among them.
     """
-    # A torque table has no expression and is stored as numbers.
     stored_loads = []
     for load_index, load in enumerate(loads.mechanism.loads):
         # For each component of the load: the name of the pair variable or load velocity on
@@ -886,11 +895,14 @@ def _describe_loads(
         for component_index, component in enumerate(loads.components):
             if loads.load_of_component[component_index] != load_index:
                 continue
-            # A component at a pair works on the rate of the pair variable, and the name of
-            # the variable is stored. The others work on their load velocities.
-            works_on.append(load_velocities.get(component_index, f"theta_{component.pair}"))
+            if component_index in load_velocities:
+                works_on.append(load_velocities[component_index])
+            else:
+                # A component at a pair works on the rate of the pair variable.
+                works_on.append(f"theta_{component.pair}")
             if isinstance(component.magnitude, Expression):
                 expressions.append(component.magnitude.text)
+        # A torque table has no expression and is stored as numbers.
         table: tuple[Any, ...] = ()
         if isinstance(load, TorqueTable):
             table = (load.times, load.torques, load.periodic)

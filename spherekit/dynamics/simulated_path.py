@@ -77,7 +77,8 @@ class StatePath:
     starts, lengths
         (steps,) start times and lengths of the steps, s.
     max_closure_residual
-        Largest closure residual that was removed, rad.
+        Largest closure residual (opening of a loop) that was removed by corrections of the
+        configuration during the integration, rad.
     """
 
     part_starts: Floats
@@ -88,14 +89,18 @@ class StatePath:
 
     @property
     def checked_steps(self) -> Indices:
-        """Numbers of at most `MAX_CHECKED_STEPS` steps, evenly chosen."""
+        """Numbers of the steps at which energy and power balances are checked.
+
+        They are evenly chosen, and at most `MAX_CHECKED_STEPS`, to limit computing time.
+        """
         count = len(self.starts)
         return np.linspace(0, count - 1, min(MAX_CHECKED_STEPS, count)).astype(np.intp)
 
     def evaluate(self, t: Floats) -> PathStates:
         """Return the states at times (n,) within the path, in any order.
 
-        Times within one part of the path are evaluated together, in blocks of limited size.
+        Times within one part of the path are evaluated together, in blocks whose size is
+        limited because of the memory.
         """
         part_of_row = np.searchsorted(self.part_starts[1:], t, side="right")
         # Rows sorted by their part, and the positions at which the next part begins.
@@ -131,7 +136,8 @@ def make_collocation_path(
         configuration between steps, rad.
     """
     starts = np.array([step.start for step in steps])
-    # `starts` are those of steps, `part_starts` those of parts. Here each step is a part.
+    # The path consists of parts, each with a function that evaluates it. Here each step is
+    # a part. (In a path of the compiled engine a part has several steps.)
     return StatePath(
         part_starts=starts,
         parts=tuple(partial(_evaluate_step, step, turns) for step in steps),
@@ -164,8 +170,8 @@ class CurveFrames:
     """Converts states of the compiled engine, for one degree of freedom, to path states.
 
     A momentum is positive if the mechanism moves along the configuration curve in its
-    positive direction. The compiled engine and the simulation can disagree about this
-    direction. The momenta of the engine then change their sign.
+    positive direction. That of the compiled engine can be opposite to that of the
+    simulation. The momenta of the engine then change their sign.
 
     This function is a class with `__call__`, because simulations are pickled, and a nested
     function could not be.
@@ -184,33 +190,37 @@ class CurveFrames:
     sense: float
 
     def __call__(self, states: Floats, rates: Floats) -> Floats:
-        """Give the momenta their sign in the simulation, in place, and return tangents.
+        """Convert the momentum in each state, in place, and return the positive directions.
+
+        The momentum of the compiled engine is positive along its own tangent of the
+        configuration curve. Where the simulation has the opposite positive direction
+        (`sense` -1), momentum and tangent change their sign together.
 
         Parameters
         ----------
         states, rates
-            (n, states) states and their rates by time.
+            (n, states) states and their rates by time. The momentum is the column after the
+            pair variables.
 
         Returns
         -------
-        (n, 1, variables) tangents of the configuration curve, which point in its positive
-        direction. They are the frames of the states. Their length does not matter.
+        (n, 1, variables) a tangent of the configuration curve for each state, which points
+        to where the momentum is positive. Only its direction is used, not its length.
         """
         count = self.equation.layout.variable_count
-        # The momentum follows after the variables.
         for array in (states, rates):
             array[:, count] *= self.sense
-        return self.sense * self.equation.homogeneous_rates(states[:, :count])
+        # The rates of all pair variables by the parameter of the curve: a tangent.
+        tangents = self.equation.homogeneous_rates(states[:, :count])
+        return self.sense * tangents
 
 
 @dataclass(frozen=True)
 class CoordinateFrames:
     """Converts states of the compiled engine, for several degrees of freedom.
 
-    The m coordinates of a run are some of the pair variables. In the place of momenta, the
-    states of the compiled engine contain the rates u of the coordinates times a constant.
-    They are converted to the momenta p = R u of a simulation. R is the symmetric root of
-    the inertia matrix.
+    The m coordinates of a run are some of the pair variables. The states of the compiled
+    engine contain scaled rates of the coordinates, those of a simulation contain momenta.
 
     Attributes
     ----------
@@ -225,23 +235,24 @@ class CoordinateFrames:
     frame: Floats
 
     def __call__(self, states: Floats, rates: Floats) -> Floats:
-        """Convert scaled rates of coordinates to momenta, in place, and return the frames.
+        """Convert scaled rates of coordinates to momenta, in place; return coordinates.
 
-        The compiled engine stores the rates u of the m coordinates times the square root of
-        the links' total moment of inertia, which gives them the unit of momenta. The
+        The compiled engine stores s u. Here u are the rates of the m coordinates, and s is
+        the square root of the sum of the largest moments of inertia of all links. The
         momenta of a simulation are p = R u, with the symmetric root R of the inertia
         matrix, M = R R.
 
         Parameters
         ----------
         states, rates
-            (n, states) states and their rates by time, before and after the call with
-            scaled rates and with momenta in the columns `equation.momenta`.
+            (n, states) states and their rates by time. The columns `equation.momenta` have
+            s u at first, and p after the call.
 
         Returns
         -------
-        (n, m, variables) the coefficients of the pair variables in each coordinate. They
-        are the same for all states, because each coordinate is one of the variables.
+        (n, m, variables) the coefficients of the pair variables in each coordinate, which
+        define the coordinates of the momenta. Each coordinate is one of the variables, so
+        they are the same for all n states.
         """
         equation = self.equation
         scale = np.sqrt(total_moment_of_inertia(equation.mechanism))

@@ -63,15 +63,16 @@ class Event:
     kind
         - "dead_centre": the only input reverses while the mechanism moves on.
         - "type_2": several inputs do not determine the motion.
-        - "crossing": the simulation passed a crossing of sets of configurations.
+        - "crossing": the simulation passed a configuration in which two curves of
+          configurations cross, or surfaces if there are several inputs.
         - "rest": a mechanism with one input stands still.
         - "joint_limit": a pair reached its joint limit.
-        - "switch": a load has a kink.
+        - "switch": a load changes abruptly, for example where it is switched on.
         - "lift_off": a one-sided contact loses its pressure.
     t
         The time, s.
     inputs
-        Variables of the inputs, rad.
+        The angle of each input, rad.
     pair
         Name of the pair to which the event belongs, or empty.
     """
@@ -250,19 +251,22 @@ class Simulation:
     def missed(self) -> str | None:
         """A message if the simulation misses its tolerance, otherwise None.
 
-        There are two kinds of evidence: the difference from a more accurate simulation, if
-        there is one, and the difference between the power of the loads and the rate of the
-        kinetic energy.
+        There are two kinds of evidence: the difference from a simulation with a smaller
+        tolerance, if there is one, and the error of the momenta in a step.
         """
         if self.tolerance is None:
             return None
         # The negated comparisons are also true for NaN.
         if self.error is not None and not self.error <= self.tolerance:
+            # The error is infinite if both simulations end for different reasons.
             if np.isfinite(self.error):
                 evidence = f"its error is {self.error:.1e} rad"
             else:
                 evidence = "it ends in another way with a smaller tolerance"
         elif not self.checks.momentum <= MAX_MOMENTUM_ERROR_RATIO * self.tolerance:
+            # This error has no unit and is compared with the tolerance. It is shown to the
+            # user as a power: an error of dp/dt times the momentum p is an error of the
+            # rate of the kinetic energy p^2 / 2.
             evidence = (
                 f"the power of the loads and the kinetic energy differ by "
                 f"{self.checks.power:.1e} W"
@@ -326,6 +330,7 @@ class Simulation:
             value_rates=value_rates,
             rotations=motion.rotations,
             speed=speed,
+            # The inertia matrix as a sum over the links with mass.
             M=masses.M_parts,
             Q=dynamics.forces,
             kinetic=kinetic_energy,
@@ -350,9 +355,10 @@ class Simulation:
 
     @cached_property
     def checks(self) -> Checks:
-        """Balances of energy and power, closure residual, and the error if it is known.
+        """Balances of energy and power, largest closure residual, and the error.
 
-        Balances are evaluated at three times within each of the steps
+        The error is the difference from a simulation with a smaller tolerance, if there is
+        one. Balances are evaluated at three times within each of the steps
         `StatePath.checked_steps`, and at the end. The states contain the momenta p = R u
         with the rates u of the coordinates and the symmetric root R of the inertia matrix.
         """
@@ -374,8 +380,8 @@ class Simulation:
         # The error of dp/dt is not computed at the end. There a load may jump, or dp/dt may
         # have no value because the inertia matrix is singular.
         rate_errors[t >= self.end.t] = 0.0
-        # The eigenvalues of R have the size of momenta at unit speed. They are included so
-        # that a mechanism at rest does not lead to a division by zero.
+        # The scale of the momenta is the largest one, but at least that at 1 rad/s: the
+        # largest eigenvalue of R. Otherwise a mechanism at rest would divide by zero.
         momentum_sizes = np.append(
             np.linalg.norm(momenta, axis=1), dynamics.roots.eigenvalues
         )
@@ -385,10 +391,13 @@ class Simulation:
         # Eigenvalues are NaN where an inertia matrix is not positive.
         largest_momentum = np.nanmax(momentum_sizes)
         balance = kinetic - work
+        # The kinetic energy p^2 / 2 has the rate p dp/dt. By the equation of motion this is
+        # the power of the loads, so p times the error of dp/dt is the error of the power.
+        power_errors = np.vecdot(momenta, rate_errors)
         return Checks(
             energy=float(max_abs(balance - balance[0])),
             energy_scale=float(max(np.max(kinetic), max_abs(work))),
-            power=float(max_abs(np.vecdot(momenta, rate_errors))),
+            power=float(max_abs(power_errors)),
             momentum=float(np.max(momentum_errors) / largest_momentum),
             closure=max(path.max_closure_residual, float(np.max(closed.closure_residual))),
             error=self.error,

@@ -97,7 +97,7 @@ def too_many_steps_message(steps: int) -> str:
 def no_step_end(
     equation: EquationOfMotion, path: StatePath, t: float, message: str
 ) -> SimulationEnd:
-    """Return the end of a simulation in which no further step is short enough.
+    """Return the end of a simulation whose next step would become too short.
 
     The end is "no_inertia" if the smallest principal inertia at its time vanishes, compared
     with the largest one so far. Otherwise it is "too_fast" with the given message.
@@ -111,6 +111,8 @@ def no_step_end(
     message
         The reason of the end, which is used unless the inertia vanishes.
     """
+    # `checked_steps` are evenly chosen steps. Their number is limited, so that long
+    # simulations do not take long to examine.
     step_starts = path.starts[path.checked_steps]
     path_states = path.evaluate(np.append(step_starts, t))
     motion = equation.compute_motion(

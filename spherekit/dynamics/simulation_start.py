@@ -481,8 +481,9 @@ def _compute_configuration(
     """
     name = mechanism.name
     if len(q) == 1:
-        # One input has a range with numbered modes. `compute_modes_at_inputs` shifts the
-        # input into this range by whole turns, as far as they have no influence.
+        # The modes of one input are numbered over its range. If whole turns of the input
+        # have no influence, `compute_modes_at_inputs` removes them, so that the input is in
+        # this range.
         position_analysis, motion = compute_modes_at_inputs(
             position_analysis_of(mechanism), q[None]
         )
@@ -491,6 +492,7 @@ def _compute_configuration(
         # if there are contacts, because these can make a configuration depend on the turns.
         inputs = q if mechanism.has_contacts else wrap_to_pi(q)
         position_analysis, motion = compute_modes_at_inputs(mechanism, inputs[None])
+    # The motion has one row for each mode, because there is only one sample.
     row = position_analysis.find_mode_index(assembly_mode)
     status = Status(int(motion.status[row]))
     if status not in (Status.OK, Status.AT_SINGULARITY):
@@ -502,8 +504,8 @@ def _compute_configuration(
     number = motion.assembly_modes[row].number
     solver = position_analysis.solver
     values = motion.values[row].copy()
-    # The whole turns of the inputs determine those of the other angles, which are counted
-    # first. Then the inputs themselves are reduced.
+    # The whole turns of the other angles depend on those of the inputs. So they are counted
+    # before the inputs are reduced.
     driven = list(solver.driven)
     turns = position_analysis.angle_unwrapping.count(
         number, values[None], q[None], solver.angles

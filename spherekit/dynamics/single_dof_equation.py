@@ -27,13 +27,13 @@ from spherekit.velocities.load_expressions import generalised_forces
 
 
 def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
-    """Return the equation of motion of a mechanism with its first input as the input.
+    """Return the equation of motion of a mechanism that is driven at its first input.
 
     The coordinate x is a parameter of the configuration curve, with the rate u = dx/dt. The
     homogeneous rates tau = dv/dx are the rates of all pair variables v by it. B is the
     generalised inertia, so the kinetic energy is B u^2 / 2. Q is the generalised force. The
-    state has v, p = sqrt(B) u and the work W of each load. It is called a momentum here,
-    and the kinetic energy is p^2 / 2. The equation is (Di Gregorio 2024, eq. (9))
+    state has the variables v, the momentum p = sqrt(B) u and the work W of each load. The
+    kinetic energy is p^2 / 2. The equation is (Di Gregorio 2024, eq. (9))
 
         dv/dt = tau u,   dp/dt = Q / sqrt(B),   dW/dt = Q u,   u = p / sqrt(B).
 
@@ -62,8 +62,9 @@ def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
     # The power of a load over P^2: Q u / P^2 = (Q / (P sqrt(B))) (p / P).
     powers = [rate * momentum for rate in momentum_rates]
 
-    # The measure of independence of the velocity equations. It vanishes where curves of
-    # configurations cross, because the homogeneous rates tau vanish there.
+    # The homogeneous rates tau are the minors of the velocity equations. If these are
+    # dependent, all minors vanish. This is so where curves of configurations cross. The
+    # square of tau therefore measures the independence of the equations.
     tau_square = dot(tau, tau)
     (input_variable,) = structure.inputs
     return EquationExpressions(
@@ -74,6 +75,7 @@ def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
         events=[
             EventFunction(momentum, "rest"),
             EventFunction(tau[input_variable], "dead_centre", input_variable),
+            # `sense=-1`: the event occurs only if the function falls through zero.
             EventFunction(tau_square - layout.min_independence, "singularity", sense=-1),
         ],
         load_state=load_state,

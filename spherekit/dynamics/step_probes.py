@@ -148,19 +148,18 @@ def _find_zeros(
 ) -> ProbePlaces:
     """Return the zeros of functions that change their sign between neighbouring values.
 
-    A place is a fraction of a step, from 0 to 1.
+    A place is a fraction of an integration step, from 0 to 1.
 
     Parameters
     ----------
     evaluate
         Returns the values (n, functions) for indices of steps (n,) and places (n,).
     values
-        (steps, k + 1, functions) computed values of the functions, in the order of rising
-        places. They may be differences between two places each.
+        (steps, k + 1, functions) values of the functions in the order of rising places. To
+        find extrema of a quantity, its differences between neighbouring places are passed.
     low, high
         (k,) places, the ends of brackets. If the sign changes between values j and j + 1,
-        a zero is between `low[j]` and `high[j]`. These are the places of the two values, or
-        for differences the outer ones of the three places to which the values belong.
+        a zero is between `low[j]` and `high[j]`.
 
     Returns
     -------
