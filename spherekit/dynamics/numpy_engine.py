@@ -237,7 +237,8 @@ class Collocation:
         self.problem = problem
         self.equation = equation = problem.equation
         self.tolerance = tolerance
-        # (m, variables) directions of the m coordinates in the space of all pair variables.
+        # (m, variables) row i has the weights of the pair variables in coordinate i. The m
+        # coordinates describe the motion, one for each degree of freedom.
         self.frame = problem.frame
         self.steps: list[CollocationStep] = []
         self.events: list[Event] = []
@@ -254,12 +255,13 @@ class Collocation:
         self.scales = np.ones(len(self.start_state))
         self.scales[equation.momenta] = np.sqrt(largest_inertia)
         self.scales[equation.load_work_rows] = largest_inertia
-        # Nothing is known of determinants and crossings before the first step.
+        # The sign of a determinant changes where curves of configurations cross. This is
+        # the largest one so far; 0 stands for none before the first step.
         self.largest_determinant = 0.0
         self.is_near_crossing = False
         self.max_closure_residual = 0.0
-        # Number of short steps in a row whose rates are noisy. Many of them end a
-        # simulation.
+        # Number of short steps in a row in which rounding errors hide the course of the
+        # rates. Many of them end a simulation.
         self.noisy_steps = 0
         self.end: SimulationEnd | None = None
         # A generator, from which `advance` takes one step after the other.
@@ -289,7 +291,8 @@ class Collocation:
             lambda: f"{t:.4g} of {self.problem.until:.6g} s"
         )
         if is_due and self.end is None and self.problem.on_progress:
-            # The reason for the choice of the engine is stated in the final result only.
+            # The motion so far. Its reason for the choice of this engine is a placeholder:
+            # only the final result states the real one.
             self.problem.on_progress(self.simulation(reason="it goes on"))
         return self.end is None
 
@@ -573,12 +576,13 @@ class Collocation:
     ) -> Floats:
         """Return the matrix (N, N) of Newton's method for the momenta at N nodes.
 
-        It turns residuals of the collocation equations into corrections of the momenta. It
-        is the inverse of 1 - h/2 A diag(d), with the length h of the step, the
-        `INTEGRATION_MATRIX` A, and the derivatives d of dp/dt by the momentum p at the
-        nodes. The mechanism has a single momentum. Loads that change abruptly make its
-        equation stiff. Pair variables and works are left to the
-        iteration without derivatives.
+        The mechanism has a single momentum p, whose equation is stiff if loads change
+        abruptly. Its values p_k at the nodes satisfy p = p_start + h/2 A p', with the
+        length h of the step. The `INTEGRATION_MATRIX` A turns rates p' at the nodes into
+        integrals over times in [-1, 1], so h/2 converts them to seconds. With the
+        derivatives d of p' by p at the nodes, this method returns the inverse of
+        1 - h/2 A diag(d). It turns residuals of these equations into corrections of p. Pair
+        variables and works are corrected without derivatives.
 
         Parameters
         ----------
@@ -601,9 +605,12 @@ class Collocation:
         shifted_rates = self.equation.state_rates(
             self._evaluate_dynamics(t, shifted_states)
         )
-        # The derivatives d, by differences. They are 0 where a rate is not finite.
+        # The derivatives d, by differences. A derivative that is not finite is set to 0,
+        # which leaves its node to the iteration without derivatives. One NaN would make the
+        # whole inverse NaN.
         slope = (shifted_rates - rates)[:, momentum] / shift
         slope[~np.isfinite(slope)] = 0.0
+        # Column k of A times d_k: the product A diag(d).
         return np.linalg.inv(np.eye(NODE_COUNT) - 0.5 * length * INTEGRATION_MATRIX * slope)
 
     def _passes_probes(
@@ -644,26 +651,36 @@ class Collocation:
         def probe(_: Indices, fractions: Floats) -> tuple[Floats, Floats]:
             """Compare the rates of the momenta with the loads at n times of the step.
 
-            The series of the step gives the rates of the momenta as a polynomial of time,
-            the loads give them anew. `fractions` (n,) are times from 0 at the start of the
-            step to 1 at its end. The other argument, which step of several it is, is not
-            needed here.
+            The rates are computed in two ways: by the polynomial of the step, which was
+            fitted to the rates at its nodes, and from the loads at the given times. They
+            differ if a load changes abruptly between two nodes.
 
-            Returned are errors (n,), relative to the error that is allowed in a step, and
-            (n, arguments) the arguments of steep functions in the loads. A load can change
-            abruptly where such an argument is zero or extreme, so `find_first_errors` also
-            probes these times.
+            Parameters
+            ----------
+            _
+                Indices of steps, which the caller passes. Here there is only one step.
+            fractions
+                (n,) times from 0 at the start of the step to 1 at its end.
+
+            Returns
+            -------
+            errors
+                (n,) differences of the rates, relative to the error allowed in a step.
+            steep_arguments
+                (n, arguments) arguments of functions in the loads that can change abruptly
+                where the argument is zero or extreme. The caller also probes these times.
             """
             t = step.start + fractions * step.length
-            # The motion is described by m coordinates, one for each momentum. A frame
-            # (m, variables) has the rates of the pair variables per unit rate of each
-            # coordinate. With several degrees of freedom one frame applies to the whole
-            # step. With one, each node of the step has its own frame, the unit tangent of
-            # the configuration curve, and the frame of the nearest node is used. The times
-            # of the nodes, `GAUSS_NODES`, are in [-1, 1], from start to end of the step.
-            distances = np.abs(2.0 * fractions[:, None] - 1.0 - GAUSS_NODES)
-            nearest = np.argmin(distances, axis=1)
-            frame = step.frames[nearest] if equation.freedoms == 1 else self.frame
+            # A frame describes the m coordinates of the motion. With several degrees of
+            # freedom, one frame applies to the whole step. With one, the coordinate is the
+            # arc length of the configuration curve. The frame then only decides in which
+            # of two directions it increases, so the frame of the nearest node suffices.
+            frame = self.frame
+            if equation.freedoms == 1:
+                # The times of the nodes are in [-1, 1], from start to end of the step.
+                times = 2.0 * fractions[:, None] - 1.0
+                distances = np.abs(times - GAUSS_NODES)
+                frame = step.frames[np.argmin(distances, axis=1)]
             states = step.evaluate_state(t)
             dynamics = equation.evaluate(t, states, frame, self.problem.turn_angles)
             rate_errors = np.abs(
@@ -708,22 +725,23 @@ class Collocation:
         if not self.problem.passes_crossings:
             return True
         equation = self.equation
-        # `sign` is a number with the sign that the determinant had before this step.
+        # The largest size so far, and the sign (1 or -1) before this step.
         largest, sign = self._largest_determinant(determinants)
         is_near = np.abs(determinants) < CROSSING_RATIO * largest
         # Without a crossing, no node may be near one.
         if not np.any(determinants * sign < 0.0):
             return not np.any(is_near)
-        # `find_crossing` compares sizes with the largest determinant, and signs with its
-        # sign.
+        # `find_crossing` takes size and sign together, as one number.
         signed_largest = float(np.copysign(largest, sign))
         t = step.find_crossing(determinants, signed_largest)
-        # With a crossing, the last two of the N nodes have to be beyond it, so that the
-        # step ends away from it.
+        # The step must end away from the crossing, so the last two of the N nodes must not
+        # be near it.
         if np.any(is_near[-2:]) or t is None:
             return False
         values = step.evaluate_state(np.array([t]))[0, : equation.variable_count]
-        # Between sets that do not cross, a path from one to the other is not closed.
+        # Two sets may come near each other without crossing. Configurations on a path from
+        # one to the other then have open loops, and the closure equations are regular. At a
+        # real crossing, the loops close and the equations are singular.
         (closure_residual,) = equation.closure.linearise(values[None]).closure_residual
         condition = reciprocal_condition(equation.closure, values, equation.freedoms)
         return bool(
@@ -735,7 +753,7 @@ class Collocation:
 
         It has to be repeated if a crossing of configuration curves may be near, and the
         tolerance is too large to recognise the crossing. Also updates `is_near_crossing`,
-        which makes the following steps use the smaller tolerance.
+        which makes the following steps use at most `MAX_CROSSING_TOLERANCE_RAD`.
 
         If the simulation passes through crossings, the result is False: `_stays_on_set` has
         tested then that the step does not lead to another curve. Otherwise the simulation
@@ -751,12 +769,12 @@ class Collocation:
         if self.problem.passes_crossings:
             return False
         largest, sign = self._largest_determinant(determinants)
-        # `sign` is a number with the sign that the determinants had until this step. Times
-        # this sign they are positive before a crossing and negative beyond it.
-        signed_determinants = determinants * np.sign(sign)
-        # A configuration that is off its curve by d misses a crossing by about sqrt(d). A
-        # determinant below sqrt(d) times the largest one may therefore belong to a
-        # crossing.
+        # `sign` is the sign (1 or -1) that the determinants had until this step. Times this
+        # sign they are positive before a crossing and negative beyond it.
+        signed_determinants = determinants * sign
+        # Configurations may be off their curve by d, the tolerance. The determinant of such
+        # a path does not reach zero at a crossing: it remains about sqrt(d) times as large
+        # as elsewhere. A smaller determinant may therefore belong to a crossing.
         is_near = signed_determinants < np.sqrt(self.tolerance) * largest
         # The step is repeated once at most: if a crossing was near before, this step was
         # made with the smaller tolerance already.
@@ -766,16 +784,16 @@ class Collocation:
         return comes_near_crossing and self.tolerance > MAX_CROSSING_TOLERANCE_RAD
 
     def _largest_determinant(self, determinants: Floats) -> tuple[float, float]:
-        """Return the largest size of the determinant so far, and a number with its sign.
+        """Return the largest size of the determinant so far, and its sign (1 or -1).
 
-        The sign of the determinant changes where curves of configurations cross. Those at
-        the nodes of the current step, `determinants` (N,), are included in the largest
-        size, which is positive. The second number has the sign that the determinant had
-        before this step, or at its first node if it is the first step. Its size has no
-        meaning.
+        The sign of the determinant changes where curves of configurations cross. The
+        determinants at the nodes of the current step, `determinants` (N,), are included in
+        the largest size. The sign is the one that the determinant had before this step, or
+        at its first node if it is the first step.
         """
         largest = max(abs(self.largest_determinant), float(max_abs(determinants)))
-        return largest, self.largest_determinant or float(determinants[0])
+        earlier_determinant = self.largest_determinant or float(determinants[0])
+        return largest, float(np.sign(earlier_determinant))
 
     def _accept(
         self, step: CollocationStep, rates: Floats, determinants: Floats
@@ -814,7 +832,8 @@ class Collocation:
 
         They are, in this order: exceeded joint limits, a crossing of curves, reversals of
         the input (or singularities of type II with several inputs), and moments of rest.
-        The pair is empty if the event belongs to none. Also updates `largest_determinant`.
+        The pair is empty if the event belongs to none. Also updates `largest_determinant`:
+        the largest size of the determinant so far, with its sign at the last node.
 
         Parameters
         ----------
@@ -831,7 +850,9 @@ class Collocation:
         driven = list(self.problem.driven)
         for t, pair in step.find_exceeded_limits(mechanism, self.problem.turn_angles):
             yield t, "joint_limit", pair
-        # `find_crossing` needs the sign that the determinant had before this step.
+        # At a crossing the determinant vanishes or changes its sign. `find_crossing`
+        # therefore needs a large determinant as a reference of size, and the sign before
+        # this step.
         largest, sign = self._largest_determinant(determinants)
         self.largest_determinant = float(np.copysign(largest, sign))
         crossing = step.find_crossing(determinants, self.largest_determinant)
@@ -881,7 +902,7 @@ class Collocation:
         Parameters
         ----------
         step, error
-            The last rejected step, and the error of its iteration divided by the tolerance.
+            The last rejected step, and its error divided by the tolerance.
         dynamics
             Motion and forces at the nodes of this step.
         """
@@ -892,11 +913,13 @@ class Collocation:
                 return SimulationEnd(kind, t, message)
         values = step.state[: equation.variable_count]
         condition = reciprocal_condition(equation.closure, values, equation.freedoms)
+        # `is_near_crossing` was set before, if the determinant of a step became small.
         if self.is_near_crossing or condition < MIN_CROSSING_CONDITION:
             return SimulationEnd("singularity", t, CROSSING_MESSAGE)
         message = f"no step is short enough (iteration error {error:.2g}); {JUMP_MESSAGE}"
         if not self.steps:
             return SimulationEnd("too_fast", t, message)
+        # This call tests whether the inertia vanishes. If not, the load changes too fast.
         return no_step_end(equation, self._make_path(), t, message)
 
 
@@ -930,13 +953,17 @@ def _length_factor(error: float, iterations: int) -> float:
     Parameters
     ----------
     error
-        Error relative to the tolerance. It is proportional to the N-th power of the length,
-        with the number N of nodes.
+        Error of the step relative to the tolerance. It is proportional to the N-th power of
+        the length, with the number N of nodes (times in the step at which the equation of
+        motion is satisfied).
     iterations
-        Number of iterations that the step took.
+        Number of iterations by which the equations of the step were solved.
     """
     if not np.isfinite(error):
         return MIN_STEP_SHRINKAGE
     factor = STEP_SAFETY * max(error, EPS) ** (-1.0 / NODE_COUNT)
-    largest = STEP_SAFETY if iterations > MANY_ITERATIONS else MAX_STEP_GROWTH
-    return min(max(factor, MIN_STEP_SHRINKAGE), largest)
+    # The number of iterations grows faster than the length. After many iterations, a
+    # shorter step covers more time per iteration, so the length is reduced.
+    has_many_iterations = iterations > MANY_ITERATIONS
+    largest_factor = STEP_SAFETY if has_many_iterations else MAX_STEP_GROWTH
+    return min(max(factor, MIN_STEP_SHRINKAGE), largest_factor)

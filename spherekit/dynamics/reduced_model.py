@@ -112,14 +112,16 @@ class StoredModel:
         centrifugal torques C x' and the generalised forces Q of all loads. With one
         coordinate, this is B x'' + 1/2 dB/dx x'^2 - Q with the inertia B (Di Gregorio 2024,
         eq. (21)). If the coordinates are the inputs, the torques act at the inputs. If the
-        coordinate is the arc length s of the curve, divide the torque by the rate of a pair
-        along the curve to obtain the torque at this pair.
+        coordinate is the arc length s of the curve of configurations, divide the torque by
+        dv/ds of a pair variable v to obtain the torque at this pair.
 
         Parameters
         ----------
         x, dx, ddx
-            Coordinates (rad) and their first and second rates by time, at one point or at
-            many points (see the class).
+            Coordinates (rad) and their first and second rates by time. A model of one
+            coordinate is along a curve: a point is a number, and an array of any shape is
+            many points. A model of m inputs is over a box of their ranges: a point is a
+            sequence (m,), and an array (n, m) is many points.
         t
             Time (s) for loads that depend on it.
 
@@ -134,9 +136,10 @@ class StoredModel:
             torques of those outside are NaN.
         """
         if self._is_single(x):
-            # `dynamics` has two functions. The first evaluates inertia, its derivatives and
-            # load velocities, on which the torques depend. `torque_at_functions` uses the
-            # second one.
+            # Functions of numbers take less time at a single point than those of arrays.
+            # The first of two functions evaluates inertia, its derivatives and load
+            # velocities. `torque_at_functions` uses the second one, which returns the
+            # torques from their values.
             evaluate_functions, _ = self.dynamics
             return self.torque_at_functions(evaluate_functions(x), x, dx, ddx, t)
         arrays = self._broadcast(x, dx, ddx, t=t)
@@ -353,9 +356,10 @@ class StoredModel:
         return sense * self.functions(names, q).reshape(*np.shape(q), 3)
 
     def places(self, variable: str, value: float) -> Floats:
-        """Return the coordinates (k,) of a curve at which a pair variable has a value.
+        """Return the coordinates (k,) at which a pair variable has a given value.
 
-        The coordinates are in rising order.
+        They are positions on the curve of configurations, in rising order. The model has
+        one coordinate: the arc length of this curve or the variable of the input.
 
         Parameters
         ----------
@@ -396,7 +400,8 @@ class StoredModel:
             # zeros as the difference.
             return half_difference, 0.5 * rates
 
-        # Zeros are sought between these positions; see `ZERO_SEARCH_DIVISIONS`.
+        # Zeros are sought between neighbours of these positions. With more divisions of
+        # each cell, two zeros that are closer together are both detected.
         search_grid = series.spread_positions(ZERO_SEARCH_DIVISIONS)
         return find_zeros(evaluate_distance, search_grid).places
 
@@ -465,15 +470,19 @@ class StoredModel:
     def dynamics(self) -> tuple[SingleFunction, FloatFunction]:
         """Functions that evaluate the torques at single points in the least time.
 
-        The first function returns the stored functions that torques need at a point: the
-        inertia first, and along a curve dB/dx next. The second function returns the torques
-        from the result of the first one, followed by the values of
-        `StoredHeading.motion_symbols` (rates, accelerations, time, torques of tables).
+        The first function evaluates the functions of the configuration that the model
+        stores and the torques depend on. The inertia is first. In a model along a curve of
+        configurations, the derivative dB/dx of the inertia B is next, because simulations
+        read both from the list.
+
+        The second function returns the torques. Its argument is the result of the first
+        one, followed by rates, accelerations, time and torques of tables (the values of
+        `StoredHeading.motion_symbols`).
         """
         heading = self.heading
         # Christoffel symbols are the coefficients of products of rates in the torques.
         # Along a curve there is one coordinate (index 0) with a single symbol, 1/2 dB/dx,
-        # which is stored as dB/dx. Over a box those of the first input come next.
+        # which is stored as dB/dx.
         first_symbols = symbols([*heading.inertia, *heading.christoffel[0]])
         # The symbols that represent stored functions, each once. `iterate_nodes` visits the
         # nodes of the expressions in order, so the first symbols remain first.
@@ -491,13 +500,16 @@ class StoredModel:
     def torque_at_functions(
         self, functions: list[float], x: Any, dx: Any, ddx: Any, t: Any
     ) -> Any:
-        """Return the torques (N m) at a point whose stored functions are known.
+        """Return the torques (N m) at a point from the functions that the model stores.
+
+        `torque` evaluates these functions itself. A simulation, which also needs them for
+        other purposes, evaluates them once and calls this method.
 
         Parameters
         ----------
         functions
-            Stored functions on which the torques depend at this point: the result of the
-            first of the two functions `dynamics`.
+            Functions on which the torques depend, such as the inertia, at this point. The
+            first function of the property `dynamics` returns them.
         x, dx, ddx
             Coordinates (rad) and their first and second rates by time: numbers if the model
             is along a curve of configurations, sequences (m,) over a box of input ranges.
@@ -505,6 +517,7 @@ class StoredModel:
             Time (s) for loads that depend on it.
         """
         heading = self.heading
+        # `dynamics` has two functions. The second one returns the torques.
         _, torque_function = self.dynamics
         rates = (dx, ddx) if heading.is_curve else (*dx, *ddx)
         # Some loads are torques that tables give over time.
@@ -635,10 +648,10 @@ class StoredModel:
     def combine_functions(self, group: int, factors: Floats) -> SingleFunction:
         """Return the function of a single point that returns sums of stored functions.
 
-        The model stores functions of several inputs as series in the cells of a box. It
-        stores those of one input as series along a curve of configurations, which may be
-        closed: each further lap repeats the first one, with pair variables that have grown
-        by a constant (`rise`).
+        Functions of several inputs are stored as series in the cells of a box of input
+        ranges. Functions of one coordinate are stored as series along a curve of
+        configurations. If the curve is closed, each further lap repeats the first one. Pair
+        variables then grow by a constant in each lap, such as one revolution.
 
         Parameters
         ----------
@@ -663,14 +676,16 @@ class StoredModel:
                 return cell_sums.evaluate(find_cell(q), q).tolist()  # type: ignore[no-any-return]
 
             return evaluate_in_box
-        # Combine the series along the curve. The scale of each sum is a bound of its
-        # absolute value, by which the precision of its polynomials is judged.
-        largest_values = np.array([function.largest for function in heading.groups[group]])
+        # Combine the series along the curve. The heading describes the function of each
+        # series, with its largest absolute value. The scale of each sum is a bound of its
+        # absolute value, relative to which the precision of its polynomials is judged.
+        functions = heading.groups[group]
+        largest_values = np.array([function.largest for function in functions])
         scales = largest_values @ np.abs(factors)
         combined = PiecewiseChebyshev(series.edges, series.coefficients @ factors)
         evaluate_in_range = make_local_polynomials(combined, scales)
-        # The pair variables are the first functions of group 0. Sums of them grow in each
-        # lap, too; those that do not are left out.
+        # The pair variables are the first functions of group 0. They and their sums grow in
+        # each lap. `growing` has the index and the growth of each sum that does.
         rise = heading.rise if group == 0 else ()
         growths = (np.array(rise) @ factors[: len(rise)]).tolist()
         growing = [(k, growth) for k, growth in enumerate(growths) if growth]
@@ -700,8 +715,8 @@ class StoredModel:
     def _find_cell(self, q: Sequence[float]) -> int:
         """Return the index of the cell of a box that contains a point q (m,), rad.
 
-        The box is divided into cells, each with its own series. The domain consists of the
-        cells; it may be smaller than the box.
+        The functions of the model are stored as series, one for each cell of a box of input
+        ranges. The domain consists of these cells. It may be smaller than the box.
 
         Raises
         ------
@@ -709,6 +724,7 @@ class StoredModel:
             If the point is outside the domain.
         """
         heading = self.heading
+        # A model over a box has a single group of functions, so all have the same cells.
         series = self.groups[0]
         assert isinstance(series, TensorChebyshev)
         for value, low, high in zip(q, heading.low, heading.high, strict=True):
@@ -717,6 +733,7 @@ class StoredModel:
         else:
             # Every coordinate is within its range, so the point is in the box.
             cell = series.find_cell(q)
+            # The cell is -1 if the point is in the box, but in none of the cells.
             if cell >= 0:
                 return cell
         ranges = zip(heading.by, q, heading.low, heading.high, strict=True)

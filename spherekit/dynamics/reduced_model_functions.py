@@ -29,10 +29,15 @@ class FunctionKind(Enum):
     absolute value. The scale is at least a fraction of the largest scale of the same kind.
     Otherwise the rounding errors of functions that are nearly zero would be resolved.
 
-    `ANGLE` and `CONTACT_ARC` are pair variables: angles of R pairs, and arc lengths along
-    the profiles of contacts. `LOAD_VELOCITY` is a velocity on which a load works. A pole is
-    the axis of relative rotation of two links: `POLE_AXIS` is a component of its unit
-    vector, and the coefficients are the rate about it and the derivative of this rate.
+    The model has one or several coordinates, such as the inputs. Derivatives and rates are
+    by these coordinates.
+
+    - `ANGLE` and `CONTACT_ARC` are pair variables: angles of R pairs, and arc lengths along
+      the profiles of contacts.
+    - `LOAD_VELOCITY` is a velocity on which a load works.
+    - `POLE_AXIS` is a component of the unit vector along a pole, the axis of relative
+      rotation of two links. `VELOCITY_COEFFICIENT` is their angular velocity about it per
+      unit rate of the coordinate. `ACCELERATION_COEFFICIENT` is its derivative.
     """
 
     ANGLE = auto()
@@ -58,8 +63,8 @@ class FunctionLabel:
     name, unit
         Name and unit in the heading of the model.
     kind
-        Kind of the function, such as an angle or an inertia. The scale of a function, to
-        which its error is relative, is at least a fraction of the largest of its kind.
+        Kind of the function, such as an angle or an inertia. Errors of functions of one
+        kind are judged by comparable scales, see `function_scales`.
     vector
         Name that the components of a vector share. Their common scale is the largest of
         their absolute values. Empty if the function is no component of such a vector.

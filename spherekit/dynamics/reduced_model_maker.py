@@ -282,7 +282,7 @@ def _measure_box_errors(
 def _check_request(
     mechanism: AnyMechanism, tolerance: float, min_tolerance: float
 ) -> Mechanism:
-    """Return the mechanism, or raise `SolveError` if no reduced model can be made of it.
+    """Return the mechanism, or raise an error if no reduced model can be made of it.
 
     Parameters
     ----------
@@ -295,14 +295,18 @@ def _check_request(
     ------
     SolveError
         If the tolerance is out of its range.
+    ModelError
+        If there is friction that depends on the reactions in pairs. A reduced model stores
+        no reactions.
     """
     mechanism = mechanism_of(mechanism)
+    # The message has `MAX_TOLERANCE` in the usual form, 1e-2.
     if not min_tolerance <= tolerance <= MAX_TOLERANCE:
         raise SolveError(
             f"{mechanism.name}: tolerance is {tolerance:g}, allowed is "
             f"{min_tolerance:g} to 1e-2"
         )
-    # Raises an error for friction that depends on reactions, which are not stored.
+    # Raises the `ModelError`, whose message ends with this clause about the reactions.
     check_no_reaction_friction(mechanism, "a stored model has not")
     return mechanism
 
