@@ -191,8 +191,8 @@ class TaylorRun:
     max_independence
         Largest measure of the independence of the loop-closure equations in the run. The
         measure is zero where these equations depend on each other: there, sets of
-        configurations cross. It has no scale of its own, so a run that continues this one
-        compares its measure with this value.
+        configurations cross. It has no scale of its own, so "nearly zero" means small
+        compared with this largest value. A run that continues this one needs it for that.
     """
 
     equation: CompiledEquation
@@ -207,7 +207,8 @@ class TaylorRun:
     def last_state(self) -> Floats:
         """The state (states,) at the end, in SI units.
 
-        The variables are reduced by the whole turns of the last segment.
+        The whole turns of the pair variables are not in it. The last segment has their
+        numbers (`turns`).
         """
         states, _ = self.segments[-1].evaluate(np.array([self.end_time]))
         return states[0]
@@ -246,10 +247,10 @@ class RunStart:
     momenta
         (m,) momenta (square root of J) as in the compiled equation. With one degree of
         freedom the momentum is sqrt(B) u, with the inertia B and the rate u along the
-        configuration curve. It is positive if the variables change in the direction of
-        their homogeneous rates, which the compiled equation computes: rates times a common
-        factor with which they stay finite at dead centres. With several degrees of freedom
-        the momenta are the rates of the coordinates times one constant.
+        configuration curve. The compiled equation computes a tangent of the curve, its
+        homogeneous rates. The momentum is positive if the variables change along it. With
+        several degrees of freedom each momentum is the rate of a coordinate times one
+        constant for all, the root of the total moment of inertia.
     momentum_unit
         A momentum (square root of J) of typical size, not zero. The integrator's state
         contains multiples of it, because step errors are relative to the largest number in
@@ -257,7 +258,7 @@ class RunStart:
     previous_run
         The run that is continued, with other coordinates or a smaller tolerance, if any.
     closure_residual
-        Closure residual that was removed between the two runs, rad.
+        Closure residual at the end of the previous run, rad. `values` no longer have it.
     """
 
     values: Floats
@@ -369,8 +370,10 @@ class TaylorIntegration:
         progress = ProgressReporter("simulating")
         # The integrator has only one state, so a second run has to wait.
         with self.equation.lock:
-            # Values and slopes of torque tables are parameters, here those up to the first
-            # target.
+            # The equation has parameters that differ between intervals: values and slopes
+            # of torque tables, and the signs of switch conditions. At a zero of such a
+            # condition a load changes abruptly, such as dry friction where a pair stops.
+            # Here they are set for the interval up to the first target.
             self._set_switch_signs(targets[0])
             integrator.start(self.start_state, self.time, self._parameters(targets[0]))
             for target in targets:
@@ -491,10 +494,9 @@ class TaylorIntegration:
     def _store_segment(self, steps: Sequence[TaylorStep]) -> None:
         """Store steps as a segment, and update the largest measure of independence.
 
-        The segment has the series of the steps, with the whole turns, the unit of momentum
-        and the earlier work that belong to them. The measure is that of the independence of
-        the loop-closure equations, at the start of each step. It is zero where these
-        equations depend on each other, so that sets of configurations cross.
+        The segment has the Taylor series of the steps, and three things that the series do
+        not contain: whole turns of the variables, the unit of the momenta, and the work of
+        each load before the segment.
         """
         series = np.array([step.series for step in steps])
         self.segments.append(
@@ -508,7 +510,9 @@ class TaylorIntegration:
                 work=self.work,
             )
         )
-        # The terms of order 0 are the state at the start of a step.
+        # The measure of independence of the loop-closure equations is zero where sets of
+        # configurations cross. It has no scale of its own, so the run compares it with its
+        # largest value so far. The terms of order 0 are the state at the start of a step.
         start_values = series[:, : self.variable_count, 0]
         independence = self.equation.measure_independence(start_values)
         self.max_independence = max(self.max_independence, float(np.max(independence)))
@@ -565,17 +569,20 @@ class TaylorIntegration:
         def probe(step: Indices, fractions: Floats) -> tuple[Floats, Floats]:
             """Compare the series of steps with the equation of motion at n times.
 
-            `step` (n,) are indices of steps, and `fractions` (n,) the times since their
-            starts, divided by their lengths. Returns errors (n,) relative to the allowed
-            ones, and the arguments (n, arguments) of steep functions in the loads, such as
-            x in tanh(1000 x). The caller also probes at zeros and extrema of these
-            arguments, because the loads change abruptly there.
+            The series of a step is computed at its start. A load that changes abruptly
+            later, such as tanh(1000 x) where x passes zero, is not seen by it. The series
+            then gives another rate of the momenta than the equation of motion.
+
+            Parameters are the indices (n,) of steps, and the times (n,) since their starts
+            divided by their lengths. Returns errors (n,) relative to the allowed ones, and
+            the arguments x (n, arguments) of all such functions. The caller probes near
+            zeros and extrema of these arguments next.
             """
             h = fractions * lengths[step]
             states, rates = _evaluate_series(series[step], h)
             # In the order of the function: state, time and parameters. The last parameters
-            # are the signs of the switch conditions. At a zero of such a condition a load
-            # changes abruptly, such as dry friction where the sliding rate is zero.
+            # are the signs of the switch conditions. Where a condition changes its sign, a
+            # load changes, such as dry friction with the sign of the sliding rate.
             inputs = [
                 states.T,
                 (starts[step] + h)[None],
@@ -583,6 +590,7 @@ class TaylorIntegration:
                 switch_signs[step].T,
             ]
             outputs = probe_function(np.concatenate(inputs))
+            # One rate of the momentum for each degree of freedom, then the arguments.
             momentum_rates, arguments = np.split(outputs, [layout.freedoms])
             differences = np.abs(rates[:, layout.momentum_slice] - momentum_rates.T)
             # The change of the momentum if the difference lasted for the whole step.
@@ -623,8 +631,7 @@ class TaylorIntegration:
         integrator
             The integrator, whose state and parameters are changed in place.
         target
-            Time (s) up to which the torque tables of loads are linear. Their values and
-            slopes until then are parameters.
+            Time (s) up to which the torque tables of loads are linear.
         """
         # `state` and its slices are views, so that the integrator changes with them.
         state = integrator.state
@@ -637,12 +644,13 @@ class TaylorIntegration:
             values[:], residual = self.project(values)
             self.max_closure_residual = max(self.max_closure_residual, residual)
         self.turns = self.turns + turns
-        # Momenta have the unit sqrt(J), so the unit of work is the square of theirs.
+        # The state has multiples of scales: momenta in multiples of `momentum_unit`
+        # (sqrt(J)), works in multiples of its square (J).
         works = state[self.layout.work_slice]
         self.work = self.work + works * self.momentum_unit**2
         works[:] = 0.0
-        # The momenta are multiples of their unit. If they exceed it, the unit becomes their
-        # size. The unit only grows, so that a mechanism near rest does not lose digits.
+        # If the norm of these multiples exceeds 1, the unit grows by this norm. The unit
+        # never shrinks, so that a mechanism near rest does not lose digits.
         momenta = state[self.layout.momentum_slice]
         size = float(np.linalg.norm(momenta))
         if size > 1.0:
@@ -650,7 +658,8 @@ class TaylorIntegration:
             momenta /= size
         # At a zero of its switch condition a load changes abruptly, and the integrator
         # reverses the parameter with the sign of the condition. These signs are read here,
-        # before all parameters are set again.
+        # before all parameters are set again. The parameters also have the values and
+        # slopes of the torque tables up to the target.
         self.switch_signs = self._all_parameters(integrator)[
             self.layout.switch_parameters :
         ]
@@ -664,9 +673,12 @@ class TaylorIntegration:
         The compiled equation reads them by their positions. `EquationLayout` defines this
         order:
 
-        - the whole turns by which the variables are reduced, needed for joint limits,
-        - the unit of the momenta in the state, and its reciprocal,
-        - the measure of independence of the closure equations at which the run ends,
+        - the numbers of whole turns that were subtracted from the variables; joint limits
+          count them,
+        - the unit (sqrt(J)) of which the momenta in the state are multiples, and its
+          reciprocal,
+        - the measure of independence of the closure equations at which the run ends: it is
+          zero where sets of configurations cross,
         - the lower and the upper value of each joint limit,
         - the current time, then value and slope of each torque table from this time on,
         - the sign of each switch condition, at whose zeros a load changes abruptly.

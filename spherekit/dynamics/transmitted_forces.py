@@ -75,7 +75,8 @@ class DrivenState(ArrayRows):
     carried
         (n, k) loads to which the friction of k bearings and contacts is proportional: the
         force (N) on each bearing, the moment (N m) of each contact. None without such
-        friction. `Loads.friction_components` are these k components of loads.
+        friction. `Loads.friction_components` are the indices of these k frictions among all
+        loads.
     """
 
     mechanism: Mechanism
@@ -99,11 +100,11 @@ class JointReactions:
         (n, pairs, 6) moments about O (N m) and forces through O (N). NaN if a component is
         not determined or was not requested.
     opened
-        (n, pairs, 6) whether a component is not determined. With redundant constraints,
-        some reactions can balance each other without loads, so that the equations do not
-        determine their sizes.
+        (n, pairs, 6) whether a component is open, that is, not determined. With redundant
+        constraints, some reactions can balance each other without loads, so that the
+        equations of equilibrium leave their sizes open.
     unbalanced
-        (n,) largest moment (N m) by which a link misses its equation.
+        (n,) largest moment (N m) by which the equation of equilibrium of a link is missed.
     slides
         (n, links) whether a link can be displaced from the centre O, because no pair
         prevents it.
@@ -133,18 +134,18 @@ class Equilibrium:
     """Solution of the Newton-Euler equations for given loads at n rows.
 
     A wrench (6,) is a moment about the centre O (N m) followed by a force (N). A reaction
-    is one of these six components at one pair. It does no work, because the pair has no
-    motion in this direction.
+    is one component of the wrench that a pair transmits. It does no work, because the pair
+    has no motion in this direction.
 
     Attributes
     ----------
     reaction_wrenches
-        (n, links, 6) wrenches, in ground axes, that the reactions have to exert on the
-        links.
+        (n, links, 6) for each link the wrench, in ground axes, that the reactions of all
+        its pairs together have to exert on it.
     torques
-        (n, pairs) moments of loads and drives about pair axes, N m.
+        (n, pairs) the given torques of loads and drives at the pairs, N m.
     reactions
-        (n, columns) magnitudes of the reactions, one column per reaction.
+        (n, columns) sizes of the reactions, one column per reaction (N m or N).
     residual
         (n,) largest moment by which an equation is missed, N m.
     """
@@ -315,16 +316,17 @@ class NewtonEuler:
         Parameters
         ----------
         tooth_sides
-            (n, pairs) signs of the moments m_y of teeth with a pressure angle. The force
-            along the tangent x causes m_y. The force that presses the wheels apart causes
-            m_x = tan(angle) |m_y|. The sign of m_y makes this linear in m_y.
+            (n, pairs) assumed signs of the moments m_y of teeth with a pressure angle. The
+            force along the tangent x causes m_y. The force that presses the wheels apart
+            causes m_x = tan(angle) |m_y|, which is tan(angle) sign(m_y) m_y. Once the sign
+            is assumed, this is linear in m_y.
         """
         wrenches = np.zeros((len(tooth_sides), len(self.columns), 6))
         for column, (pair_number, component) in enumerate(self.columns):
             pair = self.mechanism.pairs[pair_number]
             wrench = wrenches[:, column]
-            # A force through O, in units of 1 / length, so that it is comparable with
-            # moments.
+            # Components 3 to 5 are forces through O. The unit is 1 N m divided by the mean
+            # distance of contacts from O, so that it is comparable with moments.
             if component >= MOMENT_COMPONENTS:
                 wrench[:, component] = 1.0 / self.length
                 continue
@@ -341,7 +343,9 @@ class NewtonEuler:
     def subtract_torques(self, link_wrenches: Floats, torques: Floats) -> Floats:
         """Return the wrenches (n, links, 6) that the reactions have to exert on the links.
 
-        A wrench is a moment about O followed by a force, in ground axes.
+        They are the wrenches that the links need, less those that the torques of loads and
+        drives at pairs exert. A wrench is a moment about O followed by a force, in ground
+        axes.
 
         Parameters
         ----------
@@ -349,12 +353,14 @@ class NewtonEuler:
             (n, links, 6) wrenches on links that their motion needs, less those of loads
             that act on links.
         torques
-            (n, pairs) torques (N m) of loads and drives at pairs: about the axis of an R
-            pair, or of a force along the tangent of a contact.
+            (n, pairs) torques (N m) of loads and drives at pairs. At an R pair a torque is
+            about its axis. At a contact it is the moment about O of a force along the
+            common tangent.
         """
         unit_wrenches = _rotate_to_ground(self.frames, self.unit_torque_wrenches)
         pair_wrenches = torques[..., None] * unit_wrenches
-        # A pair exerts its wrench on its second link, and the opposite one on its first.
+        # A pair exerts its wrench on its second link, and the opposite one on its first:
+        # `_pair_to_link` (pairs, links) has 1 for the second link and -1 for the first.
         return link_wrenches - self._pair_to_link.T @ pair_wrenches
 
     def solve_reactions(self, reaction_wrenches: Floats) -> tuple[Floats, Floats]:
@@ -498,8 +504,8 @@ def compute_reactions(driven: DrivenState, *, forces: bool = False) -> JointReac
     # A pair transmits its reactions, and the torque of loads and drives at it.
     wrenches = equations.sum_wrenches(equilibrium.reactions)
     wrenches += equilibrium.torques[..., None] * equations.unit_torque_wrenches
-    # Components are not determined if redundant constraints let reactions balance each
-    # other, or if it is not known on which side teeth press.
+    # Components are open (not determined) if redundant constraints let reactions balance
+    # each other, or if it is not known on which side teeth press (`is_settled` is False).
     opened = equations.open_components | ~balance.is_settled[:, None, None]
     wrenches[opened] = np.nan
     residual = equilibrium.residual
@@ -514,6 +520,7 @@ def compute_reactions(driven: DrivenState, *, forces: bool = False) -> JointReac
         wrenches[is_sliding] = moments_only.wrenches
         opened[is_sliding] = moments_only.opened
         opened[is_sliding, :, MOMENT_COMPONENTS:] = True
+        # `unbalanced` is the residual of the solution without forces.
         residual[is_sliding] = moments_only.unbalanced
     return JointReactions(wrenches, opened, residual, equations.slides)
 
@@ -545,7 +552,8 @@ def solve_equilibrium(driven: DrivenState, forces: bool) -> DrivenEquilibrium:
     driven
         n rows of a moving mechanism.
     forces
-        Whether to solve for forces through the centre O as well as for moments.
+        Whether to solve for the forces that pairs transmit through the centre O of the
+        sphere, as well as for their moments.
     """
     mechanism = driven.mechanism
     motion = driven.motion
@@ -556,6 +564,8 @@ def solve_equilibrium(driven: DrivenState, forces: bool) -> DrivenEquilibrium:
     inertia_wrenches = acceleration_wrenches(mechanism, motion, timing.ddq)
     inertia_wrenches += velocity_wrenches(mechanism, motion, timing.dq)
     is_toothed = np.array([pair.pressure_angle is not None for pair in mechanism.pairs])
+    # The signs (n, pairs) of the moments of teeth. `frames` (n, pairs, 3, 3) are the axes
+    # of the pairs.
     sides = np.ones(motion.frames.shape[:2])
     for _ in range(MAX_TOOTH_SIDE_CHANGES):
         equations = NewtonEuler(mechanism, motion.frames, forces=forces, tooth_sides=sides)
@@ -563,8 +573,9 @@ def solve_equilibrium(driven: DrivenState, forces: bool) -> DrivenEquilibrium:
             inertia_wrenches - applied.link_wrenches, applied.torques
         )
         wrenches = equations.sum_wrenches(equilibrium.reactions)
-        # Component 1 is the moment about the normal y, caused by the force along the
-        # tangent. Its sign says on which side teeth press.
+        # Component 1 is the moment about y, the common normal of the two profiles in
+        # contact. The force along their common tangent x causes it. Its sign says on which
+        # side teeth press.
         is_reversed = (wrenches[..., 1] * sides < 0.0) & is_toothed
         if not np.any(is_reversed):
             break

@@ -158,12 +158,14 @@ def make_body_inertia(
 ) -> BodyInertia:
     """Return the mass, centre and inertia tensor of a body in ground axes.
 
-    If the mass or the centre of mass is not stated, both are chosen so that the tensor
-    about O, the centre of the sphere, is right. They are also chosen if the stated centre
-    is at O. MuJoCo weighs the constraints that close loops by the mobility of centres of
-    mass, and moves such loops wrongly. The chosen mass does not change the motion: the body
-    turns about O, and the weight of a body with its centre at O does nothing. A link
-    without mass gets a small inertia.
+    The body turns about O, the centre of the sphere, so its motion depends on the tensor
+    about O. If the mass or the centre of mass is not stated, both are chosen such that this
+    tensor is right.
+
+    They are also chosen if the stated centre is at O, where the weight does nothing. MuJoCo
+    closes loops wrongly if their bodies have the centre of mass at O, because it weighs the
+    closure constraints by the mobility of centres of mass. A link without mass gets a small
+    inertia.
 
     Parameters
     ----------

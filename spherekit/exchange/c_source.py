@@ -96,12 +96,12 @@ CPP = Language(
 C_SERIES_TEMPLATE = """\
 static void {name}_table_{k}({scalar} s, {scalar} column[{columns}])
 {{
-{alias}    static const {constant} edges[{cells} + 1] = {{
+{type_line}    static const {constant} edges[{cells} + 1] = {{
     {edge_values}}};
     static const {constant} coefficients[{cells}][{columns}][{order}] = {{
     {values}}};
     int cell = 0, beyond = {cells};
-{around}    while (beyond - cell > 1) {{
+{out_of_range}    while (beyond - cell > 1) {{
         const int middle = (cell + beyond) / 2;
         if (s >= edges[middle])
             cell = middle;
@@ -172,9 +172,17 @@ KNOWN_INPUTS_TEMPLATE = """\
 def write_c(source: Source) -> str:
     """Return formulas as C99, to be compiled on its own or included.
 
-    The text begins with declarations of all functions, followed by constants, helpers,
-    stored series and the functions themselves.
+    The text begins with declarations of all functions. It continues with
+
+    - constants for the users of the formulas,
+    - functions that C does not have, such as the sign of a number,
+    - functions that evaluate stored series: tables of Chebyshev coefficients by which
+      functions of one variable are computed, such as the profile of a contact,
+    - the functions of the formulas,
+    - a function that selects an assembly mode (one way to assemble the mechanism) at an
+      input. It exists if modes follow smooth curves of configurations through crossings.
     """
+    # In C all numbers, variables and constants, have the type double.
     declarations = [
         f"{_function_head(source, function, 'double')};" for function in source.functions
     ]
@@ -200,13 +208,15 @@ def write_cpp(source: Source) -> str:
     The number type of variables, ``Scalar``, is a parameter of the templates. It may be a
     type whose values have derivatives with them (automatic differentiation). The number
     type of constants, ``Real``, follows from it by the template `CONSTANT_OF`.
+
+    The parts are those of `write_c`, without declarations.
     """
     guard = f"{source.name}_HPP"
     used_functions = "\n".join(
         f"using std::{name};" for name in ("atan2", "floor", "pow", *UNARY_FUNCTIONS)
     )
     includes = "#include <cmath>\n#include <type_traits>\n"
-    # A stored series is a function as a table of Chebyshev coefficients.
+    # Functions that evaluate tables of Chebyshev coefficients. In C they are static.
     series = _write_series(source, "Scalar", "Real", REAL_TYPE_LINE)
     parts = [
         f"{head_comment(source)}#ifndef {guard}\n#define {guard}\n\n{includes}",
@@ -215,12 +225,13 @@ def write_cpp(source: Source) -> str:
         *_write_constants(source, storage="static "),
         *source.helpers,
         # The constants are static, so that several files may include the header. Templates
-        # may be defined in several files anyway.
+        # may be defined in several files anyway, so they need no static.
         *(TEMPLATE_HEAD + text.removeprefix("static ") for text in series),
         *(
             TEMPLATE_HEAD + _write_function(source, function, "Scalar")
             for function in source.functions
         ),
+        # The function that selects an assembly mode at an input, if there is one.
         *(TEMPLATE_HEAD + text for text in _write_smooth_modes(source, "Scalar")),
         "}\n\n#endif\n",
     ]
@@ -280,7 +291,8 @@ def _write_series(
     """
     literal_format = source.language.literal_format  # such as Real(...) in C++
     for fields in source.series_fields:
-        around_template = (
+        # Lines for a variable outside of the range of the series.
+        out_of_range_template = (
             C_CLOSED_SERIES_TEMPLATE if fields["closed"] else C_OPEN_SERIES_TEMPLATE
         )
         edges = nested(fields["edges"], "{}", literal_format)
@@ -290,12 +302,12 @@ def _write_series(
             **fields,
             scalar=scalar,
             constant=constant,
-            alias=type_line,
+            type_line=type_line,
             zero=literal_format.format("0.0"),
             two=literal_format.format("2.0"),
             edge_values=wrap_lines(edges[1:-1]),
             values=wrap_lines(coefficients[1:-1]),
-            around=around_template.format(**fields),
+            out_of_range=out_of_range_template.format(**fields),
         )
 
 
@@ -367,20 +379,22 @@ def _write_function(source: Source, function: SourceFunction, scalar: str) -> st
 
 
 def _smooth_mode_head(source: Source, scalar: str) -> str:
-    """Return the C head of the function that finds the places of a mode at an input.
+    """Return the C head of the function that selects an assembly mode at an input.
 
-    The places are the numbers that select an assembly mode in the formulas. In closed form
-    they are the signs of the dyads. They change where the configuration curve of the mode
-    crosses that of another mode. Otherwise they are the variables of a known configuration,
-    from which Newton's method starts, and the function also returns the input of that
-    configuration.
+    The written function has three parameters: the number ``k`` of the mode, the input ``q``
+    (rad), and an array to which it writes the numbers that select the mode there. In closed
+    form these are the signs of the dyads (two links and three R pairs), and the function
+    returns nothing.
+
+    Otherwise they are the variables (rad) of all pairs in a known configuration, from which
+    Newton's method starts. The function then returns the input of that configuration.
 
     Parameters
     ----------
     source
         The source.
     scalar
-        Name of the number type of the places, such as ``double``.
+        Name of the number type of the array, such as ``double``.
     """
     # Formulas that are not in closed form have a step of Newton's method.
     returned_type = "double" if source.formulas.step else "void"
@@ -391,15 +405,16 @@ def _smooth_mode_head(source: Source, scalar: str) -> str:
 
 
 def _write_smooth_modes(source: Source, scalar: str) -> Iterator[str]:
-    """Yield the C function of the places of a mode on its smooth curve, if there is one.
+    """Yield the C function that selects an assembly mode at an input, if there is one.
 
-    The places are the numbers that select an assembly mode in the formulas. In closed form
-    they are the sign (+1 or -1) of each dyad. Configuration curves of modes may cross. A
-    mode that follows its smooth curve through a crossing has other signs beyond it. The
-    crossings therefore divide the range of the input into intervals, and a mode has one row
-    of places in each. The C function looks up the interval of an input.
+    Some numbers, called ``places`` in the C code, select an assembly mode in the formulas.
+    In closed form they are the sign (+1 or -1) of each dyad (two links and three R pairs).
+    Configuration curves of modes may cross. A mode that follows its smooth curve through a
+    crossing has other signs beyond it. The crossings therefore divide the range of the
+    input into intervals. The C function looks up the interval of an input, and returns the
+    numbers of the mode in it.
 
-    Without closed form, the places are the variables (rad) of all pairs in a known
+    Without closed form, the numbers are the variables (rad) of all pairs in a known
     configuration, from which steps of Newton's method lead to the input. The C function
     then also returns the input of the known configuration, where the steps begin.
 
@@ -408,7 +423,7 @@ def _write_smooth_modes(source: Source, scalar: str) -> Iterator[str]:
     source
         The source.
     scalar
-        Name of the number type of the places, such as ``double``.
+        Name of the number type of these numbers, such as ``double``.
     """
     if source.smooth_modes is None:
         return
@@ -418,7 +433,8 @@ def _write_smooth_modes(source: Source, scalar: str) -> Iterator[str]:
         return nested_with_nan(values, "{}", "NAN", "INFINITY")[1:-1]
 
     fields = source.smooth_mode_fields
-    # Lines that move an input by whole periods, as near to the range as possible.
+    # Lines of C that move an input q outside of the range into it by whole periods, or as
+    # near to it as these lead.
     moved = C_MOVED_INPUT_TEMPLATE.format(**fields) if source.is_periodic else ""
     input_lines = ""
     return_line = ""
@@ -426,8 +442,8 @@ def _write_smooth_modes(source: Source, scalar: str) -> Iterator[str]:
         input_text = array_text(fields["inputs"])
         input_lines = KNOWN_INPUTS_TEMPLATE.format(**{**fields, "inputs": input_text})
         return_line = "    return q == q ? inputs[interval][k] : NAN;\n"
-    # In C, k is the mode and n one of its places. NaN is the only number that differs from
-    # itself.
+    # In C, k is the mode and n the index of a number. An input q that is NaN, which differs
+    # from itself, has NaN as its result.
     value = "q == q ? places[interval][k][n] : NAN"
     texts = {
         "starts": array_text(fields["starts"]),

@@ -114,21 +114,24 @@ def _write_function(source: Source, function: SourceFunction) -> str:
     """Return the text of a Python function that makes a function of CasADi.
 
     The text first makes symbols for the arguments, then computes with them line by line,
-    and ends with ``ca.Function``. A step of Newton's method has the closure residual as its
-    second result.
+    and ends with ``ca.Function``. The function either computes the results, or makes a step
+    of Newton's method. A step returns the variables of all pairs after it, and the closure
+    residual (how far loops are open).
     """
     formulas = source.formulas
     # The three arguments are vectors: inputs and their rates (`motion`), the numbers that
-    # select an assembly mode (`places`: signs of dyads or variables of all pairs), and
-    # numbers of the mechanism file (`sizes`).
+    # select an assembly mode (`places`), and numbers of the mechanism file (`sizes`). A
+    # mode is selected by the signs of its dyads, or by approximate variables of all pairs.
     lengths = (len(formulas.motion), len(formulas.places), len(formulas.sizes))
     symbol_lines = [
         f'    {argument} = ca.SX.sym("{argument}", {length})'
         for argument, length in zip(source.arguments, lengths, strict=True)
     ]
     argument_names = json_text([*source.arguments])
+    # Only a step of Newton's method has a closure residual.
     residual = f", {function.closure_residual}" if function.closure_residual else ""
-    # After a step of Newton's method: the new variables, and how far loops are open.
+    # Names of the results: the variables after the step and how far loops are open, or the
+    # results of the formulas.
     result_names = '["after", "open"]' if residual else '["result"]'
     results = join_items(function.results, indent=8)
     lines = [
@@ -147,12 +150,13 @@ def _write_function(source: Source, function: SourceFunction) -> str:
 def _write_smooth_modes(source: Source) -> Iterator[str]:
     """Yield the text of the function that selects an assembly mode, if there is one.
 
-    The places are the numbers that select an assembly mode in the formulas. In closed form
-    they are the sign (+1 or -1) of each dyad. Configuration curves of modes may cross. A
-    mode that follows its smooth curve through a crossing has other signs beyond it. The
-    written function looks up the places at an input.
+    Some numbers, called ``places`` in the written code, select an assembly mode in the
+    formulas. In closed form they are the sign (+1 or -1) of each dyad (two links and three
+    R pairs). Configuration curves of modes may cross. A mode that follows its smooth curve
+    through a crossing has other signs beyond it. The written function looks up the numbers
+    of a mode at an input.
 
-    Without closed form, the places are the variables (rad) of all pairs in a known
+    Without closed form, the numbers are the variables (rad) of all pairs in a known
     configuration, from which steps of Newton's method (`formulas.step`) lead to the input.
     The written function then also returns the input of the known configuration.
     """
@@ -165,16 +169,19 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
         # Lines that shift q into the range of the input by whole periods.
         moved_template=CASADI_MOVED_INPUT_TEMPLATE,
     )
-    # The parts of the text about the input of the known configuration; empty without one.
+    # Parts of the text about the input of the known configuration: the array of inputs, the
+    # end of the docstring, and lines before and in the loop over the intervals. They are
+    # empty in closed form.
     input_lines = ""
     docstring_end = ""
     first_input = ""
     next_input = ""
-    # In the written function, the places at the input q have a name such as `mode_there`.
+    # In the written function, the numbers at the input q have a name such as `mode_there`.
     returned = f"{source.mode_argument}_there"
     if source.formulas.step:
         input_lines = f"    inputs = {texts.inputs}\n"
-        # The shared phrase is about arrays of inputs. Functions of CasADi have one input.
+        # The written docstring ends with ", and the input at which it has them". The phrase
+        # shared with NumPy, where functions have arrays of inputs, says "inputs".
         docstring_end = KNOWN_INPUTS_TEXT.replace("inputs", "the input")
         first_input = "known_input = ca.DM(inputs[0][mode])\n    "
         next_input = (
