@@ -163,7 +163,7 @@ def _select_expressions(
             f"{kind}_coefficient_{link}_{mechanism.ground}{suffix}"
             for suffix, link, kind in product(
                 latex_formulas.input_suffixes,
-                mechanism.links[1:],
+                mechanism.links[1:],  # all links but the ground
                 ("velocity", "acceleration"),
             )
         ]
@@ -175,11 +175,12 @@ def _select_expressions(
             quantities, vector_name
         )
         if not matching_names:
-            # A suggestion of a similar name, if there is one.
-            suggestion = nearest(name, quantities) or ";"
+            # Text such as '; did you mean "theta_21"?', empty if no name is similar.
+            suggestion = nearest(name, quantities)
+            separator = suggestion if suggestion else ";"
             raise EngineError(
                 f'{mechanism.name}: "{name}" is not written as LaTeX'
-                f"{suggestion} there are {listing(quantities)}"
+                f"{separator} there are {listing(quantities)}"
             )
         for matching_name in matching_names:
             expressions += quantities[matching_name]
@@ -310,9 +311,9 @@ def _find_free_sizes(mechanism: Mechanism, keys: Sequence[str]) -> dict[Any, str
         table, name, *_ = variable.path
         # The slot of a size is its kind and owner. Other numbers have None.
         size = variable.slot
-        # Without loads the numbers of a mass table act only by the inertia tensor, which is
-        # one symbol. With loads, such as gravity, they may act by the weight too, which has
-        # no symbol.
+        # All numbers of a mass table (mass, centre, tensor) determine one symbol, the
+        # inertia tensor, so they share one item here. With loads such as gravity they may
+        # also determine the weight, which has no symbol, and are refused.
         if table == "mass" and not mechanism.loads:
             size = ("mass", name)
         if size is None or size[0] not in ("mass", "arcs", "angles", "zeros"):

@@ -99,23 +99,25 @@ class CoefficientFormulas:
         # All lists have one item for each input. While one input moves and the others are
         # locked, some links cannot move relative to each other. They form one body.
         input_indices = range(len(pole_plans))
-        # The unit vector of each pole. This call sets the sections of the formulas itself.
+        # New formulas are added to the section `formula_list.section` of the document. The
+        # poles have several sections, which `_write_poles` sets.
         self._poles = [self._write_poles(index) for index in input_indices]
         formula_list.section = "Velocity coefficients"
         # The velocity coefficient and the angular velocity of each body, relative to the
-        # ground. The next call adds an item to both lists.
-        self._ratios_by_body: list[dict[int, Expr]] = []
+        # ground. `_write_velocities` adds the items of one input to both lists.
+        self._coefficients_by_body: list[dict[int, Expr]] = []
         self._velocities_by_body: list[dict[int, Expr]] = []
         for index in input_indices:
             self._write_velocities(index)
         formula_list.section = "Acceleration coefficients"
-        # The formulas that are differentiated, a copy, since their derivatives are added to
-        # the same list.
-        earlier_formulas = [*formula_list.formulas.items()]
-        # The derivative of each symbol with respect to the input.
+        # The formulas that are differentiated. They are copied to a list of their own,
+        # because their derivatives are added to `formula_list.formulas`.
+        earlier_formulas = list(formula_list.formulas.items())
+        # The derivative of each symbol (term) of these formulas with respect to the input.
         self._derivatives_by_term = [
             self._write_derivatives(index, earlier_formulas) for index in input_indices
         ]
+        # Coefficients of two links that both move relative to the ground.
         formula_list.section = "Coefficients between moving links"
         for index in input_indices:
             self._name_coefficients(index)
@@ -220,22 +222,22 @@ class CoefficientFormulas:
         ground = pole_plan.body[0]
         first, second = pole_plan.ends[pole_plan.input]
         # The rate of the input is 1: the rate of its second body relative to its first.
-        ratios: dict[int, Expr] = {second: 1.0} if first == ground else {first: -1.0}
+        coefficients: dict[int, Expr] = {second: 1.0} if first == ground else {first: -1.0}
         velocities: dict[int, Expr] = {ground: 0.0}
-        self._ratios_by_body.append(ratios)
+        self._coefficients_by_body.append(coefficients)
         self._velocities_by_body.append(velocities)
         moving_bodies = {*pole_plan.bodies} - {ground}
-        # False sorts before True, so the body with a known ratio comes first.
-        driven_body_first = sorted(moving_bodies, key=lambda body: body not in ratios)
+        # False sorts before True, so the body with a known coefficient comes first.
+        driven_body_first = sorted(moving_bodies, key=lambda body: body not in coefficients)
         for body in driven_body_first:
             axis = poles[pole_of(body, ground)]
             label = formula_list.join_labels(body, ground)
-            if body not in ratios:
-                # The third body t is the first with a known ratio. If all three bodies had
-                # a common axis, N and D would be zero.
+            if body not in coefficients:
+                # The third body t is the first with a known coefficient. If all three
+                # bodies had a common axis, N and D would be zero.
                 third_body = next(
                     known_body
-                    for known_body in ratios
+                    for known_body in coefficients
                     if not any(
                         {known_body, body, ground} <= coaxial_bodies
                         for coaxial_bodies, _ in pole_plan.coaxial
@@ -258,13 +260,16 @@ class CoefficientFormulas:
                     inner_product(normal, cross_product(relative_axis, axis)),
                     mark=mark,
                 )
-                ratios[body] = formula_list.write_indexed(
-                    "m", label, ratios[third_body] * numerator / denominator, mark=mark
+                coefficients[body] = formula_list.write_indexed(
+                    "m",
+                    label,
+                    coefficients[third_body] * numerator / denominator,
+                    mark=mark,
                 )
             velocities[body] = formula_list.write_indexed(
                 r"\mathbf{w}",
                 formula_list.link_labels[body],
-                ratios[body] * axis,
+                coefficients[body] * axis,
                 mark=mark,
             )
 
@@ -289,13 +294,18 @@ class CoefficientFormulas:
         formula_list = self._formula_list
         derivative_by_term: dict[ExpressionNode, Expr] = {}
         for axis, ends in zip(self._positions.pair_axes, self._mechanism.ends, strict=True):
-            # The axis is fixed in both links of the pair. The link at rest is preferred,
-            # then a link whose velocity has no minus sign.
-            velocities = [self.angular_velocity(input_index, link) for link in ends]
-            if 0.0 in velocities:
+            # The axis is fixed in both links of the pair, so its derivative follows from
+            # the angular velocity of either link. A link at rest is preferred. It has the
+            # number 0.0 as angular velocity.
+            first_velocity, second_velocity = (
+                self.angular_velocity(input_index, link) for link in ends
+            )
+            if first_velocity == 0.0 or second_velocity == 0.0:
                 velocity: Expr = 0.0
+            elif is_negated(first_velocity) and not is_negated(second_velocity):
+                velocity = second_velocity  # the formula has no minus sign then
             else:
-                velocity = min(velocities, key=is_negated)
+                velocity = first_velocity
             derivative_by_term[axis] = formula_list.write(
                 formula_list.derivative_symbol(axis, input_index),
                 cross_product(velocity, axis),
@@ -303,10 +313,13 @@ class CoefficientFormulas:
         for term, formula in earlier_formulas:
             if formula.section == "Positions":
                 continue
+            # These formulas have one row, also those of vectors. (Only vectors that are
+            # printed by components have three.)
             right_side = formula.rows[0]
             (derivative,) = differentiate([right_side], derivative_by_term)
-            # The derivative of a quotient contains the quotient, which has a symbol
-            # already.
+            # The derivative of a quotient is written by means of the quotient itself:
+            # (a / b)' = (a' - (a / b) b') / b. If the right side is a quotient, it is
+            # replaced by its symbol, which makes the formula shorter.
             (short_derivative,) = substitute([derivative], {right_side: term})
             derivative_by_term[term] = formula_list.write(
                 formula_list.derivative_symbol(term, input_index), short_derivative
@@ -331,7 +344,9 @@ class CoefficientFormulas:
         suffix = self._input_suffixes[input_index]
         mark = formula_list.input_mark(input_index)  # shows the moving input in symbols
         body = self._pole_plans[input_index].body  # number of the body of each link
-        ratios = self._ratios_by_body[input_index]  # coefficients relative to the ground
+        coefficients = self._coefficients_by_body[
+            input_index
+        ]  # coefficients relative to the ground
         for link, name in enumerate(links):
             velocity = self.angular_velocity(input_index, link)
             formula_list.name_quantity("angular_velocity", name + suffix, velocity)
@@ -342,8 +357,8 @@ class CoefficientFormulas:
             )
         for a, b in permutations(range(len(links)), 2):
             axis: Expr = 0.0
-            ratio: Expr = 0.0
-            ratio_derivative: Expr = 0.0
+            coefficient: Expr = 0.0
+            coefficient_derivative: Expr = 0.0
             if body[a] != body[b]:
                 axis = self._poles[input_index][pole_of(body[a], body[b])]
                 velocity_a = self.angular_velocity(input_index, a)
@@ -351,10 +366,12 @@ class CoefficientFormulas:
                 # The angular velocity of a link at rest is the number 0, no expression.
                 if 0.0 in (velocity_a, velocity_b):
                     b_rests = velocity_b == 0.0
-                    ratio = ratios[body[a]] if b_rests else -1.0 * ratios[body[b]]
-                    ratio_derivative = self.derivative(ratio, input_index)
+                    coefficient = (
+                        coefficients[body[a]] if b_rests else -1.0 * coefficients[body[b]]
+                    )
+                    coefficient_derivative = self.derivative(coefficient, input_index)
                 else:
-                    ratio = formula_list.write_indexed(
+                    coefficient = formula_list.write_indexed(
                         "m",  # letter of velocity coefficients
                         formula_list.join_labels(a, b),
                         inner_product(velocity_a - velocity_b, axis),
@@ -365,11 +382,13 @@ class CoefficientFormulas:
                     change = self.derivative(velocity_a, input_index) - self.derivative(
                         velocity_b, input_index
                     )
-                    ratio_derivative = formula_list.write(
-                        formula_list.derivative_symbol(ratio, input_index),
+                    coefficient_derivative = formula_list.write(
+                        formula_list.derivative_symbol(coefficient, input_index),
                         inner_product(change, axis),
                     )
             owner = f"{links[a]}_{links[b]}{suffix}"
             formula_list.name_quantity("pole", owner, axis)
-            formula_list.name_quantity("velocity_coefficient", owner, ratio)
-            formula_list.name_quantity("acceleration_coefficient", owner, ratio_derivative)
+            formula_list.name_quantity("velocity_coefficient", owner, coefficient)
+            formula_list.name_quantity(
+                "acceleration_coefficient", owner, coefficient_derivative
+            )

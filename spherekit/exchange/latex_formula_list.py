@@ -122,7 +122,9 @@ class FormulaList:
         return make_symbol(name)
 
     def write(self, term: ExpressionNode, *rows: Expr, always: bool = False) -> Expr:
-        """Add the formula of a symbol, unless its right-hand side is a symbol itself.
+        """Add the formula of a symbol, unless its right-hand side is as short as a symbol.
+
+        A number, a symbol or the negative of a symbol is inserted into further formulas.
 
         Parameters
         ----------
@@ -131,8 +133,7 @@ class FormulaList:
         rows
             The right-hand side: one expression, or the components of a vector.
         always
-            Whether the formula is written even if its right-hand side is a number, a symbol
-            or the negative of one of them.
+            Whether the formula is written even if its right-hand side is short.
 
         Returns
         -------
@@ -141,7 +142,9 @@ class FormulaList:
         """
         right_side = rows[0]
         if len(rows) == 1 and not always:
-            unsigned = right_side.arguments[-1] if is_negated(right_side) else right_side
+            unsigned = right_side
+            if is_negated(right_side):  # a product -1 * x, whose last argument is x
+                unsigned = right_side.arguments[-1]
             if not isinstance(unsigned, ExpressionNode) or unsigned.operation == "variable":
                 return right_side
         self.formulas[term] = Formula(self.section, [*rows])

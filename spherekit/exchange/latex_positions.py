@@ -337,10 +337,11 @@ class PositionFormulas:
     # Placing links
 
     def _place_ground(self, ground_axes: Floats) -> None:
-        """Write the frame of the ground, which is given, and the axes of its pairs.
+        """Write the axes of the pairs of the ground, whose frame i, j, k is given.
 
         As in every link, k is the first axis of the ground, and j is the tangent at k of
-        the arc from k to the second axis.
+        the arc from k to the second axis. The other axes follow from them and the sizes of
+        the ground.
 
         Parameters
         ----------
@@ -383,9 +384,12 @@ class PositionFormulas:
         """Write the frame of a link that an input joins to a link with a known frame.
 
         At the axis of the pair each of its two links has a tangent: that of the arc from
-        this axis to the first other axis of the link. The tangent t1 of the first link,
-        rotated about the axis by the zero of the pair, is the zero direction z. The tangent
-        t2 of the second link is z, rotated about the axis by the input angle.
+        this axis to the first other axis of the link. Between the tangents t1 and t2 of the
+        first and second link there are two rotations about the axis:
+
+        1. The zero of the pair is the angle between t1 and t2 at which the pair variable is
+           0. Rotated by it, t1 becomes the zero direction z.
+        2. Rotated by the input angle, z becomes t2.
 
         Parameters
         ----------
@@ -396,7 +400,6 @@ class PositionFormulas:
         """
         input_angle = self.pair_angles[pair]
         axis = self._find_axis(child, pair)
-        # The angle with its cosine and sine.
         rotation = AngleExpression(
             input_angle, function("cos", input_angle), function("sin", input_angle)
         )
@@ -418,17 +421,17 @@ class PositionFormulas:
                 pair, zero_direction, self._declare_zero(pair), -1.0
             )
         tangent = self._formula_list.write(self._tangent_symbol(child, pair), right_side)
-        # The frame of the child begins with its first axis, and with the tangent there that
-        # leads to another axis.
+        # The frame of the child follows from its first axis, and from the tangent there of
+        # the arc to any other axis.
         child_axes = self._axes_by_link[child]
         if axis is child_axes[0]:
             self._write_frame(
                 child, first_vector=axis.vector, tangent=tangent, axis=child_axes[1]
             )
         else:
-            # The tangent leads from the pair's axis to the first one, along a great circle
-            # and at the distance axis.arc. At its other end the tangent that leads back is
-            # back_tangent.
+            # The pair has another axis of the child. From it an arc of the length axis.arc,
+            # with `tangent` at its start, leads to the first axis. At the first axis
+            # `back_tangent` is the tangent of this arc in the reverse direction.
             first_vector = axis.arc.cosine * axis.vector + axis.arc.sine * tangent
             back_tangent = axis.arc.sine * axis.vector - axis.arc.cosine * tangent
             self._write_frame(child, first_vector, back_tangent, axis)
@@ -502,9 +505,9 @@ class PositionFormulas:
     def _find_dyad_side(self, group: Group, outer: int, middle: int) -> DyadSide:
         """Return the link of a dyad between an outer pair and the middle pair.
 
-        A dyad is two links that the middle one of three pairs joins. The axes of the link
-        are in the order in which the file lists them. If one of them is the first axis of
-        the link, from which all sizes are measured, it is therefore first.
+        A dyad is two links that the middle one of three pairs joins. The two axes of the
+        link are in the order in which the file lists all its axes. So the second one is
+        never the first axis of the link, from which all sizes are measured.
 
         Parameters
         ----------
@@ -512,9 +515,9 @@ class PositionFormulas:
             Positions of the two pairs in `group.pairs`.
         """
         # Body 0 is everything that is placed, bodies 1 and 2 are the links of the dyad. An
-        # outer pair joins body 0 to body 1 or 2, so the sum of both numbers is the link.
-        body = sum(group.ends[outer])
-        link = group.bodies[body][0]
+        # outer pair joins body 0 to body 1 or 2.
+        body = max(group.ends[outer])
+        link = group.bodies[body][0]  # a body is a tuple of links, here of one
         axes = [
             self._find_axis(link, group.pairs[position]) for position in (outer, middle)
         ]
@@ -527,9 +530,10 @@ class PositionFormulas:
         Axes at the arcs a and b from the first axis of the link, with the angle c between
         these arcs, are at the arc d with cos d = cos a cos b + sin a sin b cos c.
 
-        The axes of `side` are in the order of the link, so only the first one can be the
-        first axis of the link. Then a = 0, and the result is cos b. Otherwise the long
-        expression gets a symbol.
+        The arcs of a link are measured from its first axis in the file. If this is the
+        first axis of `side`, then a = 0, and the result is cos b. Otherwise the long
+        expression gets a symbol. The second axis of `side` is never the first one of the
+        link.
         """
         first_axis = side.first_axis
         second_axis = side.second_axis
@@ -564,9 +568,13 @@ class PositionFormulas:
         link = side.link
         axis_u = side.first_axis
         axis_v = side.second_axis
-        start_axis = self._axes_by_link[link][0]
-        start_vector: Expr = axis_u.vector
-        if axis_u is not start_axis:
+        if axis_v.arc.sine == 0.0:
+            raise self._refuse_link(link)
+        # Symbol k of the first axis. `first_vector` is the expression for it.
+        first_axis = self._axes_by_link[link][0]
+        k = first_axis.vector
+        first_vector: Expr = axis_u.vector
+        if axis_u is not first_axis:
             cosine = self._write_arc_cosine(side)
             triple_product = (
                 axis_u.arc.sine * axis_v.arc.sine * axis_v.turn.subtract(axis_u.turn).sine
@@ -574,12 +582,11 @@ class PositionFormulas:
             upright = triple_product * cross_product(axis_u.vector, axis_v.vector)
             share_u = (axis_u.arc.cosine - cosine * axis_v.arc.cosine) * axis_u.vector
             share_v = (axis_v.arc.cosine - cosine * axis_u.arc.cosine) * axis_v.vector
-            start_vector = (share_u + share_v + upright) / (1.0 - cosine * cosine)
-        if axis_v.arc.sine == 0.0:
-            raise self._refuse_link(link)
-        # v = cos(arc) k + sin(arc) tangent, solved for the tangent at k.
-        tangent = (axis_v.vector - axis_v.arc.cosine * start_axis.vector) / axis_v.arc.sine
-        self._write_frame(link, start_vector, tangent, axis_v)
+            first_vector = (share_u + share_v + upright) / (1.0 - cosine * cosine)
+        # v = cos(arc) k + sin(arc) tangent, solved for the tangent at k. Below the formula
+        # of k is written before that of the tangent.
+        tangent = (axis_v.vector - axis_v.arc.cosine * k) / axis_v.arc.sine
+        self._write_frame(link, first_vector, tangent, axis_v)
 
     def _write_frame(
         self,
@@ -605,8 +612,8 @@ class PositionFormulas:
         tangent
             The unit tangent at k of the arc from k to `axis`.
         axis
-            Any axis of the link but its first. The angle `axis.turn` about k leads from the
-            arc to the second axis of the link to the arc to this axis.
+            Any axis of the link but its first. `axis.turn` is the angle at k between two
+            arcs: the one to the second axis of the link, and the one to this axis.
         i
             The vector i if it is known. Otherwise it is written as j x k.
         """
@@ -615,10 +622,11 @@ class PositionFormulas:
         # The symbol of the first axis.
         k = self._axes_by_link[link][0].vector
         if k not in formula_list.formulas:
-            # By default a number or a single symbol is inserted into later formulas without
-            # a formula of its own. Axes always have one.
+            # Axes always have a formula of their own, also if `first_vector` is only a
+            # symbol. (Other symbols that equal a single symbol have none.)
             formula_list.write(k, first_vector, always=True)
-        # Without a sine the tangent occurs only once below. Otherwise it gets a symbol.
+        # The tangent occurs twice in the formula of j below, and gets a symbol for it,
+        # unless the sine is zero.
         if axis.turn.sine != 0.0:
             tangent = formula_list.write_indexed(r"\mathbf{d}", label, tangent)
         # j is the tangent towards `axis`, rotated back about k by `axis.turn`.

@@ -170,7 +170,8 @@ def _print_product(node: ExpressionNode, arguments: list[LatexText]) -> LatexTex
 
     A factor -1 becomes a minus sign, and two equal factors a square. Other factors are
     printed in the order of their ranks (numbers first, vectors last), separated by a thin
-    space ``\,`` and in brackets where needed.
+    space ``\,``. A factor has brackets if it binds more loosely than a product: symbols
+    bind most tightly, then products, then sums.
 
     Parameters
     ----------
@@ -182,6 +183,7 @@ def _print_product(node: ExpressionNode, arguments: list[LatexText]) -> LatexTex
     first_argument, second_argument = node.arguments
     first_text, second_text = arguments
     if first_argument == -1.0:
+        # `bracketed_beyond` adds brackets to what binds more loosely than a product.
         negative = "-" + second_text.bracketed_beyond(Binding.PRODUCT)
         return LatexText(negative, Binding.SUM, second_text.rank)
     if first_argument is second_argument:
@@ -192,9 +194,8 @@ def _print_product(node: ExpressionNode, arguments: list[LatexText]) -> LatexTex
     factors = sorted(arguments, key=lambda factor: factor.rank)
     factor_texts: list[str] = []
     for factor in factors:
-        # A factor that is a product itself needs no brackets if it is separated by spaces.
-        # A vector product needs them. A sum always has brackets, since its binding is
-        # looser than that of a product.
+        # A factor can be a product itself. A product of scalars, which contains thin
+        # spaces, needs no brackets. A vector product, such as "a \times b", needs them.
         is_spaced_product = r" \, " in factor.text
         loosest = Binding.PRODUCT if is_spaced_product else Binding.SYMBOL
         factor_texts.append(factor.bracketed_beyond(loosest))
@@ -203,6 +204,7 @@ def _print_product(node: ExpressionNode, arguments: list[LatexText]) -> LatexTex
         # brackets even if it is negative.
         factor_texts[0] = factors[0].text
     binding = Binding.SUM if factor_texts[0].startswith("-") else Binding.PRODUCT
+    # The product has the rank of its last factor: a scalar times a vector is a vector.
     return LatexText(r" \, ".join(factor_texts), binding, factors[1].rank)
 
 

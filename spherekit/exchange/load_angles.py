@@ -35,10 +35,10 @@ def find_swing_middles(mechanism: Mechanism, pairs: Sequence[str]) -> Mapping[st
     """Return the middle (rad) of the swing of pairs that cannot turn fully, by name.
 
     The swing is the range of the angle in all assembly modes together, over a whole turn of
-    the input. Loads such as springs depend on the angle without jumps of whole turns. If it
-    swings over less than a turn, it is the angle nearest to the middle of the swing, and
-    formulas need no count of turns. A gap of `LEAST_GAP_RAD` has to remain, so that samples
-    cannot miss that the pair turns fully.
+    the input. Loads such as springs depend on the angle including whole turns, but formulas
+    give it only up to whole turns. If the swing is less than a turn, the right angle is the
+    one nearest to the middle of the swing. The swing has to be less than a turn by
+    `LEAST_GAP_RAD`, so that samples cannot miss that the pair turns fully.
 
     The result is empty with several inputs, because angles then depend on the path, and
     with contacts, because wheels may return only after several turns.
@@ -53,6 +53,8 @@ def find_swing_middles(mechanism: Mechanism, pairs: Sequence[str]) -> Mapping[st
     inputs = mechanism.input_pairs
     if len(inputs) != 1 or mechanism.has_contacts or not pairs:
         return {}
+    # The result shall hold for every range of the input, so a whole turn is computed.
+    # Positions do not depend on masses and loads, which `kinematics_only` removes.
     one_turn = mechanism.with_inputs(
         *inputs, ranges={inputs[0]: (0.0, TURN)}, angle_unit="rad"
     )

@@ -97,18 +97,20 @@ class ImportedFile:
         the notes.
         """
         linkage = self._linkage
-        # Inputs are chosen until they determine the rates of all hinges together with the
-        # closed loops and the couplings of hinges. Idler wheels come later. They are added
-        # links that gears need in place of some couplings. No coupling mentions their
-        # hinges, whose rates would seem free.
+        # The model has couplings: fixed ratios of the angles of two hinges. Inputs are
+        # chosen so that they determine the rates of all hinges, by the loops and couplings.
+        # Couplings become gears, some of which need an added link, an idler wheel. Idler
+        # wheels are added after the inputs are chosen. No coupling contains their angles,
+        # so each would seem to need an input.
         inputs = choose_inputs(linkage)
         gear_train = self._find_gears()
         linkage.add_idler_wheels(gear_train.idlers)
         contacts = self._contact_tables(gear_train.gears)
         masses: dict[str, Table] = {}
         links: Table = {linkage.link_name(link): {} for link in linkage.links}
-        # A mechanism without masses is exported with made-up ones, and with servos at its
-        # inputs. None of them belongs to the mechanism.
+        # MuJoCo moves no body without mass. If spherekit wrote the model from a mechanism
+        # without masses, it made some up, and put servos at the inputs. None of them
+        # belongs to the mechanism.
         if self._foreign_model.has_made_up_masses:
             linkage.notes.append(
                 "the masses, which the file says are made up, and its servos were left out"

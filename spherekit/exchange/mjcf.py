@@ -188,8 +188,11 @@ class MujocoModel:
     def _choose_radius(self) -> float:
         """Return the radius (m) of the sphere on which links are drawn.
 
-        It is the distance of the farthest centre of mass that the mechanism states, or 1 m.
+        It is the distance of the farthest centre of mass that the mechanism file states, or
+        1 m if it states none.
         """
+        # A file without masses. In other files some bodies can still lack a mass or a
+        # centre (`is_stated` is False).
         if self._rigid_bodies.has_made_up_masses:
             return 1.0
         farthest_centre = max(
@@ -325,7 +328,8 @@ class MujocoModel:
 
         The template has options of the simulation, the looks of links and pins, two lights
         and the sphere. Sizes are in proportion to the radius of the sphere (m). Empty
-        elements are filled for each mechanism later.
+        elements are filled for each mechanism later. Numbers of the simulation have all
+        their digits, those of the looks only five.
         """
         radius = self._radius
         light_distance = LIGHT_DISTANCE_RATIO * radius
@@ -346,6 +350,7 @@ class MujocoModel:
             ball=_format_drawn(DRAWN_SPHERE_RATIO * radius),
             ground=self._names.bodies[self._mechanism.ground],
         )
+        # Line breaks between elements would be read as their text.
         return ElementTree.fromstring("".join(text.splitlines()))
 
     def _add_custom_numbers(self, custom: Element) -> None:
@@ -580,7 +585,8 @@ class MujocoModel:
         """
         rigid_bodies = self._rigid_bodies
         has_made_up_masses = rigid_bodies.has_made_up_masses
-        # No servo moves more inertia than the sum over all bodies.
+        # The inertia that a servo moves is estimated by the sum of the traces of all
+        # tensors.
         total_inertia = sum(np.trace(body.tensor) for body in rigid_bodies.bodies)
         # The rate of a servo is the root of stiffness over inertia. Two digits are enough.
         servo_stiffness = float(f"{total_inertia * SERVO_RATE_PER_S**2:.2g}")
@@ -600,8 +606,9 @@ class MujocoModel:
         if has_made_up_masses:
             return
         for load, attributes in self._loads.actuator_loads:
-            # `convert_loads` names both sites like the load. Here they get their names in
-            # the model, which are different.
+            # A force or moment acts at a site, a marked point of a body. Its vector may be
+            # given in the axes of another site, "refsite". Here both get the names that
+            # they have in the model.
             named_attributes = dict(attributes)
             if "site" in attributes:
                 named_attributes["site"] = self._names.load_sites[load.name]

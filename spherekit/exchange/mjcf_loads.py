@@ -48,8 +48,8 @@ class MujocoLoads:
         Loads that are actuators without control, with the attributes of the actuators.
         Among them are only torques at a pair that are affine in its variable and rate, and
         forces and moments on a link that are constant in the axes of the ground or of the
-        link. A force or moment acts at a site, a marked point of a body of MuJoCo. The
-        attributes have the name of the load for it, since sites are not named yet.
+        link. A force or moment acts at a site, a marked point of a body of MuJoCo. Sites
+        get their names later. Until then the attributes have the name of the load instead.
     reason_by_omitted_load
         For each load that MuJoCo does not have, by name, the reason.
     approximations
@@ -66,8 +66,8 @@ class MujocoLoads:
     def loaded_pairs(self) -> list[str]:
         """Pairs at which a load or a limit acts.
 
-        They have to be joints in MuJoCo. A constraint, by which other pairs can close a
-        loop, has no torque.
+        They have to be joints in MuJoCo. A pair without loads that closes a loop can be a
+        constraint of MuJoCo instead, at which no torque can act.
         """
         torque_pairs = [
             load.pair for load, _ in self.actuator_loads if isinstance(load, PairTorque)

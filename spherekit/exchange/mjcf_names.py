@@ -49,8 +49,8 @@ class ModelNames:
     def notes(self) -> Iterator[str]:
         """Sentences on the elements that cannot have their name of the mechanism file.
 
-        Twins and the sites with ground axes are not in the file, and sites of outputs
-        always have the names of the outputs, so nothing is said of them.
+        Some elements exist only in the model, such as second bodies of links, and have no
+        name in the file. Sites of outputs always have the names of the outputs.
         """
         for kind, names in (
             ("body of link", self.bodies),

@@ -95,13 +95,14 @@ fewer than four digits."""
 class ModeCandidate:
     """An assembly mode of the mechanism that may be exported with explicit formulas.
 
-    It is written to the exported source code if the formulas, too, compute these
-    configurations. *Places* are the numbers that select the mode in the formulas: signs of
-    dyads (two links and three R pairs), or variables from which Newton's method starts.
+    The formulas are evaluated at the inputs of `motion`. The mode is exported if they give
+    the same configurations. *Places* are the numbers that select the mode in the formulas:
+    signs of dyads (two links and three R pairs), or variables from which Newton's method
+    starts.
 
     If modes follow smooth curves, the inputs at which curves cross divide the range of the
-    input into intervals, and the places differ between them. Otherwise there is one
-    interval.
+    input into intervals. The places of a mode can differ between intervals. Otherwise there
+    is one interval.
 
     Attributes
     ----------
@@ -117,8 +118,8 @@ class ModeCandidate:
         (n,) number of the interval in which each configuration is.
     places
         (intervals, places) in closed form the sign (+1 or -1) of each dyad, otherwise the
-        variables (rad) from which Newton's method starts. An interval without
-        configurations may have NaN.
+        variables (rad) from which Newton's method starts. They may be NaN for an interval
+        in which the mode has no configuration.
     """
 
     mode: AssemblyMode
@@ -139,7 +140,8 @@ class ModeCandidate:
     def allowed_difference(self) -> Floats:
         """(n,) largest accepted difference (rad) of a variable in each configuration.
 
-        It is a fixed tolerance plus ten times the error bound of the mechanism's variables.
+        It is a fixed tolerance plus ten times the error bound of the mechanism's variables,
+        because the formulas have rounding errors, too.
         """
         return ANGLE_TOLERANCE_RAD + 10.0 * self.motion.float64_error
 
@@ -289,14 +291,14 @@ def _sample_intervals(crossing_inputs: Floats, low: float, high: float) -> Float
     Parameters
     ----------
     crossing_inputs
-        Rising inputs (rad) at which curves cross, at least one.
+        Inputs (rad) at which curves cross, in increasing order, at least one.
     low, high
         Ends of the range (rad). Inputs outside of it are left out.
     """
     # gaps[k] and gaps[k + 1] are the distances of crossing k from its neighbours.
     gaps = np.diff(crossing_inputs, prepend=-np.inf, append=np.inf)
-    # Distance of the inputs beside each crossing. If the next crossing is near, it is a
-    # part of the distance from this one, so that the inputs are in the right interval.
+    # Distance of the inputs beside each crossing. It is at most a tenth of the gap to the
+    # next crossing, so that the inputs are in the intervals beside this one.
     distance = np.minimum(
         BESIDE_CROSSING_RAD, MAX_BESIDE_RATIO * np.minimum(gaps[:-1], gaps[1:])
     )

@@ -255,6 +255,8 @@ class ForeignModel:
         joints_on_wheels: set[str] = set()
         for drive in self._transmissions:
             if isinstance(drive, DrivenWheel):
+                # In a differential, a motor turns a wheel that turns two joints together.
+                # The inner joint carries the outer one. Only the wheel is driven.
                 driven_name = drive.wheel
                 joints_on_wheels |= {drive.inner_joint, drive.outer_joint}
             else:
@@ -264,7 +266,7 @@ class ForeignModel:
         for joint_element in root.iterfind(".//ros2_control/joint"):
             name = joint_element.get("name", "")
             is_commanded = joint_element.find("command_interface") is not None
-            # A joint that a wheel turns follows the motor of the wheel.
+            # A joint that is turned by a wheel is not driven itself.
             if is_commanded and name in self.joint_names and name not in joints_on_wheels:
                 ranges[self.joint_names.index(name)] = None
         for actuator in range(mj_model.nu):
@@ -273,7 +275,9 @@ class ForeignModel:
             )
             # An actuator without gain is a load, not a drive.
             if is_at_joint and np.any(mj_model.actuator_gainprm[actuator]):
-                # Only the control of a position servo is an angle.
+                # An actuator with position feedback is a servo, whose control is an angle.
+                # Only then the range of the control is a range of angles. biasprm[1] is
+                # MuJoCo's factor of the angle in the torque.
                 has_position_feedback = mj_model.actuator_biasprm[actuator][1] != 0.0
                 is_limited_servo = (
                     mj_model.actuator_ctrllimited[actuator] and has_position_feedback
