@@ -51,7 +51,8 @@ def warnings_as_sentences(
         if category is UserWarning:
             report(f"warning: {text}")
             return
-        # The status is a column of result tables: why a row has no, or not all, numbers.
+        # In result tables, a row without some of its numbers has a status with the reason.
+        # Rows without a status count as valid, so the user should check these.
         report(
             f"warning: {_name_library(filename)} reports: {text}; this was not expected "
             f"and may concern results, so check those without a status; {where}"

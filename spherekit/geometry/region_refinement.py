@@ -45,15 +45,17 @@ UNCLASSIFIED = -1
 class TriangleDivision:
     """How the border of a region divides the triangles of a mesh that it crosses.
 
-    A mesh has T triangles. A segment is the part of the border in one of them, and there
-    are n segments. The region in a triangle is divided into two parts:
+    A mesh has T triangles. A segment is a smooth curve, the part of the border in one of
+    them. It is given by several nodes. There are n segments. The region in a triangle is
+    divided into two parts:
 
-    - a fan of small triangles between the segment and a vertex inside the region, the apex;
+    - a fan: small triangles between a vertex inside the region (the apex) and two
+      neighbouring nodes of the segment;
     - if two vertices are inside, an extra triangle between the apex, the other vertex
       inside, and the start of the segment.
 
-    A border with a corner consists of two segments in the same triangle. Both have fans
-    from the same apex, and the first one has the extra triangle.
+    If the border has a corner in a triangle, it consists of two segments there. Both have
+    fans from the same apex, and the first one has the extra triangle.
 
     Attributes
     ----------
@@ -107,13 +109,20 @@ class RegionRefinement:
     def __init__(self, evaluate: MarginEvaluator, spacing: float) -> None:
         """Make the first mesh, with margins at its vertices and without border.
 
-        The margins are functions of the direction that are at least 0 in the region.
+        Parameters
+        ----------
+        evaluate
+            Function that evaluates the margins of directions. The margins are the functions
+            of the direction that are at least 0 in the region.
+        spacing
+            Longest edge (rad) of the first triangles.
         """
         self.evaluate = evaluate
         self.points, self.triangles = icosahedron(spacing)
         self.values = evaluate(self.points)
-        # For each triangle its class, which says whether the border crosses it, its longest
-        # edge (rad), and whether several margins may have either sign in it.
+        # For each triangle: its class, which says whether the border crosses it; its
+        # longest edge (rad); and whether several margins may be positive or negative in it.
+        # If so, one margin may cut off a part of the region beyond the border of another.
         count = len(self.triangles)
         self.classes = np.full(count, UNCLASSIFIED)
         self.longest_edges = np.zeros(count)
@@ -128,8 +137,8 @@ class RegionRefinement:
         self._crossing_keys = no_index
         self._crossing_margins = no_index
         self._crossing_points = no_point
-        # The border, as segments in triangles. `find` makes an object with no segments from
-        # empty arrays; `_find_border` adds some later.
+        # The border, as segments in triangles. There are none yet, so all arrays are empty.
+        # `_find_border` adds segments later.
         self.segments = BorderSegments.find(
             evaluate,
             ends=(no_point, no_point),
@@ -143,14 +152,14 @@ class RegionRefinement:
     def refine(self, tolerance: float, feature: float, max_evaluations: int) -> None:
         """Refine until the error of the area is small enough, or nothing more helps.
 
-        Each triangle of the mesh has a class, which says how the region lies in it. It is
-        open if a part of the region, or a hole, may be hidden in it. In each round,
-        triangles are cut for the first of these reasons that applies to any of them:
+        Each triangle of the mesh has a class. It is *open* if a part of the region, or a
+        hole, may be hidden in it. It is *broken* if the margins, the functions that are at
+        least 0 in the region, are defined in a part of it only. A round cuts triangles for
+        the first of these reasons that applies to any of them:
 
-        - they are open, or the functions that define the region have values in a part of
-          the triangle only;
-        - no border was found that joins their crossed edges, so that they are open now;
-        - the error of the area is too large.
+        1. They are open or broken, and too large.
+        2. They became open and are too large: no border was found between their edges.
+        3. The error of the area exceeds the tolerance.
 
         Parameters
         ----------
@@ -158,21 +167,19 @@ class RegionRefinement:
             Error of the area (sr) at which the refinement ends.
         feature
             Smallest size (rad) of parts and holes of the region that are to be found. Open
-            triangles with longer edges are cut. Smaller ones are cut only while the error
-            exceeds the tolerance.
+            triangles are too large if they have longer edges. Smaller ones are cut for the
+            third reason only.
         max_evaluations
-            Number of points after which the refinement ends. The margins, the functions
-            that are at least 0 in the region, are evaluated at these points.
+            Number of points at which the margins are evaluated before the refinement ends.
         """
         while True:
-            # In a broken triangle, margins are defined in a part only.
             self._classify()
             is_cut = self.classes == TriangleClass.BROKEN
             is_cut &= self.longest_edges > MAX_BROKEN_EDGE_RAD
             is_cut |= self.is_open & (self.longest_edges > feature)
             if not is_cut.any():
                 self._find_border()
-                # Triangles without a sound border are open now.
+                # This call made triangles open in which it did not find a border.
                 is_cut = self.is_open & (self.longest_edges > feature)
             if not is_cut.any():
                 is_cut = self._reduce_error(tolerance)
@@ -180,8 +187,8 @@ class RegionRefinement:
             if not cost or self.evaluate.evaluations + cost > max_evaluations:
                 break
             self._cut(is_cut)
-        # If the evaluations were used up in a round that cuts for the first reason, the
-        # border has not been searched in the last triangles. Otherwise nothing is done.
+        # A round that cuts for the first reason does not search the border. If the loop
+        # ends in such a round, it is searched now. Otherwise no triangle is left to search.
         self._find_border()
 
     @property
@@ -211,8 +218,8 @@ class RegionRefinement:
         - the area between the chord and the segment, negative if the segment bends inwards;
         - if two vertices are inside, the triangle of both and of the start of the segment.
 
-        A segment of the border may leave its triangle. A single value may therefore be
-        wrong, but the sum over connected triangles is right.
+        If a segment bends out of its triangle, the area beyond the edge is still assigned
+        to this triangle. Only sums over connected triangles are therefore exact.
         """
         division = self._divide_triangles()
         apex = self.points[division.apex]
@@ -257,20 +264,22 @@ class RegionRefinement:
     def border_loops(self) -> list[Indices]:
         """Return the closed curves of the border, as segment numbers in their order.
 
-        A segment is the border in one triangle. `start` and `stop` are the numbers of the
-        crossings of triangle edges between which the border runs. In a triangle with a
-        corner there are two segments: the leading one up to the corner, and a second one.
+        A segment is the border in one triangle. The border enters the triangle at one
+        crossing of an edge and leaves it at another one. Their numbers are `start` and
+        `stop`. If the border has a corner in the triangle, there are two segments: the
+        leading one up to the corner, and a second one. Both have the `start` and `stop` of
+        the triangle.
         """
         segments = self.segments
         number = np.arange(len(segments.start))
-        # The leading and the second segment in the triangle that is entered at a crossing,
-        # -1 if there is none. Crossings are numbered as in `_crossing_keys`.
+        # For each crossing, the leading and the second segment in the triangle that the
+        # border enters there, -1 if there is none.
         leading_at = np.full(len(self._crossing_keys), -1)
         second_at = np.full(len(self._crossing_keys), -1)
         leading_at[segments.start[segments.is_leading]] = number[segments.is_leading]
         second_at[segments.start[~segments.is_leading]] = number[~segments.is_leading]
         # A leading segment with a corner is followed by the second one of its triangle. All
-        # others are followed by the leading segment that starts where they stop.
+        # others are followed by the leading segment of the next triangle.
         corner_follower = np.where(segments.is_leading, second_at[segments.start], -1)
         follower = np.where(
             corner_follower >= 0, corner_follower, leading_at[segments.stop]
@@ -286,11 +295,15 @@ class RegionRefinement:
         two vertices are inside, an extra triangle joins both to the start of the segment.
         """
         inside_count = self.is_inside[self.triangles].sum(axis=1)
+        # The odd vertex is the only one inside, or the only one outside. The others follow
+        # counter-clockwise.
         odd, second, third = self._odd_vertex_first(self.segments.triangle)
-        # The odd vertex is the only one inside, or the only one outside.
         has_one_inside = inside_count[self.segments.triangle] == 1
-        # A border with a corner has two segments in a triangle. The leading one begins at
-        # the edge of the triangle, so the extra triangle ends at its start.
+        # The border runs with the region on its left. If the odd vertex is outside, the
+        # border starts on the edge from `third` to it and stops on the edge to `second`.
+        # With the apex `second`, the extra triangle is (second, third, start).
+        # If the border has a corner, only the first of two segments (the leading one)
+        # starts on an edge. A border without a corner is one leading segment.
         has_extra_triangle = ~has_one_inside & self.segments.is_leading
         return TriangleDivision(
             inside_count=inside_count,
@@ -319,6 +332,9 @@ class RegionRefinement:
         says whether the triangle is inside or outside the region, or whether the border
         crosses it. `classes`, `longest_edges` and `has_several_uncertain` are updated. The
         last one says whether several margins may have either sign in a triangle.
+
+        In a triangle, each margin is interpolated from samples at the vertices and at the
+        middles of the edges. Check points show how large the interpolation error is.
         """
         new = np.flatnonzero(self.classes == UNCLASSIFIED)
         triangles = self.triangles[new]
@@ -327,12 +343,15 @@ class RegionRefinement:
         edges, sides = list_edges(triangles)
         low, high = np.moveaxis(self.points[edges], 1, 0)
         centroids = self.points[triangles].sum(axis=1)
-        # Samples: middles of edges, check points at a quarter of the edge from the vertex
-        # with the lower number, centroids. Their lengths do not matter.
+        # The samples are middles of edges, check points on edges, and centroids as further
+        # check points. The interpolation is exact at the middle of an edge, so its check
+        # point is at a quarter, from the vertex with the lower number. One per edge saves
+        # evaluations. `unit_rows` makes unit vectors of the sums.
         samples = np.concatenate([low + high, 3.0 * low + high, centroids])
         margins = self.evaluate(unit_rows(samples))
         middle, check, centroid = np.split(margins, [len(edges), 2 * len(edges)])
-        # (10, T, k) the k margins at the ten samples of each triangle.
+        # (10, T, k) the k margins at the ten samples of each triangle. Those at its three
+        # vertices are in `values`.
         stacked = np.concatenate(
             [self.values[triangles.T], middle[sides.T], check[sides.T], centroid[None]]
         )
@@ -436,37 +455,42 @@ class RegionRefinement:
     def _reduce_error(self, tolerance: float) -> Bools:
         """Reduce the error of the area, and return which triangles (T,) have to be cut.
 
-        A segment is the border of the region in one triangle, approximated by a polynomial
-        of a degree that is called its order. Its error is that of the area beside it. An
-        open triangle may hide a part of the region, so its whole area counts as an error.
-        Segments and open triangles may each contribute half of the tolerance (sr). If
-        segments contribute more, their orders are raised. Triangles are cut if that does
-        not help, and if open triangles contribute more.
+        The error has two parts. Each may be up to half of the tolerance (sr):
+
+        - A segment is the border of the region in one triangle, approximated by a
+          polynomial. Its order is the degree of the polynomial, and its error that of the
+          area beside it. If the sum is too large, orders are raised. Segments that have the
+          highest order already have their triangles cut.
+        - An open triangle may hide a part of the region, so its whole area counts as an
+          error. If the sum is too large, open triangles are cut.
         """
         is_cut = np.zeros(len(self.triangles), dtype=bool)
         segments = self.segments
         share = 0.5 * tolerance
-        # Raise the orders of the segments with the largest errors. If they have the highest
-        # order already, their triangles are cut.
         while True:
             is_counted = ~self.is_open[segments.triangle]
-            can_improve = segments.error > ROUNDING_FACTOR * EPS * segments.length
+            # An error near the rounding error of the area cannot be reduced.
+            rounding_error = EPS * segments.length
+            can_improve = segments.error > ROUNDING_FACTOR * rounding_error
             error = np.where(is_counted & can_improve, segments.error, 0.0)
             if error.sum() <= share:
                 break
-            # All segments at this limit would together use half of the share.
+            # Segments above this limit are improved. If all had this error, their sum would
+            # be half of the share. A smaller limit improves more segments at once.
             is_poor = error > 0.5 * share / np.count_nonzero(is_counted)
             can_raise = is_poor & (segments.order < ORDERS[-1])
             if not can_raise.any():
                 is_cut[segments.triangle[is_poor]] = True
                 break
             segments.raise_order(self.evaluate, np.flatnonzero(can_raise))
-            # A segment is not sound if no border was found at the new nodes.
+            # A segment without a border at one of the new nodes is not sound. Its triangle
+            # may hide a part of the region.
             self.classes[segments.triangle[~segments.is_sound]] = TriangleClass.OPEN
         open_area = self.is_open * self.areas
         if open_area.sum() > share:
-            # The largest triangles are cut first; small ones matter only after these. With
-            # a larger factor, fewer triangles are cut in a round, and more rounds follow.
+            # The largest triangles are cut first; small ones matter only after these. A
+            # larger factor than 0.1 cuts fewer triangles in a round, so that more rounds
+            # follow.
             is_cut |= open_area > 0.1 * open_area.max()
         return is_cut & (self.longest_edges > MIN_EDGE_RAD)
 
@@ -474,8 +498,9 @@ class RegionRefinement:
         """Cut the triangles for which `is_cut` (T,) is true.
 
         Their neighbours are cut too where a vertex would otherwise be in the middle of an
-        edge. Triangles that are not cut keep their classes, and their segments: the parts
-        of the border in them. Segments of triangles that are cut are removed.
+        edge. Triangles that are not cut keep their segments (the parts of the border in
+        them) and what `_classify` determined for them. Segments of triangles that are cut
+        are removed.
         """
         old_count = len(self.points)
         mesh = bisect_triangles(self.points, self.triangles, is_cut)
@@ -485,8 +510,9 @@ class RegionRefinement:
         new_values = self.evaluate(self.points[old_count:])
         self.values = np.concatenate([self.values, new_values])
         is_kept = origin >= 0
-        # New triangles have no values yet. The index -1 gives them those of the last old
-        # triangle, which `_classify` replaces.
+        # New triangles are marked, so that `_classify` computes their classes, longest
+        # edges and flags. Until then they have placeholders in all three arrays: their
+        # `origin` -1 selects the last entry of the old array.
         self.classes = np.where(is_kept, self.classes[origin], UNCLASSIFIED)
         self.longest_edges = self.longest_edges[origin]
         self.has_several_uncertain = self.has_several_uncertain[origin]

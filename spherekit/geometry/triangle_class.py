@@ -57,13 +57,15 @@ class TriangleClass(IntEnum):
 class MarginBounds:
     """Bounds of k margins in n triangles of a mesh.
 
-    Margins are functions that are at least 0 inside a region. They are interpolated in the
-    triangle.
+    Margins are functions that are at least 0 inside a region. In a triangle they are
+    interpolated from six samples. Four further samples, at the check points, show the
+    interpolation error.
 
     Attributes
     ----------
     low, high
-        (n, k) smallest and largest value that a margin may have in the triangle.
+        (n, k) smallest and largest value that a margin may have in the triangle, with
+        allowance for the interpolation error.
     error
         (n, k) largest interpolation error at the check points of the triangle.
     """
@@ -232,8 +234,8 @@ def _gradients_lie_in_cone(
     the axis of the cone. A line in this direction then enters the region at most once, so
     the border is a single curve, and no part or hole of the region is hidden.
 
-    The gradient of a polynomial of degree 2 is linear in a triangle. It therefore lies in a
-    cone everywhere if it does at the three vertices.
+    Margins are interpolated by polynomials of degree 2, whose gradient is linear in a
+    triangle. It therefore lies in a cone everywhere if it does at the three vertices.
 
     Parameters
     ----------
@@ -250,7 +252,8 @@ def _gradients_lie_in_cone(
     -------
     (n,) whether all these gradients lie in such a cone, up to the error.
     """
-    # Derivatives (3, 2, n, k) along the edges 12 and 13, at each vertex.
+    # Derivatives (3, 2, n, k) of the interpolation along the edges 12 and 13, at each
+    # vertex. They are differences of margins over the whole edge.
     slopes = np.tensordot(_SLOPES, samples, axes=1)
     edge_12 = corners[:, 1] - corners[:, 0]
     edge_13 = corners[:, 2] - corners[:, 0]
@@ -262,13 +265,18 @@ def _gradients_lie_in_cone(
     along_base = slopes[:, 0] / base
     gradient = along_base + 1j * (slopes[:, 1] - shift * along_base) / height
     size = np.abs(gradient)
-    # Largest change of the gradient if both slopes are wrong by 1.
-    error_gain = np.hypot(1.0 / base, (1.0 + np.abs(shift) / base) / height)
+    # Largest change of the gradient if both slopes change by up to 1: both components of
+    # the gradient above, with the signs that make them largest.
+    base_change = 1.0 / base
+    height_change = (1.0 + np.abs(shift) / base) / height
+    change_per_slope = np.hypot(base_change, height_change)
     with np.errstate(all="ignore"):
         # The axis of the cone is the mean of all unit gradients. The cosine of the angle of
-        # each gradient to it is reduced by the possible error. The error of a slope is the
-        # measured error of the margin times a factor that is enough for degree 3.
-        slack = SLOPE_SAFETY_FACTOR * error * error_gain / size
+        # each gradient to it is reduced by the possible error. A margin is not exactly of
+        # degree 2. If it is of degree 3, the error of a slope is at most
+        # `SLOPE_SAFETY_FACTOR` times the measured error of the margin.
+        slope_error = SLOPE_SAFETY_FACTOR * error
+        slack = slope_error * change_per_slope / size
         directions = np.where(is_uncertain, gradient / size, 0.0)
         axis = np.sum(directions, axis=(0, 2))
         cosine = np.real(directions * np.conj(axis / np.abs(axis))[:, None]) - slack

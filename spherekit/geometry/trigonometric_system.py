@@ -139,16 +139,19 @@ class EliminantRoots:
 
 @dataclass(frozen=True)
 class RemainingForms:
-    """Forms that remain of n systems at r values of the first angle.
+    """Forms that remain of n systems after r values of the first angle were inserted.
 
-    The equations are linear in the cosine and sine of each angle. If all angles but one
-    have values, a form (c0, c1, c2) remains, the equation c0 + c1 cos + c2 sin = 0. The
-    systems have two equations in the angles x and z, or three in x, y and z. Numbers are
-    complex, because a form may have complex zeros.
+    A system has two equations in the angles x and z, or three in x, y and z. They are
+    linear in the cosine and sine of each angle. If all angles but one have values, a form
+    (c0, c1, c2) remains: the equation c0 + c1 cos + c2 sin = 0. It has two zeros, which may
+    be complex, so all numbers are complex.
 
     In a system of three, the first equation contains x and y only. At a value of x it is a
-    form in the second angle y with two zeros. A system of two has no second angle, and the
-    arrays ``second_...`` are placeholders filled with 1.
+    form in y. The other two are forms in z at each zero of y. A system of two has no angle
+    y, and the arrays ``second_...`` are placeholders filled with 1.
+
+    The forms serve to evaluate the eliminant: the polynomial in x that remains when the
+    other angles are eliminated. It is zero at the first angles of solutions.
 
     Attributes
     ----------
@@ -160,7 +163,7 @@ class RemainingForms:
     second_forms
         (n, r, 3) form in y of the first equation.
     second_weights
-        (n, r) c1^2 + c2^2 of that form. The eliminant has a power of it as a factor.
+        (n, r) c1^2 + c2^2 of that form. A power of it is a factor of the eliminant.
     """
 
     last_forms: Complexes
@@ -219,7 +222,8 @@ def eliminant_degree(incidence: Bools) -> int:
     A system has t = 1, 2 or 3 equations in as many angles x, y, z. Each equation is linear
     in the cosine and sine of each angle that it contains. The eliminant is the
     trigonometric polynomial in x that remains when the other angles are eliminated by
-    resultants. The resultant of two equations has degree 2 in the coefficients of each.
+    resultants. The resultant of two equations is zero if they have a common zero in the
+    eliminated angle. It has degree 2 in the coefficients of each equation.
 
     Parameters
     ----------
@@ -247,10 +251,14 @@ def eliminant_degree(incidence: Bools) -> int:
     if contains_third or not contains_second:
         return 0
     # Elimination of z from the last two equations gives their resultant R(x, y). It has
-    # degree p in y: 2 for each of both equations that contains y. The first equation has
-    # two zeros y1(x) and y2(x), and the eliminant is (a1^2 + a2^2)^p R(x, y1) R(x, y2).
-    # The factor has degree 2 p in the coefficients a, which have degree 1 or 0 in x. Each
-    # resultant has degree 2 in x for each of the last two equations that contains x.
+    # degree p in cos y and sin y: 2 for each of both equations that contains y.
+    #
+    # The first equation has two zeros y1(x) and y2(x), at which R is inserted. The cosine
+    # and sine of y1 and y2 have the denominator a1^2 + a2^2. So R(x, y1) R(x, y2) has the
+    # denominator (a1^2 + a2^2)^p, and the eliminant is the product of both.
+    #
+    # This factor has degree 2 p in the coefficients a, which have degree 1 or 0 in x. Each
+    # R has degree 2 in x for each of the last two equations that contains x.
     resultant_degree = 2 * (contains_first[1] + contains_first[2])
     power = _resultant_degree(incidence)
     factor_degree = 2 * power * contains_first[0]
@@ -519,9 +527,12 @@ def _solve_at_roots(
     roots
         (n, k) values of e^(ix), x the first angle.
     starts_per_root
-        Starts of Newton's method for each root, those with the smallest residuals.
+        Number of starts of Newton's method for each root. The other angles have several
+        possible values: a root has 2 possible starts in a system of two equations, 4 in one
+        of three. Those with the smallest residuals are taken.
     """
-    starts = _start_angles(equations, -1j * np.log(roots))
+    first_angles = -1j * np.log(roots)
+    starts = _start_angles(equations, first_angles)
     starts = _best_starts(
         equations, starts, root_count=roots.shape[1], starts_per_root=starts_per_root
     )
@@ -529,24 +540,29 @@ def _solve_at_roots(
     starts[_relative_residual(equations, starts) > MAX_START_RESIDUAL] = np.nan
     result = _run_newton(equations, starts)
     # A start that leads to the solution of another root says nothing about its own root.
+    # Newton's method changes angles in small steps and does not wrap them, so the first
+    # angle of a solution and its start can be subtracted.
     is_near_root = np.abs(result.angles[..., 0] - starts[..., 0]) < ROOT_CLUSTER_RAD
     is_solution = (result.residual < MAX_SOLUTION_RESIDUAL) & is_near_root
+    # Where the Jacobian is almost singular (`is_flat`), a solution may be multiple.
     return RootSolutions(result.angles, is_solution, result.is_flat)
 
 
 def _store_complete(
     angles: Complexes, systems: Indices, solutions: Complexes, is_solution: Bools
 ) -> None:
-    """Store the solutions of each system that has as many different ones as roots.
+    """Store the solutions of each system for which all solutions were computed.
 
     Parameters
     ----------
     angles
-        (n, 2 degree, t) array that is changed in place.
+        (n, c, t) angles (rad) of n systems with t unknowns, changed in place. Every system
+        has c solutions, real and complex ones together.
     systems
-        (k,) indices of the solved systems.
+        (k,) indices of the systems for which solutions were computed.
     solutions, is_solution
-        (k, m, t) angles (rad), and (k, m) which of them are solutions.
+        (k, m, t) angles (rad), and (k, m) which of them are solutions. Several may be
+        copies of one solution.
     """
     for system, candidates, is_valid in zip(systems, solutions, is_solution, strict=True):
         distinct = candidates[is_valid][_are_distinct(candidates[is_valid])]
@@ -576,20 +592,22 @@ def _angles_of(factors: Complexes) -> Complexes:
 def _form_zeros(form: Numbers) -> tuple[Complexes, Complexes]:
     """Return the zeros of forms c0 + c1 cos + c2 sin.
 
-    With w = c1^2 + c2^2 and r = sqrt(w - c0^2), they are cos = (-c0 c1 - r c2) / w and
-    sin = (-c0 c2 + r c1) / w, for both signs of r.
+    A form is an equation c0 + c1 cos(y) + c2 sin(y) = 0 in an angle y, real or complex.
+    With the weight w = c1^2 + c2^2 and r = sqrt(w - c0^2), it has two zeros, one for each
+    sign of r: cos(y) = (-c0 c1 - r c2) / w and sin(y) = (-c0 c2 + r c1) / w.
 
     Parameters
     ----------
     form
-        (..., 3) coefficients.
+        (..., 3) coefficients c0, c1, c2.
 
     Returns
     -------
     zeros
-        (..., 2, 3) values of 1, cos and sin at both zeros. Not finite if the weight is 0.
+        (..., 2, 3) the factors (1, cos(y), sin(y)) at both zeros, by which coefficients of
+        other equations are multiplied. NaN or infinite if the weight is 0.
     weight
-        (...,) c1^2 + c2^2.
+        (...,) w.
     """
     c0, c1, c2 = np.moveaxis(form.astype(complex), -1, 0)
     weight = c1 * c1 + c2 * c2
@@ -732,8 +750,10 @@ def _start_angles(equations: Numbers, first_angles: Complexes) -> Complexes:
     """
     forms = _reduce_to_forms(equations, first_angles)
     # Axes of the forms in the last angle: system, first angle, zero of the second angle,
-    # the two equations, coefficients c0, c1, c2. At a solution both equations have a common
-    # zero. The one with the larger (c1, c2) gives it more accurately.
+    # the two equations, coefficients c0, c1, c2. A system of two equations has no second
+    # angle: that axis has the length 1 and `second_zeros` is a placeholder.
+    # At a solution both equations have a common zero. The one with the larger (c1, c2)
+    # gives it more accurately.
     angle_parts = np.linalg.norm(forms.last_forms[..., 1:], axis=4)
     better = np.argmax(angle_parts, axis=3)[..., None, None]
     better_forms = np.take_along_axis(forms.last_forms, better, axis=3)[..., 0, :]
@@ -745,10 +765,13 @@ def _start_angles(equations: Numbers, first_angles: Complexes) -> Complexes:
         first_angles[..., None, None], second_angles[..., None], last_angles
     )
     if equations.shape[1] == 2:
+        # The placeholder of the second angle is left out.
         columns = [first_starts, last_starts]
     else:
         columns = [first_starts, second_starts, last_starts]
-    shape = (len(first_angles), prod(last_angles.shape[1:]), len(columns))
+    # All starts of a system in one axis: first angles times zeros of both other angles.
+    start_count = prod(last_angles.shape[1:])
+    shape = (len(first_angles), start_count, len(columns))
     return np.stack(columns, axis=-1).reshape(shape)
 
 
@@ -816,7 +839,13 @@ def _run_newton(equations: Numbers, angles: Complexes) -> NewtonResult:
 
 
 def _relative_residual(equations: Numbers, angles: Complexes) -> Floats:
-    """Return the largest residual of each solution, relative to the factors of its angles.
+    """Return the largest residual of each solution, relative to the size of its terms.
+
+    A term of an equation is a coefficient times one factor (1, cosine or sine) of each
+    angle. Angles with large imaginary parts have large cosines and sines, so the rounding
+    errors of their residuals are larger. The residual is therefore divided by the product
+    over all angles of the norm of (1, cosine, sine), which is the norm of all products of
+    factors.
 
     Parameters
     ----------
@@ -824,14 +853,14 @@ def _relative_residual(equations: Numbers, angles: Complexes) -> Floats:
         (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
         belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
     angles
-        (n, m, t) angles (rad). Those with large imaginary parts have large cosines and
-        sines, by which the residual is divided.
+        (n, m, t) angles (rad), real or complex.
 
     Returns
     -------
     (n, m) residuals.
     """
-    size = np.prod(np.linalg.norm(angle_factors(angles), axis=3), axis=2)
+    factor_norms = np.linalg.norm(angle_factors(angles), axis=3)
+    size = np.prod(factor_norms, axis=2)
     values, _ = _evaluate(equations, angles)
     return max_abs(values, axis=2) / size
 

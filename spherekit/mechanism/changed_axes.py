@@ -38,8 +38,8 @@ def rotate_profile(profile: Profile, rotation: Floats, pair: Pair) -> Profile:
     rotation
         (3, 3) rotation from the old to the new link axes.
     pair
-        The pair of the profile. It is not used here, but functions that replace this one
-        may need it.
+        The pair of the profile. It is not used. `redescribe` calls this function by
+        default, or one with the same parameters that its caller gives and that may use it.
     """
     del pair
     centre = None if profile.centre is None else rotate_vector(rotation, profile.centre)
@@ -103,8 +103,9 @@ def redescribe(
         # whether they are along link axes or ground axes.
         is_in_link_axes = getattr(part, "axes", "ground") == "link"
         component_rotation = rotation if is_in_link_axes else ground_rotation
-        # Each field of a part has a kind. A "text" is one expression, "texts" are the three
-        # expressions of a force or moment. They contain names such as "theta_41".
+        # Each field of a part has a kind. A "text" is one expression, a scalar. "texts" are
+        # the three expressions of a force or moment, a vector that rotates with the axes.
+        # Expressions contain names such as "theta_41".
         changes: dict[str, Any] = {}
         for name, kind in field_kinds(part).items():
             match kind, getattr(part, name):
@@ -113,8 +114,9 @@ def redescribe(
                 case "links", links:
                     changes[name] = tuple(link_names.get(link, link) for link in links)
                 case "profiles", (_, _) as profiles:
-                    # The profile on each link of a contact pair is in the axes of the link.
-                    # A function that the caller gives may need the pair too.
+                    # A contact pair has a profile on each of its two links, in the axes of
+                    # that link. The third argument is the pair, `part`: the default
+                    # function ignores it, but the caller may give one that uses it.
                     changes[name] = tuple(
                         rotate_pair_profile(profile, rotations[link], part)
                         if link in rotations

@@ -206,9 +206,10 @@ def resize_link(
 ) -> LinkSizes:
     """Return a link with other arcs or angles.
 
-    An arc is that from the first axis of the link to another one. An angle, about the first
-    axis, is that from the arc to the second axis to the arc to another one. The arc or
-    angle is said to lead to that other axis, and is named by the pair of the axis.
+    A link has the axes A, B, C, ... on the sphere, each the axis of a pair. Its arcs are
+    AB, AC, AD, ... Its angles are those at A, from AB to AC, from AB to AD, ... An arc or
+    angle leads to its last axis (C in the case of AC), and is named by the pair of this
+    axis.
 
     Parameters
     ----------
