@@ -54,10 +54,9 @@ def nearest_frames(first: Curve, second: Curve) -> tuple[Floats, float]:
     The frame of a curve on the unit sphere has the unit vectors to the point, along the
     tangent, and at right angles to both. If two curves touch, their frames there are equal.
 
-    Both curves are sampled. The search starts from all pairs of samples whose frames are
-    more similar than those of neighbouring pairs. Pairs whose frames differ so much that no
-    contact can be between them and the next samples are left out. From there the angle
-    between the frames is minimised.
+    Both curves are sampled. From several pairs of samples with similar frames, the angle
+    between the frames is minimised (`_find_starts` chooses the pairs). The best of these
+    minima is returned.
 
     Parameters
     ----------
@@ -102,14 +101,16 @@ def nearest_frames(first: Curve, second: Curve) -> tuple[Floats, float]:
 def _find_starts(curves: tuple[Curve, Curve]) -> Floats:
     """Return pairs of arc lengths (m, 2) from which the search of contacts starts.
 
-    There is one next to every contact. If there is no contact, the pair of samples with the
-    most similar frames is the only one.
+    The frame of a curve on the unit sphere consists of its tangent, its normal and its
+    point. Two curves touch where their frames are equal. Both curves are sampled. A pair of
+    samples, one of each curve, is a start if its frames are similar enough for a contact
+    next to it. The pair with the most similar frames is a start in any case.
     """
     first, second = (_sample_evenly(curve) for curve in curves)
     first_frames = curves[0].evaluate(first.arc_lengths).frame.reshape(-1, 9)
     second_frames = curves[1].evaluate(second.arc_lengths).frame.reshape(-1, 9)
-    # The trace of R_1 R_2^T is the sum of the products of all elements. It is
-    # 1 + 2 cos(angle).
+    # Cosine of the angle between the frames R_1 and R_2 of each pair of samples. The trace
+    # of R_1 R_2^T is the sum of the products of all elements. It is 1 + 2 cos(angle).
     cosine = 0.5 * (first_frames @ second_frames.T - 1.0)
 
     # Find the maxima along the second curve, for each sample of the first. A column is
@@ -119,9 +120,10 @@ def _find_starts(curves: tuple[Curve, Curve]) -> Floats:
     if not curves[1].closed:
         padded[:, [0, -1]] = -1.0
     is_maximum = (cosine >= padded[:, :-2]) & (cosine >= padded[:, 2:])
-    # The samples next to a contact differ by less than one step on each curve.
+    # From a sample to the next one, the frame rotates by the angle `frame_step`. Next to a
+    # contact there is a sample of each curve whose frame differs from that of the contact
+    # by less than its step. The frames of the pair thus differ by less than both steps.
     is_start = is_maximum & (cosine > np.cos(first.frame_step + second.frame_step))
-    # The most similar pair is a start in any case.
     is_start.flat[np.argmax(cosine)] = True
     first_index, second_index = np.nonzero(is_start)
     return np.stack(

@@ -108,7 +108,7 @@ class PathVariation:
     ----------
     path
         The path, whose points and coefficients are such complex numbers.
-    table
+    arc_length
         The arc length of the path as a function of its parameter, real numbers only.
     arc_length_rate
         Derivative of the arc length by the design variable, at a fixed parameter. It is a
@@ -120,17 +120,17 @@ class PathVariation:
     """
 
     path: Path
-    table: ArcLength
+    arc_length: ArcLength
     arc_length_rate: ArcLength
     length_rate: float
     closed: bool
 
 
 def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
-    """Return the spline of `spherekit.geometry.profile_curve.through` with its derivative.
+    """Return the smooth curve through moving points, with its derivative.
 
-    A number and its derivative are the real part and the scaled imaginary part of one
-    complex number (complex step).
+    The points depend on a design variable. A number and its derivative by this variable are
+    the real part and the scaled imaginary part of one complex number (complex step).
 
     The parameter of the spline is to be nearly its arc length. The knots, which are the
     parameters of the points, depend on the spline in turn. The spline is therefore fitted
@@ -149,14 +149,16 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
     if closed:
         moving_points = np.concatenate([moving_points, moving_points[:1]])
 
-    # Derivatives of the differences between successive knots.
-    step_rates = _arc_rates(moving_points)
-    # The fits without derivatives: real spline, and its arc length by the parameter. Each
-    # is repeated here with complex numbers. Only the last one is the result.
+    # Derivatives, by the design variable, of the differences between successive knots.
+    knot_step_rates = _arc_rates(moving_points)
+    # Each fit is a spline of real numbers and its arc length. The fit is repeated here with
+    # complex numbers, because its knots follow from the fit before it. The last one is the
+    # result.
     fits = list(spline_fits(points, closed))
     for path, _ in fits:
-        knot_rates = np.append(0.0, np.cumsum(step_rates))
+        knot_rates = np.append(0.0, np.cumsum(knot_step_rates))
         knots = add_complex_step(path.knots, knot_rates)
+        # SciPy has no splines with complex knots, so the same spline is made here.
         spline = quintic_panels(knots, moving_points, closed)
         # `spline` has the complex knots. The knots of a `SplinePath` itself do not affect
         # its points, so they may be real.
@@ -165,22 +167,26 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
         # The arc length up to a knot changes with the curve at a fixed parameter, and by
         # the speed times the rate of the knot, because the knot moves along the curve.
         rate_at_fixed_parameter = arc_length_rate.evaluate_at_edges(path.knots)
-        step_rates = np.diff(
+        knot_step_rates = np.diff(
             rate_at_fixed_parameter + path.speed(path.knots) * extract_derivative(knots)
         )
     # The arc length of the last fit, the final curve.
-    _, table = fits[-1]
+    _, arc_length = fits[-1]
     return PathVariation(
         path=moving_path,
-        table=table,
+        arc_length=arc_length,
         arc_length_rate=arc_length_rate,
-        length_rate=float(np.sum(step_rates)),
+        length_rate=float(np.sum(knot_step_rates)),
         closed=closed,
     )
 
 
 def _integrate_speed_rate(path: Path, edges: Floats) -> ArcLength:
-    """Return the derivative of the arc length over the panels between edges (m,)."""
+    """Return the derivative of the arc length by the design variable of a complex path.
+
+    The arc length is the integral of the speed |dp/du|, so its derivative is the integral
+    of that of the speed. The edges (m,) are parameters u between which the path is smooth.
+    """
     return integrate_rate(
         lambda u: extract_derivative(path.speed(add_complex_step(u, 0.0))), edges
     )
@@ -218,7 +224,6 @@ def _differentiate(variation: PathVariation, backwards: bool) -> CurveDerivative
         Whether the curve runs against the path.
     """
     path = variation.path
-    table = variation.table
 
     def evaluate(s: Floats) -> Floats:
         """Return the derivatives (8, n) of the curve by the design variable.
@@ -228,22 +233,25 @@ def _differentiate(variation: PathVariation, backwards: bool) -> CurveDerivative
         arc length.
         """
         direction = -1.0 if backwards else 1.0
-        arc_length = direction * s
-        # Whole lengths of the path are added to reach the range of the table from arc
-        # length to parameter. An open curve that runs backwards starts at the end of the
-        # path, so one length is added. The lengths have a derivative, too.
+        # `path_length` is the arc length from the start of the path, which has to be from 0
+        # to the whole length. Whole lengths are added to it if the curve is closed. An open
+        # curve that runs backwards starts at the end of the path, so one length is added.
+        # The derivative of these whole lengths is `target_rate`.
+        path_length = direction * s
+        whole_length = variation.arc_length.length
         if variation.closed:
-            laps = -np.floor(arc_length / table.length)
+            laps = -np.floor(path_length / whole_length)
         else:
             laps = np.full_like(s, 1.0 if backwards else 0.0)
-        arc_length = arc_length + laps * table.length
+        path_length = path_length + laps * whole_length
         target_rate = laps * variation.length_rate
 
         # The arc length s(u, x) depends on the parameter u and on the design variable x. It
         # has to remain at its target, ds/dx + ds/du u' = (rate of the target). Here ds/dx
         # is `arc_length_rate`, ds/du = |dp/du| is the speed, and u' is the derivative of
         # the parameter by x.
-        u = table.invert(arc_length)
+        u = variation.arc_length.invert(path_length)
+        # The path takes complex parameters. The speed itself is the real part.
         speed = np.real(path.speed(add_complex_step(u, 0.0)))
         u_rate = (target_rate - variation.arc_length_rate.evaluate(u)) / speed
         frames = path.frames(add_complex_step(u, u_rate))
@@ -286,12 +294,13 @@ def differentiate_fourier(
     backwards
         Whether the curve is run backwards.
     """
-    # Axes of the series: value or derivative, cosine or sine, order.
-    size = max(np.size(cosines[0]), np.size(sines[0]))
-    series = np.zeros((2, 2, size))
-    for row, value_and_derivative in enumerate((cosines, sines)):
-        for k, coefficients in enumerate(value_and_derivative):
-            series[k, row, : np.size(coefficients)] = coefficients
+    # `cosines` and `sines` are padded with zeros to the same number of orders. Axes: value
+    # (0) or derivative (1), cosine (0) or sine (1), order.
+    order_count = max(np.size(cosines[0]), np.size(sines[0]))
+    series = np.zeros((2, 2, order_count))
+    for k in (0, 1):
+        series[k, 0, : np.size(cosines[k])] = cosines[k]
+        series[k, 1, : np.size(sines[k])] = sines[k]
     # The moving path has complex numbers. Their real parts are the values, their scaled
     # imaginary parts the derivatives by the design variable (complex step).
     moving_cosines, moving_sines = add_complex_step(*series)
@@ -299,13 +308,13 @@ def differentiate_fourier(
         axes_about(add_complex_step(*centre)), moving_cosines, moving_sines
     )
     path = FourierPath(axes_about(np.asarray(centre[0], dtype=float)), *series[0])
-    # Azimuths between which the path is smooth enough for an accurate integral of its
-    # speed. The derivative of the arc length is the integral of that of the speed.
-    edges = azimuth_panels(size)
+    # Four azimuths for each order of the series. Between them the path is smooth enough for
+    # an accurate integral of its speed, the arc length.
+    edges = azimuth_panels(order_count)
     arc_length_rate = _integrate_speed_rate(moving_path, edges)
     variation = PathVariation(
         path=moving_path,
-        table=measure_arc_length(path, edges),
+        arc_length=measure_arc_length(path, edges),
         arc_length_rate=arc_length_rate,
         # The integral over all azimuths: the derivative of the whole length.
         length_rate=arc_length_rate.length,

@@ -174,7 +174,9 @@ class Region:
     def nearest(self, point: Sequence[float] | Floats) -> Floats:
         """Return the unit vector (3,) of the region that is nearest to a direction (3,).
 
-        A direction in the region is returned itself, scaled to length 1.
+        The region has the directions in which all margins are at least 0. Margins are
+        functions of the direction, which the user has given. A direction in the region is
+        returned itself, scaled to length 1.
 
         Raises
         ------
@@ -188,15 +190,14 @@ class Region:
                 f"{point!r} is not a direction; give three finite numbers, not all 0"
             )
         direction = direction / length
-        # A direction is in the region if all margins are at least 0. The rounding error of
-        # a margin is estimated from the sizes of its values, here those at the vertices of
-        # the mesh. A margin that is negative by less than this error counts as 0.
+        # `sampled`: the evaluator estimates the rounding error of each margin from its
+        # values at the vertices of the mesh on which the region was computed.
         evaluate = MarginEvaluator(self.margins, sampled=self.values)
         if smallest_margins(evaluate(direction[None]))[0] >= 0.0:
             return direction
-        # For a direction outside, the nearest point is on the border. An empty region has
-        # no border; `excluding` has the sets of margins that no direction satisfies
-        # together.
+        # For a direction outside, the nearest point is on the border. Each segment of the
+        # border has the number of its margin. Without segments the region is empty, and
+        # `excluding` has the sets of margins that no direction satisfies together.
         if not len(self.border.margin):
             raise RegionError(
                 "the region is empty, so no point of it is nearest; sets of margins that "

@@ -63,9 +63,9 @@ def triple_square(
     are the arcs of the bodies. It is negative if the arcs are too short or too long for the
     outer axes.
 
-    The vectors a and c enter by two squares instead of a . c. If they nearly coincide or
-    are nearly opposite, a . c is close to 1 or -1 and its differences lose digits. One of
-    the two squares then is small and keeps them.
+    The vectors a and c enter by |a - c|^2 and |a + c|^2 instead of a . c. If they nearly
+    coincide, a . c is close to 1, and its difference from another cosine loses digits. The
+    small square |a - c|^2 does not. If they are nearly opposite, |a + c|^2 is small.
 
     Parameters
     ----------
@@ -74,6 +74,7 @@ def triple_square(
     sum_square, difference_square
         |a + c|^2 and |a - c|^2: numbers, arrays or symbolic expressions.
     """
+    # cos(A - C) - a . c, and then a . c - cos(A + C).
     first_factor = _cosine_minus_dot(first_arc - second_arc, sum_square, difference_square)
     second_factor = -1.0 * _cosine_minus_dot(
         first_arc + second_arc, sum_square, difference_square
@@ -109,6 +110,7 @@ def middle_axis(
     -------
     The factors (cos A + cos C) / |a + c|^2, (cos A - cos C) / |a - c|^2 and t / |a x c|^2.
     """
+    # A `HalfAngle` has the sine and the cosine of half an arc, here of A + C and A - C.
     total = first_arc + second_arc
     difference = first_arc - second_arc
     # cos A + cos C = 2 cos((A + C) / 2) cos((A - C) / 2), and similar for the difference.

@@ -67,11 +67,9 @@ def normal_at(phi: float, gamma: float) -> Floats:
     """Return the unit normal (3,) of the mirror with the angles phi and gamma, rad.
 
     A mirror is a plane through the centre of the sphere. A mechanism may have a base and an
-    output that are mirror images of each other in it. phi is the arc from the point
-    (1, 0, 0) to its mirror image, and gamma is the angle by which the mirror turns the
-    plane y = 0 (Chen et al. 2021). A reflection moves a point or plane by twice its angle
-    to the mirror, so the normal is (-sin(phi / 2), sin(gamma / 2), n_z). Its sign is chosen
-    so that n_z >= 0.
+    output that are mirror images of each other in it. The angles are defined by the normal
+    (-sin(phi / 2), sin(gamma / 2), n_z) with n_z >= 0 (Chen et al. 2021). The sizes of phi
+    and gamma are the arcs from the points (1, 0, 0) and (0, 1, 0) to their mirror images.
 
     Raises
     ------
@@ -104,8 +102,10 @@ def mirror_of(matrices: Floats) -> tuple[Floats, Floats]:
         (n,) angle (rad) of the rotation between the mirror and the matrix; 0 if the matrix
         is a reflection.
     """
-    # The normal is the eigenvector of the smallest eigenvalue, which is -1 for a
-    # reflection.
+    # Each matrix is a reflection with a normal n, followed by a rotation about n by an
+    # angle d. The symmetric part of such a matrix has the eigenvalue -1 for the vector n,
+    # and twice cos(d), which is not smaller. The reflection with this normal differs from
+    # the matrix by the angle d, every other one by more.
     _, eigenvectors = np.linalg.eigh(0.5 * (matrices + transpose(matrices)))
     normals = upward(eigenvectors[..., 0])
     return normals, angles_between(reflections(normals), matrices)

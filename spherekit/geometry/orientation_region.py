@@ -196,7 +196,9 @@ def find_orientations(
         progress.report_if_due(partial(str, message))  # called only if a report is due
         if error <= wanted_error:
             break
-        # All uncertain cells at this limit would together use half of the wanted error.
+        # Cells with smaller errors than the limit are not halved. All of these together
+        # have at most half of the wanted error. With a larger part, fewer cells would be
+        # halved at once, in more rounds.
         limit = 0.5 * wanted_error / np.count_nonzero(cells.error)
         can_halve = cells.boxes.width > MIN_CELL_WIDTH
         to_halve = np.flatnonzero((cells.error > limit) & can_halve)
@@ -262,10 +264,13 @@ class _OrientationCells:
         orientations to be measured is that in which all margins are at least 0.
         """
         self.evaluate = evaluate
-        # The orientation with the largest smallest margin, the depth. None is known yet.
+        # The depth of an orientation is its smallest margin. `_sample` stores the
+        # orientation with the largest depth. None has been sampled yet.
         self.deepest = np.array([0.0, 0.0, 0.0, 1.0])
         self.depth = -np.inf
-        # Coordinates are integers. A cube is 2**CUBE_BITS units wide.
+        # Unit quaternions up to their sign are divided into four cubes, one for each
+        # component that is the largest. Coordinates in a cube are integers from 0 to
+        # 2**CUBE_BITS. The first cells are a grid in each cube.
         corners = _cubic_grid(np.arange(2**FIRST_HALVINGS))
         width = 2 ** (CUBE_BITS - FIRST_HALVINGS)
         count = 4 * len(corners)
@@ -275,7 +280,7 @@ class _OrientationCells:
             width=np.full(count, width),
         )
         # A volume is certain if the cell belongs to the set as a whole or not at all. The
-        # whole volume of an uncertain cell is its first error.
+        # first error of an uncertain cell is its whole volume, a sum over its subcells.
         self.volume, has_certain_volume = self._measure(self.boxes)
         self.error = np.where(
             has_certain_volume, 0.0, _subcell_volumes(self.boxes).sum(axis=1)
@@ -339,7 +344,8 @@ class _OrientationCells:
             _interpolation_matrix(_CHECK_QUARTERS / 4.0), samples, axes=1
         )
         # The interpolation error is estimated as the largest one at the check points times
-        # a safety factor. The Bernstein coefficients of a polynomial bound its values.
+        # a safety factor. The smallest and the largest Bernstein coefficient of a
+        # polynomial bound its values in the cell.
         slack = VALUE_SAFETY_FACTOR * max_abs(at_checks - checks, axis=0)
         bernstein = np.tensordot(_CUBE_BERNSTEIN, samples, axes=1)
         is_outside = (bernstein.max(axis=0) + slack < 0.0).any(axis=1)
@@ -355,21 +361,22 @@ class _OrientationCells:
             # One column for each margin in each cell, with its 27 samples.
             filled = _filled_fractions(samples[:, chunk].reshape(27, -1))
             filled = filled.reshape(SUBCELLS_PER_SIDE**3, len(chunk), margin_count)
-            # Axes: subcell, cell, margin. If several margins exclude a part of a subcell,
-            # the largest of these parts counts; their overlap is not examined.
+            # Axes: subcell, cell, margin. If several margins exclude parts of a subcell,
+            # only the largest part counts. This is exact if it contains the others. How
+            # the parts overlap is not examined, so volumes near edges are approximate.
             volumes[chunk] *= filled.min(axis=2).T
         return volumes.sum(axis=1), has_certain_volume
 
     def _sample(self, boxes: _Boxes) -> tuple[Floats, Floats]:
-        """Return the margins at the samples and check points of n cells.
+        """Return the k margins at the samples and check points of n cells.
 
         A margin may be NaN, which has two meanings:
 
         - No other margin is negative at this point. The orientation cannot be reached, so
           it is outside of the set. The NaN is replaced by -1.
-        - Another margin is negative, which excludes the point already. The NaN is replaced
-          by the largest value of its margin in the cell, so that this margin does not seem
-          to bound the set there.
+        - Another margin is negative, which excludes the point already. The NaN must not
+          exclude more. It is replaced by the largest value that its margin has in the cell,
+          or by 1 if the margin is NaN everywhere in the cell.
 
         The deepest orientation so far, the one whose smallest margin is largest, is updated
         too.
@@ -414,11 +421,16 @@ class _OrientationCells:
 def _filled_fractions(polynomials: Floats) -> Floats:
     """Return the fraction of each subcell of a cell in which a polynomial is positive.
 
-    A cell is divided into SUBCELLS_PER_SIDE**3 equal subcells. The fraction is estimated as
-    a linear function of the value at the centre of the subcell. It is 1/2 if the value is
-    0, and 0 or 1 if the value is half of the sum of all changes over the subcell. If the
-    border, where the polynomial is zero, is a plane, errors of single subcells cancel on
-    average. A correction removes the effect of curvature on this average.
+    A cell is divided into SUBCELLS_PER_SIDE**3 equal subcells. The polynomial changes by a,
+    b and c over a subcell in the three directions. S is the sum of the absolute values of
+    these. The fraction is estimated as 1/2 + f / S, limited to 0 and 1, where f is the
+    value at the centre.
+
+    The fractions of single subcells are inaccurate, but their sum is not. If the border,
+    where the polynomial is zero, is a plane, errors on both sides of it have opposite signs
+    and cancel on average. The border of a curved set has more volume on one side, so a part
+    of the errors remains. The term d S / (a^2 + b^2 + c^2) compensates this part in first
+    order, where d is the mean of the polynomial over the subcell less f.
 
     Parameters
     ----------
@@ -430,15 +442,15 @@ def _filled_fractions(polynomials: Floats) -> Floats:
     -------
     (SUBCELLS_PER_SIDE**3, m) fractions from 0 to 1.
     """
-    # Value at the centre, and sizes of the changes over a subcell in three directions.
+    # The value f, the absolute values of a, b and c, and their sum S.
     value = _AT_CENTRES @ polynomials
     changes = np.abs(_CHANGES @ polynomials)
     change_sum = changes.sum(axis=0)
     square_sum = np.sum(changes**2, axis=0)
     with np.errstate(all="ignore"):
-        # The mean over the subcell differs from the value at its centre by curvature only.
-        curvature = _SUBCELL_MEANS @ polynomials - value
-        offset = value / change_sum + curvature * change_sum / square_sum
+        # The mean d differs from f because of the second derivatives only.
+        mean_difference = _SUBCELL_MEANS @ polynomials - value
+        offset = value / change_sum + mean_difference * change_sum / square_sum
         fraction = np.clip(0.5 + offset, 0.0, 1.0)
         # A constant polynomial fills the subcell or leaves it empty.
         return np.where(square_sum > 0.0, fraction, value >= 0.0)

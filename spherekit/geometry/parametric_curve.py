@@ -274,13 +274,16 @@ def axes_about(centre: ArrayLike) -> Floats:
     Parameters
     ----------
     centre
-        (3,) unit vector. It may carry a derivative as a complex step.
+        (3,) unit vector. It can be complex: the real part is the vector, and the imaginary
+        part is tiny and proportional to its derivative (complex step).
 
     Raises
     ------
     ValueError
         If the centre is not a unit vector.
     """
+    # `dot` is the sum of the products without conjugation, so that the imaginary parts of
+    # the results are derivatives, too. They are too small to affect `abs`.
     vector = np.array(centre)
     size = np.sqrt(dot(vector, vector))
     if not abs(size - 1.0) <= UNIT_LENGTH_TOLERANCE:
@@ -288,8 +291,9 @@ def axes_about(centre: ArrayLike) -> Floats:
             f"the centre has length {abs(size):.9g}; it has to be a unit vector"
         )
     unit = vector / size
-    # The coordinate axis x or y, from which the part along the centre is removed. The
-    # second pass removes the rounding error of the first one.
+    # The part along the centre is removed from the axis x, or from y if x is so close to
+    # the centre that digits would be lost. The second pass removes the rounding error of
+    # the first one.
     first = np.eye(3)[1 if abs(unit[0]) > MAX_FIRST_COMPONENT else 0]
     for _ in range(2):
         first = first - dot(first, unit) * unit

@@ -263,11 +263,14 @@ def spline_through(points: ArrayLike, closed: bool) -> tuple[SplinePath, ArcLeng
 
 
 def spline_fits(points: ArrayLike, closed: bool) -> Iterator[tuple[SplinePath, ArcLength]]:
-    """Yield the splines that lead to `spline_through`, each with its arc length.
+    """Yield splines through the same points, each with its arc length.
 
-    Knots are the parameters at the points, and should be nearly arc lengths. Those of the
-    first spline are the sums of the arcs between the points. Those of every later spline
-    are the arc lengths of the points on the spline before it.
+    The last one is the smooth curve through the points (`spline_through`). Derivatives of
+    this curve need all splines, because the knots of each follow from the one before.
+
+    Knots are the parameters of the spline at the points. The knots of the first spline are
+    the sums of the arcs between the points. Those of every later spline are the arc lengths
+    of the points on the spline before it. So the parameter becomes nearly the arc length.
 
     Parameters
     ----------
@@ -283,4 +286,5 @@ def spline_fits(points: ArrayLike, closed: bool) -> Iterator[tuple[SplinePath, A
         path = SplinePath(quintic(knots, unit_points, closed), knots, closed)
         table = measure_arc_length(path, knots)
         yield path, table
+        # `table` integrates the speed between the knots, its edges.
         steps = np.diff(table.evaluate_at_edges(knots))

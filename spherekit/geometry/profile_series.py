@@ -83,14 +83,14 @@ class ProfileSeries:
             first_cells=curve.edges,
             degree=PROFILE_SERIES_DEGREE,
             max_cells=MAX_PROFILE_CELLS,
-            # An error up to this limit is accepted if halving the cell does not halve it.
-            # The curve itself then has rounding errors of this size.
+            # If halving a cell does not make its error half as large, rounding errors of
+            # the curve are the cause. An error up to this limit is then accepted.
             rounding_tolerance=SERIES_ROUNDING_TOLERANCE,
         )
         # The last column, 7, is dk/ds, so its derivative is d2k/ds2. Its largest value at
-        # some positions in each cell is enlarged by a factor, because |d2k/ds2| can be
-        # larger between these positions. Each cell has `SLOPE_SAMPLES` positions, with both
-        # ends; `spread_positions` counts the upper end with the next cell.
+        # `SLOPE_SAMPLES` positions of each cell, both ends included, is enlarged by a
+        # factor, because |d2k/ds2| can be larger between these positions. The argument
+        # does not count the upper end of a cell, which is the lower end of the next one.
         positions = series.spread_positions(SLOPE_SAMPLES - 1)
         curvature_second = np.abs(series.derivative.evaluate(positions)[:, 7])
         bound = SLOPE_SAFETY_FACTOR_OF_PROFILES * float(np.max(curvature_second))

@@ -124,23 +124,27 @@ def select_margins(values: Floats, numbers: Indices) -> Floats:
     """Return one margin of each point.
 
     A margin is a function that is at least 0 inside a region. NaN, where it is not defined,
-    is replaced by -1, so that the point counts as outside.
+    is replaced by -1, so that the point counts as outside. The region can end where no
+    margin is 0, because some margin becomes NaN. All margins then decide together whether
+    a point is inside, so the smallest one is returned.
 
     Parameters
     ----------
     values
         (n, k) margins.
     numbers
-        (n,) number of the margin of each point. `UNDEFINED_MARGIN` selects the smallest.
+        (n,) number of the margin of each point, or `UNDEFINED_MARGIN` for the smallest.
 
     Returns
     -------
     (n,) selected margins.
     """
+    # `UNDEFINED_MARGIN` is -1, which selects the last margin. `np.where` discards it.
+    numbered_margins = values[np.arange(len(values)), numbers]
     return np.where(
         numbers == UNDEFINED_MARGIN,
         smallest_margins(values),
-        np.nan_to_num(values[np.arange(len(values)), numbers], nan=-1.0),
+        np.nan_to_num(numbered_margins, nan=-1.0),
     )
 
 
