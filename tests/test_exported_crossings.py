@@ -324,7 +324,7 @@ def test_fold_angles_of_a_source_keep_their_ratio():
     interval = np.searchsorted(smooth.starts, q) - 1
     for row in range(2):
         function = made.numpy_function(made.outputs)
-        angles = function(q[None], smooth.places[interval, row].T, made.size_values)
+        angles = function(q[None], smooth.mode_values[interval, row].T, made.size_values)
         folds = np.tan(0.5 * angles)
         ratios = folds / folds[list(made.results).index("theta_c1")]
         assert np.ptp(ratios, axis=1).max() < 1e-9
@@ -350,7 +350,7 @@ def test_signs_are_nan_right_at_a_crossing():
     smooth = formulas_of_mechanism.mode_table.smooth
     for q in (np.pi, np.pi - 5e-7, np.pi + 5e-7):
         interval = np.searchsorted(smooth.starts, q) - 1
-        assert np.all(np.isnan(smooth.places[interval]))
+        assert np.all(np.isnan(smooth.mode_values[interval]))
 
 
 def test_wrong_signs_beyond_a_crossing_are_noticed(monkeypatch, capsys, tmp_path):

@@ -130,7 +130,7 @@ def check_modes(mechanism, folder, least=0.5):
         tolerance = ANGLE_TOLERANCE + 10.0 * motion.configuration_error[is_compared]
         for language, function in functions.items():
             results = function(q, mode_values, no_sizes)
-            if not made.step and made.places:
+            if not made.step and made.mode_value_names:
                 unreached = results[:, is_out_of_reach]
                 assert np.all(np.any(np.isnan(unreached), axis=0)), language
             for key, values in zip(made.results, results, strict=True):

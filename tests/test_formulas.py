@@ -61,12 +61,12 @@ def evaluate_terms(made, expressions, motion, mode_values, sizes=None):
     )
     terms = [variable for kind in made.variables for variable in kind]
     # Profiles are tables: functions that are stored as series over the arc length s, the
-    # variable `table.of`. They are NaN beyond the ends of an open profile. The symbols
-    # `table.terms` stand for the functions.
+    # variable `table.variable`. They are NaN beyond the ends of an open profile. The
+    # symbols `table.terms` stand for the functions.
     table_columns = []
     for table in made.tables:
         edges = table.series.edges
-        s = values[terms.index(table.of)] + table.start
+        s = values[terms.index(table.variable)] + table.start
         if table.closed:
             s = edges[0] + np.mod(s - edges[0], table.length)
         column = table.series.evaluate(s)

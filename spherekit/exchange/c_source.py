@@ -265,8 +265,8 @@ def _write_constants(source: Source, storage: str) -> Iterator[str]:
         values = nested([size.value for size in formulas.sizes], "{}")
         count = len(formulas.sizes)
         yield f"{storage}const double {name}_sizes[{count}] = {values};\n"
-    if formulas.modes and formulas.places:
-        shape = f"[{len(formulas.modes)}][{len(formulas.places)}]"
+    if formulas.modes and formulas.mode_value_names:
+        shape = f"[{len(formulas.modes)}][{len(formulas.mode_value_names)}]"
         rows = ",\n    ".join(nested(mode.values, "{}") for mode in formulas.modes)
         yield f"{storage}const double {name}_modes{shape} = {{\n    {rows}\n}};\n"
 

@@ -119,10 +119,10 @@ def _write_function(source: Source, function: SourceFunction) -> str:
     residual (how far loops are open).
     """
     formulas = source.formulas
-    # The three arguments are vectors: inputs and their rates (`motion`), the numbers that
-    # select an assembly mode (`places`), and numbers of the mechanism file (`sizes`). A
-    # mode is selected by the signs of its dyads, or by approximate variables of all pairs.
-    lengths = (len(formulas.motion), len(formulas.places), len(formulas.sizes))
+    # The three arguments are vectors: inputs and their rates (`motion`), the values that
+    # select an assembly mode, and numbers of the mechanism file (`sizes`). A mode is
+    # selected by the signs of its dyads, or by approximate variables of all pairs.
+    lengths = (len(formulas.motion), len(formulas.mode_value_names), len(formulas.sizes))
     symbol_lines = [
         f'    {argument} = ca.SX.sym("{argument}", {length})'
         for argument, length in zip(source.arguments, lengths, strict=True)

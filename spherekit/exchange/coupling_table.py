@@ -61,8 +61,9 @@ class CouplingValues(NamedTuple):
     derivatives
         (n, K, m, m) derivatives of the coefficients with respect to each input (1/rad).
     turning
-        (n, P, m, 3) angular velocity of the first link of each of the P poles relative to
-        the second, in ground axes, per unit rate of each input.
+        (n, P, m, 3) angular velocities of pairs of links, per unit rate of each input. A
+        pole is the axis of the first link's rotation relative to the second. For each of
+        the P poles this is the angular velocity along it, in ground axes.
     """
 
     angles: Floats
@@ -230,13 +231,16 @@ class CouplingTable:
     def interpolate(self, mode: int, cells: Integers, positions: Floats) -> CouplingValues:
         """Return the interpolated values of a mode in cells of the grid.
 
-        Cells whose measured error exceeds the tolerance are not refused here. A corner of
-        the cell has a stored angle f with its gradient g and Hessian H by the inputs. At
-        the distance d, it gives an angle f + (2/3) g d + (1/6) d H d and a coefficient
-        g + (1/2) H d. The results of all corners are averaged with multilinear weights.
+        A corner of the cell has a stored angle f with its gradient g (the coefficients) and
+        Hessian H (their derivatives) by the inputs. At the distance d, the corner gives the
+        angle f + (2/3) g d + (1/6) d H d, the coefficients g + (1/2) H d, and the
+        derivatives H. The results of all corners are averaged with multilinear weights.
         With these factors the average is exact for cubic angles. With those of a Taylor
-        series, 1 and 1/2, it would be exact for quadratic ones only. The notes of `at` have
-        the reference. Angular velocities (`turning`) are interpolated like coefficients.
+        series, 1 and 1/2, it would be exact for quadratic ones only (Guessab, Nouisser and
+        Schmeisser, J. Comput. Appl. Math. 196, 2006). Angular velocities (`turning`) are
+        interpolated like coefficients.
+
+        Cells whose measured error exceeds the tolerance are not refused here.
 
         Parameters
         ----------

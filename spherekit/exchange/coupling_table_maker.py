@@ -382,8 +382,8 @@ def _measure_errors(
 
     Errors are measured at points of the refined grid, which divide each cell into
     `PARTS_PER_CELL` parts along each input. They are multiplied by `ERROR_BETWEEN_POINTS`,
-    because errors between these points may be larger. A cell is sure if its largest error
-    of an angle is then within the tolerance.
+    because errors between these points may be larger. A cell may be used (it is `sure`) if
+    its largest error of an angle is then within the tolerance.
 
     Parameters
     ----------
@@ -396,7 +396,9 @@ def _measure_errors(
 
     Returns
     -------
-    The largest error of a coefficient or angular velocity in cells that are sure.
+    The largest absolute error in cells that are sure, over all rates of passive variables
+    (coefficients) and all angular velocities of links. Both are per unit rate of an input,
+    so they have no unit.
     """
     input_count = len(refined_counts)
     cells = np.indices(tuple(table.count - 1)).reshape(input_count, -1).T
@@ -412,7 +414,7 @@ def _measure_errors(
         points = np.ravel_multi_index(tuple(point_indices.T), refined_counts)
         positions = np.broadcast_to(position, cells.shape)
         for mode in range(len(table.modes)):
-            # `turning` are the angular velocities of the poles.
+            # `turning` are angular velocities of links relative to each other.
             values = table.interpolate(mode, cells, positions)
             for interpolated, computed, largest_error in (
                 (values.angles, grid_values.angles, table.error),
@@ -451,16 +453,20 @@ def _find_periods(table: CouplingTable, periods: Floats) -> None:
         # Changes of all angles, and of their rates per unit rate of the inputs
         # (coefficients), from the first to the last node of this input.
         grid_axis = 1 + axis
-        angle_change, coefficient_change = (
-            np.diff(
-                np.take(values.reshape(*grid_shape, -1), [0, -1], grid_axis), axis=grid_axis
-            )
-            for values in (table.angles, table.coefficients)
+        angles = table.angles.reshape(*grid_shape, -1)
+        coefficients = table.coefficients.reshape(*grid_shape, -1)
+        angle_change = np.take(angles, -1, grid_axis) - np.take(angles, 0, grid_axis)
+        coefficient_change = np.take(coefficients, -1, grid_axis) - np.take(
+            coefficients, 0, grid_axis
         )
+        # (modes, nodes of the other inputs, variables)
         angle_change = angle_change.reshape(mode_count, -1, len(periods))
         # If a mode does not exist at a node, its values are NaN. The comparisons below are
         # then false, and the input does not count as periodic.
-        # Variables may grow by whole periods, at all nodes of the other inputs alike.
+        # Each variable may grow by whole periods (`rise`), such as the angle of a crank by
+        # a revolution. The rise is read at one node of the other inputs, and must be the
+        # same at all. A variable that never repeats has an infinite period. Its rise would
+        # be NaN, and is set to zero.
         with np.errstate(invalid="ignore"):
             rise = np.nan_to_num(np.round(angle_change[:, 0] / periods) * periods)
         returns = (

@@ -144,9 +144,11 @@ def _check_linear(varied_mechanism: VariedMechanism, slopes: Floats) -> None:
         The mechanism, and the numbers of its file that vary.
     slopes
         (variables, designs) slopes of the dependent number by each variable. The first
-        design is that of the file, with which the other designs are compared.
+        design is that of the file. In each further design all variables have other values.
     """
     differences = np.abs(slopes - slopes[:, :1])
+    # The tolerance is relative to the slope. `ZERO_SLOPE` is added because a slope that
+    # should be zero consists of rounding errors.
     tolerance = CONSTANT_SLOPE_TOLERANCE * np.abs(slopes) + ZERO_SLOPE
     is_nonlinear = ~np.all(differences <= tolerance, axis=1)
     if np.any(is_nonlinear):

@@ -7,9 +7,9 @@ A *term* is a symbol or an operation in an expression graph. The formulas have t
 of arguments:
 
 - the *motion*: inputs (rad), and rates, accelerations, loads if results depend on them;
-- the *places*: values that select the assembly mode. In closed form they are the sign (+1
-  or -1) of each dyad. Otherwise they are approximate variables (rad) of all pairs, which
-  Newton's method improves;
+- the *mode values*: numbers that select the assembly mode. In closed form they are the
+  sign (+1 or -1) of each dyad. Otherwise they are approximate variables (rad) of all pairs,
+  which Newton's method improves;
 - the *sizes*: numbers of the mechanism file that the user has chosen as arguments.
 """
 
@@ -27,7 +27,7 @@ from spherekit.symbolic.expression_evaluation import array_function
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, iterate_nodes
 
 FormulaFunction = Callable[[Floats, Floats, Floats], Floats]
-"""A function of the arrays motion, places and sizes; see `Formulas.numpy_function`."""
+"""A function of the arrays motion, mode values and sizes; see `Formulas.numpy_function`."""
 
 
 class Argument(NamedTuple):
@@ -76,14 +76,15 @@ class Mode(NamedTuple):
 
 
 class SmoothModes(NamedTuple):
-    """The places of assembly modes that follow smooth curves through crossings.
+    """The mode values of assembly modes that follow smooth curves through crossings.
 
-    Places are the values that select a mode: the signs of its dyads, or the variables (rad)
-    from which Newton's method starts. At a crossing two curves of configurations meet.
+    Mode values are the numbers that select a mode: the signs of its dyads, or the variables
+    (rad) from which Newton's method starts. At a crossing two curves of configurations
+    meet.
 
     The intervals divide all values of the only input. In the short intervals around a
-    crossing the places are NaN for each mode whose signs change there, because rounding
-    decides on which side of the crossing such an input is.
+    crossing the mode values are NaN for each mode whose signs change there. Rounding would
+    decide on which side of the crossing such an input is.
 
     Attributes
     ----------
@@ -100,11 +101,11 @@ class SmoothModes(NamedTuple):
         groups whose modes are searched, such as those with contacts.
     starts
         (intervals,) the input (rad) at which each interval begins; the first is -inf.
-    places
-        (intervals, modes, places) the places of each mode in each interval. They are NaN
-        if no configuration of the mode is known there.
+    mode_values
+        (intervals, modes, values) the mode values of each mode in each interval. They are
+        NaN if no configuration of the mode is known there.
     inputs
-        (intervals, modes) inputs (rad) of the configurations that have these places, NaN
+        (intervals, modes) inputs (rad) of the configurations that have these values, NaN
         if none is known.
     """
 
@@ -114,15 +115,15 @@ class SmoothModes(NamedTuple):
     crossings: tuple[float, ...]
     are_all_known: bool
     starts: tuple[float, ...]
-    places: Floats
+    mode_values: Floats
     inputs: Floats
 
     def pieces(self, mode: int) -> list[tuple[float, float, Floats]]:
-        """Return the parts of the input's range in which a mode has constant `places`.
+        """Return the parts of the input's range in which the mode values are constant.
 
-        This is the name of the values from which the formulas compute the mode: the signs
-        of its dyads (groups of two links), or the variables (rad) from which Newton's
-        method starts.
+        Mode values are the numbers that select an assembly mode (way to assemble the
+        mechanism) in the formulas: the signs of its dyads (groups of two links), or the
+        variables (rad) from which Newton's method starts.
 
         Parameters
         ----------
@@ -132,22 +133,22 @@ class SmoothModes(NamedTuple):
         Returns
         -------
         For each part the input (rad) at which it begins, the input (rad) of a configuration
-        with these places, and the places. A part ends where the next one begins, and the
-        last one at the end of the range. An interval in which no configuration of the mode
-        is known (NaN) belongs to the part before it.
+        with these mode values, and the values. A part ends where the next one begins, and
+        the last one at the end of the range. An interval in which no configuration of the
+        mode is known (NaN) belongs to the part before it.
         """
         pieces: list[tuple[float, float, Floats]] = []
-        # In each interval the mode has one input and one row of places.
-        for start, known_input, mode_places in zip(
-            self.starts, self.inputs[:, mode], self.places[:, mode], strict=True
+        # In each interval the mode has one input and one row of values.
+        for start, known_input, values in zip(
+            self.starts, self.inputs[:, mode], self.mode_values[:, mode], strict=True
         ):
-            if np.isnan(known_input) or np.any(np.isnan(mode_places)):
+            if np.isnan(known_input) or np.any(np.isnan(values)):
                 continue
-            # An interval with the same places as the last part belongs to that part, even
+            # An interval with the same values as the last part belongs to that part, even
             # if intervals without a configuration are between them.
-            if not pieces or not np.array_equal(pieces[-1][2], mode_places):
+            if not pieces or not np.array_equal(pieces[-1][2], values):
                 # The first interval begins at -inf, but the range begins at `low`.
-                pieces.append((max(start, self.low), float(known_input), mode_places))
+                pieces.append((max(start, self.low), float(known_input), values))
         return pieces
 
 
@@ -190,7 +191,7 @@ class SeriesTable(NamedTuple):
     ----------
     terms
         The symbol in the formulas that stands for each function.
-    of
+    variable
         The symbol of the variable, which is an argument of the formulas.
     start
         Offset of the series: they are functions of variable + `start`.
@@ -204,20 +205,20 @@ class SeriesTable(NamedTuple):
     """
 
     terms: tuple[ExpressionNode, ...]
-    of: ExpressionNode
+    variable: ExpressionNode
     start: float
     series: PiecewiseChebyshev
     length: float
     closed: bool
 
-    def at(self, variable: Floats) -> Floats:
+    def evaluate(self, variable_values: Floats) -> Floats:
         """Evaluate the stored functions at some values of their variable.
 
         A closed curve is periodic, so its variable is first moved into one period.
 
         Parameters
         ----------
-        variable
+        variable_values
             (n,) values of the variable.
 
         Returns
@@ -225,7 +226,7 @@ class SeriesTable(NamedTuple):
         (terms, n) values of the functions, NaN outside of the cells.
         """
         edges = self.series.edges
-        position = variable + self.start
+        position = variable_values + self.start
         if self.closed:
             position = edges[0] + np.mod(position - edges[0], self.length)
         # (n, terms): a row for each value of the variable
@@ -246,7 +247,7 @@ class Formulas:
     motion
         The inputs (rad). If a result depends on them, also rates and accelerations of the
         inputs, the time, whole turns (rad) of passive pairs, and torques given by tables.
-    places
+    mode_value_names
         Names of the values that select the assembly mode: the signs of the dyads in closed
         form, otherwise the variables of all pairs.
     sizes
@@ -261,7 +262,7 @@ class Formulas:
         One step of Newton's method, as terms: the variables of all pairs after the step,
         followed by the closure residual (rad) before it. Empty in closed form.
     variables
-        Three tuples: the symbols of the motion, of the places and of the sizes.
+        Three tuples: the symbols of the motion, of the mode values and of the sizes.
     tables
         Stored series of functions that results or the step contain, such as profiles.
     title
@@ -270,7 +271,7 @@ class Formulas:
 
     mechanism: Mechanism
     motion: tuple[Argument, ...]
-    places: Names
+    mode_value_names: Names
     sizes: tuple[Argument, ...]
     mode_table: ModeTable
     results: dict[str, str]
@@ -303,35 +304,39 @@ class Formulas:
         A function of three arrays with one row for each argument:
 
         - motion: inputs (rad), and rates, accelerations, loads if results depend on them,
-        - places: values that select the assembly mode, which are the signs of its dyads or
-          approximate variables (rad) of all pairs,
+        - mode values: the signs of the dyads (groups of two links) or approximate variables
+          (rad) of all pairs, which select the assembly mode,
         - sizes: numbers of the mechanism file that are arguments.
 
         Each array has n columns, one for each configuration, or one column that applies to
-        all configurations. The function returns the values (expressions, n), in the units
-        of the results.
+        all configurations. The function returns an array (expressions, n).
         """
         # The compiled function takes one array. Its rows are the three groups of arguments
         # in turn. They are followed by functions that have no formula and are stored as
-        # series, such as the coordinates of a contact profile over its arc length.
-        terms = [term for symbol_group in self.variables for term in symbol_group]
-        # For each table of such functions, the row of that array with their variable.
-        series_rows = [terms.index(table.of) for table in self.tables]
-        terms += [term for table in self.tables for term in table.terms]
-        function = array_function(expressions, terms)
+        # series, such as the coordinates of a contact profile over its arc length. A table
+        # has the symbols of several such functions (`terms`) of one variable.
+        row_symbols = [symbol for symbol_group in self.variables for symbol in symbol_group]
+        # The row with the variable of each table.
+        variable_rows = [row_symbols.index(table.variable) for table in self.tables]
+        row_symbols += [symbol for table in self.tables for symbol in table.terms]
+        function = array_function(expressions, row_symbols)
 
-        def evaluate(motion: Floats, places: Floats, sizes: Floats) -> Floats:
+        def evaluate(motion: Floats, mode_values: Floats, sizes: Floats) -> Floats:
             """Return the values (expressions, n) of the expressions in n configurations.
 
             Parameters
             ----------
-            motion, places, sizes
-                (arguments, n) or (arguments, 1) values of the three groups of arguments.
-                `places` select the assembly mode: the signs of its dyads, or approximate
-                variables (rad) of all pairs.
+            motion
+                (arguments, n) inputs (rad), and their rates, accelerations, and loads if
+                the expressions depend on them. One column applies to all configurations.
+            mode_values
+                (values, n) or (values, 1) signs of the dyads (groups of two links), or
+                approximate variables (rad) of all pairs. They select the assembly mode.
+            sizes
+                (sizes, n) or (sizes, 1) numbers of the mechanism file that may vary.
             """
             # Arrays with one column are repeated for all n configurations.
-            arguments = (motion, places, sizes)
+            arguments = (motion, mode_values, sizes)
             count = max(argument.shape[1] for argument in arguments)
             argument_rows = np.concatenate(
                 [
@@ -342,8 +347,8 @@ class Formulas:
             # Functions without a formula, such as the coordinates of a contact profile, are
             # stored as series. They are evaluated at one of the arguments, an arc length.
             series_values = [
-                table.at(argument_rows[series_row])
-                for table, series_row in zip(self.tables, series_rows, strict=True)
+                table.evaluate(argument_rows[variable_row])
+                for table, variable_row in zip(self.tables, variable_rows, strict=True)
             ]
             return np.asarray(function(np.concatenate([argument_rows, *series_values])))
 

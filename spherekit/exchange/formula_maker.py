@@ -168,7 +168,7 @@ def formulas(
     formulas_without_modes = Formulas(
         mechanism=driven_mechanism,
         motion=motion.arguments,
-        places=tuple(
+        mode_value_names=tuple(
             symbol.arguments[0] for symbol in design_expressions.configuration_symbols
         ),
         sizes=_list_size_arguments(varied_mechanism),
@@ -288,10 +288,11 @@ def _find_results(
 ) -> dict[str, Expr]:
     """Return quantities as expressions, by their names.
 
-    The quantity "closure_2", for example, tells whether the second dyad (two links with
-    three R pairs) closes. It is the square of the triple product of the three axes, which
-    is computed from the arcs between them. If the dyad does not close at these arcs, the
-    square is negative.
+    Most expressions are those of `design_expressions`. Names like "closure_2" are known
+    here only. This one tells whether the second dyad (two links with three R pairs) can be
+    assembled. Its value is the square of the triple product of the axes of the three pairs,
+    as it follows from the arcs between these axes. The square is negative if no triangle
+    has these arcs.
 
     Parameters
     ----------
@@ -300,7 +301,8 @@ def _find_results(
     names
         Names of the quantities.
     can_omit
-        Whether quantities are left out that cannot be expressed.
+        Whether quantities that cannot be expressed are left out. Otherwise they raise an
+        error.
     """
     closure_by_name = {
         f"{CLOSURE_PREFIX}{dyad + 1}": square
@@ -429,9 +431,9 @@ def _find_motion_arguments(
     results contain them:
 
     - rates and accelerations of the inputs, and the time;
-    - for each passive pair whose angle a load depends on, the angle (rad) of its whole
-      revolutions. Configurations contain its angle from -pi to pi only, but a spring, for
-      example, also depends on earlier revolutions;
+    - for each passive pair whose angle a load depends on, its whole revolutions as an
+      angle (rad), a multiple of 2 pi. Configurations contain its angle from -pi to pi only,
+      but the torque of a spring, for example, depends on the revolutions too;
     - torques that tables give.
 
     Parameters
@@ -454,7 +456,7 @@ def _find_motion_arguments(
     used_symbols = _list_symbols(outputs)
     used_symbols |= {*design_expressions.sample_symbols[: len(inputs)]}
     argument_symbols = tuple(symbol for symbol in unit_by_symbol if symbol in used_symbols)
-    # The first argument of a symbol, as a node of the graph, is its name.
+    # A symbol is a node of an expression graph. It stores its name as its first argument.
     arguments = tuple(
         Argument(name=symbol.arguments[0], unit=unit_by_symbol[symbol])
         for symbol in argument_symbols

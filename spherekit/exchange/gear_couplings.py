@@ -203,8 +203,8 @@ class BevelEquation:
     Attributes
     ----------
     equation
-        (hinges,) the same equation by hinges: the factors of their rates in a sum that is
-        zero.
+        (hinges,) the same equation in terms of the rates of all hinges: the factors c of
+        the sum c_1 rate_1 + c_2 rate_2 + ... = 0.
     links
         Numbers of the two links.
     axes
@@ -235,8 +235,8 @@ class CoaxialEquation:
     Attributes
     ----------
     equation
-        (hinges,) the same equation by hinges: the factors of their rates in a sum that is
-        zero.
+        (hinges,) the same equation in terms of the rates of all hinges: the factors c of
+        the sum c_1 rate_1 + c_2 rate_2 + ... = 0.
     links
         Numbers of the two links.
     axis
@@ -260,19 +260,20 @@ class CoaxialEquation:
         """Return the gears of first link and idler, and of idler and second link.
 
         The equation of the links is u x + v y = 0, or y = ratio x with ratio = -u / v. Here
-        x and y are their angular velocities relative to the carrier. The first mesh has the
-        ratio sqrt(|ratio|), and the second one ratio / sqrt(|ratio|), which is the same up
-        to the sign. With unequal shares, the mesh with the larger ratio would have a
-        smaller gear.
+        x and y are their angular velocities relative to the carrier. Two meshes in series
+        have the product of their ratios. Both get the ratio sqrt(|ratio|) here, the second
+        one with the sign of `ratio`. If one mesh had a larger ratio than the other, one of
+        its wheels would be smaller than the others.
 
         Parameters
         ----------
         idler_link
             Number of the link that is the idler wheel.
         """
-        # Let z be the angular velocity of the idler relative to the carrier. The equation
-        # of a mesh has the rotation of the carrier relative to the first wheel, which is
-        # -x in the first mesh and -z in the second one:
+        # Let z be the angular velocity of the idler relative to the carrier. The function
+        # `construct_bevel_gears` takes the factors of an equation between the velocity of
+        # the carrier relative to the first wheel and that of the second wheel relative to
+        # the carrier. These are -x and z in the first mesh, -z and y in the second one:
         #     idler_rate (-x) - z = 0,    (ratio / idler_rate) (-z) - y = 0.
         # Together they give y = ratio x.
         ratio = -self.factors[0] / self.factors[1]

@@ -61,11 +61,14 @@ class ImportedDynamics:
     # Masses
 
     def mass_tables(self) -> dict[str, Table]:
-        """Return the mass tables of the moving links that have inertia, by their names.
+        """Return the masses of the moving links, as tables of a mechanism file.
 
-        The inertia of a link is that of its bodies, and of a rotor on the ground that turns
-        with it. A link without bodies of its own can have the tensor of such a rotor alone.
-        Tensors are about the centre of the sphere.
+        A table has the inertia tensor of a link about the centre of the sphere, and mostly
+        also its mass and centre of mass. The tables are sorted by the names of links, and
+        links without inertia have none. The inertia of a link is that of its bodies.
+        MuJoCo can add a moment of inertia about a hinge (its armature), such as that of a
+        motor's rotor. The link that turns in this hinge then has the tensor of the rotor
+        too, or no other.
         """
         tables: dict[str, Table] = {}
         # (3, 3) tensor of the rotor of each link that has one.
@@ -93,10 +96,11 @@ class ImportedDynamics:
     def _add_up_bodies(self, link: int, bodies: list[int], rotor: Floats | None) -> Table:
         """Return the table of the mass of a link, the sum over its bodies.
 
-        The inertia tensor is about the centre of the sphere. Mass and centre of mass are
-        omitted if no gravity acts and all bodies are marked as weightless ("gravcomp"). An
-        exported model has such bodies in place of links that had only a tensor; their mass
-        was chosen by the export.
+        The inertia tensor is about the centre of the sphere. A mechanism file may state the
+        tensor of a link without its mass. When such a file is exported as a MuJoCo model,
+        the export chooses the mass of the body, and marks it as weightless ("gravcomp").
+        Mass and centre of mass are therefore omitted if all bodies of the link are
+        weightless and no gravity acts.
 
         Parameters
         ----------
@@ -105,7 +109,8 @@ class ImportedDynamics:
         bodies
             Numbers of its bodies with mass.
         rotor
-            (3, 3) tensor (kg m2) of the rotor that the link carries, or None.
+            (3, 3) tensor (kg m2) of a rotor that turns with the link, or None. Only its
+            moment of inertia is known, not its mass.
         """
         mj_model = self._mj_model
         # Bodies whose whole weight is compensated, so that they are weightless.
@@ -132,7 +137,8 @@ class ImportedDynamics:
             # Coordinates of the centre of mass are rounded relative to this length, which
             # is not zero if the centre of mass is at the centre of the sphere.
             gyration_radius = np.sqrt(np.trace(tensor) / total_mass)
-            # A body with compensated weight counts as if at the centre of the sphere.
+            # The weight of a body at the centre of the sphere has no moment. A body with
+            # compensated weight is therefore counted there.
             centre = masses * ~is_compensated @ arms / total_mass
             table["mass"] = shorten(total_mass, total_mass)
             table["centre"] = [shorten(x, gyration_radius) for x in centre]
@@ -259,8 +265,8 @@ class ImportedDynamics:
         An actuator without control is a load: a torque at a pair, or a constant force or
         moment. An actuator with control is an input if it drives a hinge. Notes are added
         on all other actuators, and on feedback (a force that depends on angle or rate),
-        which inputs do not have. There is no note if the file says that its masses were
-        made up by the export. The feedback is then that of servos from the same export.
+        which inputs do not have. When spherekit exports a mechanism without masses, it
+        makes up masses and adds servos with feedback. There is no note on these.
         """
         mj_model = self._mj_model
         kinds = self._linkage.foreign_model.mujoco.mjtTrn
@@ -277,8 +283,11 @@ class ImportedDynamics:
                     self._linkage.notes.append(
                         f"actuator {name} left out: it drives no hinge"
                     )
-                elif np.any(bias) and not self._linkage.foreign_model.has_made_up_masses:
-                    self._linkage.notes.append(f"feedback of actuator {name} left out")
+                else:
+                    has_bias = np.any(bias)
+                    is_exported_servo = self._linkage.foreign_model.has_made_up_masses
+                    if has_bias and not is_exported_servo:
+                        self._linkage.notes.append(f"feedback of actuator {name} left out")
             elif is_at_joint:
                 yield name, self._write_pair_torque(actuator)
             elif is_at_site and self._is_constant_wrench(actuator):
@@ -317,21 +326,25 @@ class ImportedDynamics:
     def _is_constant_wrench(self, actuator: int) -> bool:
         """Return whether an actuator at a site is a constant force or moment.
 
-        A site is a frame on a body. A load can be constant in the axes of its own link, or
-        in those of the ground. An actuator without a reference site acts along axes of its
-        link, so this is the first case. An actuator with a reference site acts along the
-        axes of that site. This is the second case only if the site is fixed to the world.
+        A load must be constant in the axes of its own link or in those of the ground. A
+        site is a frame on a body. An actuator without a reference site acts along axes of
+        its own link. With a reference site it acts along the axes of that site, which has
+        to be fixed to the world. The actuator has no control.
         """
         mj_model = self._mj_model
-        # The force is bias[0] + bias[1] * length + bias[2] * rate of the length.
+        # Without control the force is bias[0] + bias[1] * length + bias[2] * rate of the
+        # length.
         bias = mj_model.actuator_biasprm[actuator]
         has_feedback = np.any(bias[1:3])
+        if has_feedback:
+            return False
         _, reference_site = mj_model.actuator_trnid[actuator]
-        is_reference_fixed = (
-            reference_site < 0
-            or mj_model.body_weldid[mj_model.site_bodyid[reference_site]] == 0
-        )
-        return bool(not has_feedback and is_reference_fixed)
+        has_reference_site = reference_site >= 0
+        if not has_reference_site:
+            return True
+        # `body_weldid` is the body to which a body is welded; the world is body 0.
+        reference_body = mj_model.site_bodyid[reference_site]
+        return bool(mj_model.body_weldid[reference_body] == 0)
 
     def _write_wrench(self, actuator: int) -> Iterator[Table]:
         """Yield the tables of the constant force and moment of an actuator at a site.

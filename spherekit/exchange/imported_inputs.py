@@ -108,18 +108,24 @@ def _find_half_width(
         return float(np.pi)
     pairs = linkage.pairs
     # The rates of all pairs while each input in turn has the rate 1 and the others rest.
+    # Couplings may repeat each other, so there can be more equations than rates. They do
+    # not contradict each other, and the least-squares solution satisfies all.
     equations = np.vstack([_velocity_equations(linkage), np.eye(len(pairs))[inputs]])
     right_sides = np.zeros((len(equations), len(inputs)))
     right_sides[-len(inputs) :] = np.eye(len(inputs))
     rates = np.linalg.lstsq(equations, right_sides, rcond=None)[0]  # (pairs, inputs)
     half_width = float(np.pi)
     for pair, pair_rates in zip(pairs, np.abs(rates), strict=True):
+        # The fastest that the pair moves if all unlimited inputs have rates of 1 or -1. It
+        # is zero up to rounding if the pair does not follow them.
         total_rate = sum(pair_rates[inputs.index(k)] for k in unlimited_inputs)
         if pair.joint in linkage.joint_limits and total_rate > LEAST_RATE_RATIO:
             low, high = linkage.joint_limits[pair.joint]
-            margin = min(high - pair.value, pair.value - low)
-            if margin > 0.0:
-                half_width = min(half_width, margin / total_rate)
+            distance_to_limit = min(high - pair.value, pair.value - low)
+            # In the pose of the model a pair may be at a limit or beyond it. The inputs
+            # would then have no range at all, so this limit is not used.
+            if distance_to_limit > 0.0:
+                half_width = min(half_width, distance_to_limit / total_rate)
     return half_width
 
 

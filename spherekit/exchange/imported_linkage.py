@@ -360,7 +360,8 @@ class ImportedLinkage:
         ]
         for links, loop_points in self.loop_points.items():
             radii = [np.linalg.norm(point.point - self.centre) for point in loop_points]
-            # A point at the centre constrains nothing.
+            # A point at the centre constrains nothing. The centre is known with the error
+            # `centre_distance`: axes of the model miss it by up to this distance (m).
             if max(radii) > self.centre_distance:
                 connected_links.append(links)
         # A ball joint is kept if its links would otherwise not be connected at all.
@@ -368,6 +369,8 @@ class ImportedLinkage:
         for ball, body in body_by_ball.items():
             parent_link = self.link_by_body[mj_model.body_parentid[body]]
             child_link = self.link_by_body[body]
+            # A link has the number of one of its bodies, so all numbers of links are
+            # smaller than the number of bodies.
             part_of_link = component_labels(mj_model.nbody, connected_links)
             if part_of_link[parent_link] == part_of_link[child_link]:
                 removed_hinges |= set(self.foreign_model.hinges_by_ball[ball])

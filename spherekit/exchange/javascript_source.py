@@ -67,7 +67,10 @@ export function {name}(k, q, {mode} = new Float64Array({count})) {{
   return {returned};
 }}
 """
-"""Template of the function that returns the places of a mode on its smooth curve."""
+"""Template of the function that selects a mode on its smooth curve.
+
+Its array ``places`` has the values that select a mode, by interval and mode.
+"""
 
 JAVASCRIPT_MOVED_INPUT_TEMPLATE = """\
   if (!(q >= {low} && q <= {high})) {{
@@ -88,7 +91,8 @@ def write_javascript(source: Source) -> str:
     - Functions that the formulas contain, such as profiles of contacts. They are stored as
       tables of Chebyshev coefficients (series).
     - The formulas. If there is no closed form, a step of Newton's method is one of them.
-    - The function that returns the values that select a mode at any input.
+    - A function that looks up these values for an input. It is needed if modes follow
+      smooth curves through crossings, because the values then depend on the input.
     """
     formulas = source.formulas
     description = {
@@ -141,16 +145,19 @@ def _write_function(source: Source, function: SourceFunction) -> str:
 
 
 def _write_smooth_modes(source: Source) -> Iterator[str]:
-    """Yield the text of the function that selects an assembly mode, if there is one.
+    """Yield the text of the function that selects an assembly mode at an input q.
 
-    The mode has a number k and follows a smooth curve of configurations as the input q
-    changes. The formulas are told a mode by some numbers, the *places*: the signs of its
-    dyads, or in a mechanism without closed form a known configuration. Crossings with other
-    curves divide the range of the input into intervals, and the mode has other places in
-    each of them. The function writes the places in the interval of q to an array.
+    A mode (way to assemble the mechanism) follows a smooth curve of configurations as q
+    changes. The formulas take numbers that select it, the mode values: the signs of its
+    dyads (groups of two links), or in a mechanism without closed form a known
+    configuration. Crossings with other curves divide the range of q into intervals, in
+    which the mode has different values. The written function takes the number k of the mode
+    and looks up the values in the interval of q.
+    It writes them to an array.
 
-    In closed form it returns this array. Otherwise (`formulas.step`) it returns the input
-    of the known configuration, from which steps of Newton's method lead to q.
+    In closed form it returns this array. Otherwise it returns the input of the known
+    configuration, from which steps of Newton's method lead to q. Nothing is yielded if the
+    values of modes do not depend on q.
     """
     if source.smooth_modes is None:
         return
@@ -162,11 +169,14 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
         moved_template=JAVASCRIPT_MOVED_INPUT_TEMPLATE,
     )
     input_lines = ""
-    # The name of the array.
+    # The name of the array with the mode values.
     returned = source.mode_argument
-    if source.formulas.step:
+    # Without a closed form, `step` has the terms of a step of Newton's method.
+    has_closed_form = not source.formulas.step
+    if not has_closed_form:
         input_lines = f"  const inputs = {texts.inputs};\n"
         returned = "Number.isNaN(q) ? NaN : inputs[interval][k]"
+    # `fields` has the other numbers and names that are inserted in the template.
     yield JAVASCRIPT_SMOOTH_MODE_TEMPLATE.format(
         **{**texts.fields, "inputs": input_lines}, moved=texts.moved, returned=returned
     )

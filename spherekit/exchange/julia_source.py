@@ -83,7 +83,10 @@ function {name}(k, q)
     return {returned}
 end
 """
-"""Template of the function that returns the places of a mode on its smooth curve."""
+"""Template of the function that selects a mode on its smooth curve.
+
+Its array ``places`` has the values that select a mode, by interval and mode.
+"""
 
 JULIA_MOVED_INPUT_TEMPLATE = """\
     if !({low} <= q <= {high})
@@ -104,10 +107,12 @@ def write_julia(source: Source) -> str:
     - Functions that the formulas contain, such as profiles of contacts. They are stored as
       tables of Chebyshev coefficients (series).
     - The formulas. If there is no closed form, a step of Newton's method is one of them.
-    - The function that returns the values that select a mode at any input.
+    - A function that looks up these values for an input. It is needed if modes follow
+      smooth curves through crossings, because the values then depend on the input.
     """
     formulas = source.formulas
     name = source.name
+    # `nested` writes numbers as an array, which ``Float64`` before it gives their type.
     modes = ", ".join(f"Float64{nested(mode.values)}" for mode in formulas.modes)
     result_names = join_items(map(julia_string, formulas.results))
     sizes = nested([size.value for size in formulas.sizes])
@@ -143,15 +148,19 @@ def _write_function(source: Source, function: SourceFunction) -> str:
 
 
 def _write_smooth_modes(source: Source) -> Iterator[str]:
-    """Yield the text of the function that selects an assembly mode, if there is one.
+    """Yield the text of the function that selects an assembly mode at an input q.
 
-    The mode has a number k and follows a smooth curve of configurations as the input q
-    changes. The formulas are told a mode by some numbers, the *places*: the signs of its
-    dyads, or in a mechanism without closed form a known configuration. Crossings with other
-    curves divide the range of the input into intervals, and the mode has other places in
-    each of them. The function returns the places in the interval of q. Without closed form
-    (`formulas.step`) it also returns the input of the known configuration, from which steps
-    of Newton's method lead to q.
+    A mode (way to assemble the mechanism) follows a smooth curve of configurations as q
+    changes. The formulas take numbers that select it, the mode values: the signs of its
+    dyads (groups of two links), or in a mechanism without closed form a known
+    configuration. Crossings with other curves divide the range of q into intervals, in
+    which the mode has different values. The written function takes the number k of the mode
+    and looks up the values in the interval of q.
+    It returns them, or NaN if q is NaN.
+
+    Without closed form it also returns the input of the known configuration, from which
+    steps of Newton's method lead to q. Nothing is yielded if the values of modes do not
+    depend on q.
     """
     if source.smooth_modes is None:
         return
@@ -163,10 +172,14 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
         moved_template=JULIA_MOVED_INPUT_TEMPLATE,
     )
     input_lines = ""
+    # In the written function, the mode values have the name of the argument for them.
     returned = source.mode_argument
-    if source.formulas.step:
+    # Without a closed form, `step` has the terms of a step of Newton's method.
+    has_closed_form = not source.formulas.step
+    if not has_closed_form:
         input_lines = f"    inputs = {texts.inputs}\n"
         returned += ", isnan(q) ? NaN : inputs[interval][k]"
+    # `fields` has the other numbers and names that are inserted in the template.
     yield JULIA_SMOOTH_MODE_TEMPLATE.format(
         **{**texts.fields, "inputs": input_lines}, moved=texts.moved, returned=returned
     )

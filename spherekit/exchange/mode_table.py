@@ -372,7 +372,7 @@ def _join_places(
         crossings=tuple(crossing_inputs.tolist()),
         are_all_known=position_analysis.claim.guarantee is Guarantee.COMPLETE,
         starts=tuple(starts),
-        places=np.array(all_places),
+        mode_values=np.array(all_places),
         inputs=np.array(all_inputs),
     )
 

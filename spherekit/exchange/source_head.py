@@ -71,7 +71,7 @@ def _argument_lines(source: Source) -> Iterator[str]:
     place_note = "rad" if formulas.step else "+1 or -1: the side of a dyad"
     notes_by_array = {
         "motion": [(argument.name, argument.unit) for argument in formulas.motion],
-        source.mode_argument: [(name, place_note) for name in formulas.places],
+        source.mode_argument: [(name, place_note) for name in formulas.mode_value_names],
         # Each size with its key and its value in the mechanism file.
         "size": [
             (size.name, f"{size.unit}; {size.key} = {size.value:.12g}")

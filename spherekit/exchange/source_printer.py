@@ -139,8 +139,8 @@ class Source:
             if node in table_by_term:
                 table_number = table_by_term[node]
                 table = formulas.tables[table_number]
-                argument_node = table.of
-                position = f"{text_by_node[table.of]} + {self._literal(table.start)}"
+                argument_node = table.variable
+                position = f"{text_by_node[table.variable]} + {self._literal(table.start)}"
                 call_by_table[table_number] = language.table_format.format(
                     k=table_number,
                     name=self.name,
@@ -186,7 +186,7 @@ class Source:
     @property
     def smooth_modes(self) -> SmoothModes | None:
         """The modes on smooth curves, if modes follow these and have places at all."""
-        return self.formulas.mode_table.smooth if self.formulas.places else None
+        return self.formulas.mode_table.smooth if self.formulas.mode_value_names else None
 
     @property
     def smooth_mode_fields(self) -> dict[str, Any]:
@@ -207,7 +207,7 @@ class Source:
         """
         smooth_modes = self.smooth_modes
         assert smooth_modes is not None
-        interval_count, mode_count, place_count = smooth_modes.places.shape
+        interval_count, mode_count, place_count = smooth_modes.mode_values.shape
         return {
             "name": self.smooth_function,
             "mode": self.mode_argument,
@@ -216,7 +216,7 @@ class Source:
             "high": bracketed_number(smooth_modes.high),
             "period": number(smooth_modes.period),
             "starts": np.array(smooth_modes.starts),
-            "places": smooth_modes.places,
+            "places": smooth_modes.mode_values,
             "inputs": smooth_modes.inputs,
             "intervals": interval_count,
             "modes": mode_count,

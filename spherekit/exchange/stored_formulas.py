@@ -56,26 +56,26 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
     series_symbols = tuple(symbols(unit_by_result))
     table = SeriesTable(
         terms=series_symbols,
-        of=coordinate,
+        variable=coordinate,
         start=0.0,
         series=series,
         length=heading.high[0] - heading.low[0],
         closed=heading.periodic,
     )
     # The model belongs to one mode and one set of sizes, so there are no arguments that
-    # select the mode (places) or change sizes, and nothing is iterated (step).
+    # select the mode or change sizes, and nothing is iterated (step).
     mode = Mode(heading.assembly_mode, name="", at=heading.low, values=())
     # `heading.torques` is the driving torque as an expression of the symbols above.
     return Formulas(
         mechanism=mechanism,
         motion=motion,
-        places=(),
+        mode_value_names=(),
         sizes=(),
         mode_table=ModeTable((mode,)),
         results={**unit_by_result, "torque": "N m"},
         outputs=(*series_symbols, *heading.torques),
         step=(),
-        # Symbols of the motion; there are none of places and of sizes.
+        # Symbols of the motion; there are none of mode values and of sizes.
         variables=(motion_symbols, (), ()),
         tables=(table,),
         title=f"stored functions, errors up to {model.error:.2g} of the largest of each",
@@ -113,7 +113,7 @@ def profile_table(
     terms: Any = (*profile.column_symbols, profile.last_derivative)
     return SeriesTable(
         terms=terms,
-        of=configuration_symbols[track.variable],
+        variable=configuration_symbols[track.variable],
         start=track.start,
         series=PiecewiseChebyshev(series.edges, coefficients),
         length=profile_series.length,

@@ -306,11 +306,11 @@ class PageMaker:
         sign_velocities = self._page_quantities.sign_velocities(row_formulas.results)
         added_names = [name for name in sign_velocities if name not in row_formulas.results]
         # `step` contains a step of Newton's method; it is empty if positions have a closed
-        # form. In closed form `places` are the names of the signs of the dyads. These signs
-        # select the assembly mode.
+        # form. In closed form `mode_value_names` are the names of the signs of the dyads,
+        # which select the assembly mode.
         has_closed_form = not row_formulas.step
         if has_closed_form:
-            dyad_count = len(row_formulas.places)
+            dyad_count = len(row_formulas.mode_value_names)
             added_names += [f"{CLOSURE_PREFIX}{dyad + 1}" for dyad in range(dyad_count)]
         if not added_names:
             return row_formulas
