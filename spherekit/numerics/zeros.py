@@ -65,11 +65,11 @@ class Zeros:
         """Return the zeros of a periodic function in [0, period).
 
         A zero at the seam may have been found at 0, at the period, or at both. It is
-        reported once, at the start.
+        reported once, at 0 or at the position next to 0 at which it was found.
         """
         seam_width = SAME_ZERO_RATIO * period
-        # The position of a zero at the start, if there is one. Zeros at the end of the
-        # period are moved there, and `merge` leaves all but one of them out.
+        # A zero within `seam_width` of 0, if there is one. Zeros as near to the period are
+        # moved to its position, and `merge` leaves all but one of them out.
         first = np.min(self.places, initial=seam_width)
         has_zero_at_start = first < seam_width
         position_at_start = first if has_zero_at_start else 0.0
@@ -162,9 +162,11 @@ def _classify_cells(cells: Floats, margin: Floats) -> tuple[Bools, Bools]:
 
     In each cell the function is approximated by a cubic polynomial. The values of a cubic
     polynomial are between its smallest and its largest Bernstein coefficient. Its
-    derivative has one sign if the differences of successive coefficients have this sign. A
-    cell contains no zero if all coefficients have one sign and exceed the margin. The
-    function is monotone if this applies to the differences.
+    derivative has one sign if the differences of successive coefficients have this sign.
+
+    A cell contains no zero if all coefficients have one sign and exceed the margin. The
+    differences are changes of the value, so they are compared with the same margin: the
+    function counts as monotone if all differences have one sign and exceed it.
 
     Parameters
     ----------
@@ -205,14 +207,15 @@ def _add_end_zeros(
 ) -> Zeros:
     """Return the zeros inside a range together with those at its two ends.
 
-    Near an end at which the function touches zero, it resembles a parabola, and rounding
-    may have produced spurious zeros of this parabola. They are replaced by one double zero
-    at the end.
+    A function that touches zero at an end resembles a parabola there. Rounding may have
+    produced spurious zeros of this parabola, which are replaced by one double zero (a zero
+    without a change of sign) at the end.
 
     Parameters
     ----------
     places, double
-        (k,) zeros inside the range, in any order, and whether they are double.
+        (k,) positions of the zeros inside the range, in any order, and whether they are
+        double.
     grid, values, slopes
         (n,) positions, values and derivatives of the function.
     floor
@@ -225,13 +228,15 @@ def _add_end_zeros(
     # The extremum of the parabola through an end differs from its end value by
     # slope^2 / (2 curvature). If that is below the floor, the zero is double.
     is_touching = is_zero & (end_slopes**2 <= 2.0 * floor * curvature)
-    # Spurious zeros can be where the parabola is below the floor. Its magnitude reaches the
-    # floor at the distance t with c t^2 / 2 - s t = floor, where s is the slope at the end
-    # and c the curvature: t = (s + sqrt(s^2 + 2 floor c)) / c.
-    reach = end_slopes + np.sqrt(end_slopes**2 + 2.0 * floor * curvature)
-    reach /= np.maximum(curvature, np.finfo(float).tiny)
+    # Spurious zeros can be where the parabola is below the floor. With the slope s at the
+    # end and the curvature c, both without sign, this range is longest if the parabola
+    # first passes its extremum. It then is c t^2 / 2 - s t at the distance t, and reaches
+    # the floor at t = (s + sqrt(s^2 + 2 floor c)) / c.
+    max_spurious_distance = end_slopes + np.sqrt(end_slopes**2 + 2.0 * floor * curvature)
+    max_spurious_distance /= np.maximum(curvature, np.finfo(float).tiny)
     distance = np.abs(places[:, None] - ends)
-    is_separate = np.all(~is_touching | (distance > reach), axis=1)
+    is_separate = np.all(~is_touching | (distance > max_spurious_distance), axis=1)
+    # Zeros that are closer than this part of the range are one zero, reported once.
     return Zeros.merge(
         np.append(places[is_separate], ends[is_zero]),
         np.append(double[is_separate], is_touching[is_zero]),

@@ -154,8 +154,10 @@ class DyadsWithClosingLink:
     def place_dyads(self, directions: Floats, turn: Floats, signs: Signs) -> WorkingMode:
         """Return the dyads at given directions of the output and turns about them.
 
-        A turn is the angle of the output link about the direction at which it points. The
-        closing link is left out: it fits only at certain turns, see `residual`.
+        A turn is the angle of the output link about the direction at which it points. With
+        direction and turn given, all links are placed as dyads, except one with two pairs:
+        the closing link. It is left out here, since it fits between its neighbours at
+        certain turns only, see `residual`.
 
         Parameters
         ----------
@@ -174,9 +176,10 @@ class DyadsWithClosingLink:
         s = np.sin(turn)
         axes = [x_axis * c + y_axis * s, y_axis * c - x_axis * s, directions]
         # Axis a of this frame has the constant components frame[a, j] in the output link
-        # (j), and axes[a][i, n] in the base (i). The orientation is the sum of their
-        # products.
+        # (j), and axes[a][i, n] in the base (i). The sum of their products over a is the
+        # orientation: component i, in the base, of axis j of the output link.
         rotation = np.einsum("aj,ain->jin", self.frame, axes)
+        # Axes of pairs of the output link are not given, since they follow from this.
         return WorkingMode(self.chain, signs, posed_axes={}, posed_rotation=rotation)
 
     def measure_turns(self, directions: Floats, rotations: Floats) -> Floats:
@@ -341,8 +344,14 @@ class DyadsWithClosingLink:
             (3, n) directions of the output.
         signs
             The sign of each dyad, 1 or -1.
+
+        Returns
+        -------
+        The turns in (-pi, pi] with their directions, and for each the sign of the slope of
+        f by the turn.
         """
         brackets = self._bracket_roots(directions, signs)
+        # For each bracket, and later for each root, the index of its direction.
         row = brackets.row
 
         def residual(turn: Floats, brackets_of_turns: Indices) -> Floats:
@@ -363,7 +372,8 @@ class DyadsWithClosingLink:
         row = row[is_root]
         turns = wrap(turns[is_root])
         # Sorted by direction, then by turn. A root that was bracketed twice is kept once:
-        # a root is new if its direction differs from that before, or if its turn does.
+        # a root is new if its direction differs from that before, or if its turn does. The
+        # first root is new because the index before it counts as -1.
         order = np.lexsort((turns, row))
         row = row[order]
         turns = turns[order]

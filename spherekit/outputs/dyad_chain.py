@@ -29,11 +29,12 @@ Signs = tuple[int, ...]
 
 @dataclass(frozen=True)
 class DyadPlacement:
-    """Two links that a chain of three R pairs connects to links placed before.
+    """A dyad: two links that a chain of three R pairs connects to links placed before.
 
     The chain leads from the near support through the near pair, the near link, the middle
-    pair, the far link and the far pair to the far support. The axes of the two outer pairs
-    are known from the supports, and the axis of the middle pair follows from them.
+    pair, the far link and the far pair to the far support. The words near and far only
+    distinguish the two ends. The axes of the two outer pairs are known from the supports,
+    and the axis of the middle pair follows from them.
 
     Attributes
     ----------
@@ -44,11 +45,11 @@ class DyadPlacement:
     near_support, far_support
         Numbers of the links that the outer pairs connect the dyad to.
     parity
-        1 or -1. The middle axis b can have two positions for given axes a and c of the near
-        and the far pair, with opposite signs of b . (a x c). An assembly mode of the
-        mechanism has a sign of its own for each dyad: that of the triple product of the
-        three axes in the order in which the mechanism lists the pairs. The order decides
-        about the sign, so b . (a x c) has the sign parity * (sign in the mode).
+        1 or -1. For given axes a and c of the near and far pair, the middle axis b has two
+        possible positions, with opposite signs of b . (a x c). An assembly mode of the
+        mechanism chooses one of them by a sign, that of the triple product of the three
+        axes in another order. The product of `parity` and this sign is the sign of
+        b . (a x c).
     arcs
         Angles (rad) between the axes of the near link and between those of the far link.
     """
@@ -176,22 +177,23 @@ class DyadChain:
             orientation. If all dyads at this link need only the axes of its pairs, a pose
             may give these axes instead.
         """
-        # Numbers of the two links of each pair.
+        # Numbers of the first and second link of each pair.
         self.ends = mechanism.ends
         self.joints = joints
         self.base = base
         self.posed_link = posed_link
         # Two methods are cached, because their results are the same in all poses.
-        # `axis_source` returns the first placed link from which the axis of a pair is
-        # known. `vector_weights` expresses a vector of a link by the axes of its pairs.
+        # `axis_source` finds the link that is placed first among those in which the axis of
+        # a pair is fixed. `vector_weights` expresses a vector of a link by the axes of its
+        # pairs.
         self._cache_methods()
         self.dyads = tuple(self._make_dyad(group) for group in assembly.groups)
         self.dyad_of_link: dict[int, int] = {}
         self.dyad_of_pair: dict[int, int] = {}
-        # The sign of a dyad, 1 or -1, says which of its two possible assemblies it has. By
-        # computed quantity (the name of a method of `WorkingMode` and its arguments): the
-        # numbers of the dyads on whose signs the quantity depends. `WorkingMode` fills this
-        # when it computes a quantity for the first time.
+        # The sign of a dyad, 1 or -1, says which of its two possible assemblies it has.
+        # This mapping has the numbers of the dyads on whose signs a quantity depends. Its
+        # keys are the names of methods of `WorkingMode` with their arguments. `WorkingMode`
+        # adds a quantity when it computes it for the first time.
         self.sign_dependencies: dict[Hashable, frozenset[int]] = {}
         for number, dyad in enumerate(self.dyads):
             for link in (dyad.near_link, dyad.far_link):
@@ -231,7 +233,8 @@ class DyadChain:
         placed before. The chain is: near support, near pair, near link, middle pair, far
         link, far pair, far support.
         """
-        # Positions of these pairs among the pairs of the group.
+        # `dyad_positions` are the positions of the near, middle and far pair among the
+        # pairs of the group.
         near_pair, middle_pair, far_pair = (
             group.pairs[position] for position in group.dyad_positions
         )
@@ -250,7 +253,8 @@ class DyadChain:
             # 1 or -1. Let a, b, c be the axes of the near, middle and far pair. Then
             # b . (a x c) has the sign parity * (sign of the dyad in the assembly mode).
             parity=group.dyad_parity,
-            # The angle between the axes at both ends of each link: near link, far link.
+            # The angles between the axes at both ends of the near link, and at both ends of
+            # the far link.
             arcs=(
                 self._arc(near_link, near_pair, middle_pair),
                 self._arc(far_link, far_pair, middle_pair),
@@ -267,24 +271,26 @@ class DyadChain:
     def _find_axis_source(self, pair: int, link: int) -> AxisSource:
         """Return the pair and link from which the axis of a pair is known first.
 
-        Links are placed one after another. The outer pair of a dyad's link joins it to a
-        link that is placed earlier, its support. If the given axis coincides with that of
-        the outer pair, it is known from the support. The same question is then asked for
-        the outer pair and the support, whose axes can coincide as well. `axis_source` is
-        this method with a cache.
+        Links are placed one after another, so an axis is known as soon as a link in which
+        it is fixed is placed. The outer pair of a dyad's link joins it to a link that is
+        placed earlier, its support. The axis of the outer pair is fixed in both. If the
+        axis of the given pair coincides with it, it is known from the support already, or
+        from a link before that in the same way.
 
         Parameters
         ----------
         pair, link
             Numbers of the pair and of one of its links.
         """
-        # The base and the posed link belong to no dyad and are placed first.
+        # The base and the posed link belong to no dyad and are placed first. 1.0 says that
+        # the axis has its own direction, not the opposite one.
         if link not in self.dyad_of_link:
             return AxisSource(pair, link, 1.0)
         outer_pair, support = self.support_of(link)
         if not self.is_coaxial(pair, outer_pair, link):
             return AxisSource(pair, link, 1.0)
         cosine = self.axis_in(pair, link) @ self.axis_in(outer_pair, link)
+        # The same question for the outer pair and the support (this method with a cache).
         source = self.axis_source(outer_pair, support)
         return AxisSource(source.pair, source.link, source.sense * float(np.sign(cosine)))
 
@@ -374,11 +380,13 @@ def invert_output_rates(
 ) -> tuple[Floats, Floats]:
     """Return rates of inputs from the angular velocities of the output that they cause.
 
-    The matrix of angular velocities is inverted. The rows of the inverse are cross products
-    of two angular velocities, divided by the volume that the angular velocities span (the
-    determinant). The volume is 0 at a singularity of type I, at which an input can move
-    while the output rests. The rates are then infinite, but their measure of type I, the
-    volume divided by the length of the cross product, is 0 and accurate.
+    The matrix of three angular velocities is inverted. The rows of the inverse are cross
+    products of two of them, divided by the volume that all three span (the determinant).
+    With two inputs, the direction of the output takes the place of the third one.
+
+    The volume is 0 at a singularity of type I, at which an input can move while the output
+    rests. The rates are then infinite, but their measure of type I, the volume divided by
+    the length of the cross product, is 0 and accurate.
 
     Parameters
     ----------
@@ -386,14 +394,14 @@ def invert_output_rates(
         (n, 3, inputs) angular velocity of the output per unit rate of each input, for two
         or three inputs.
     directions
-        (n, 3) unit vectors at which the output of two inputs points. Only the part of the
-        angular velocity at right angles to them counts. None for three inputs.
+        (n, 3) unit vectors in which the output of two inputs points. A rotation of the
+        output about them does not count. None for three inputs.
 
     Returns
     -------
     rates
-        (n, inputs, 3) rates of the inputs per unit angular velocity of the output; infinite
-        at a singularity of type I.
+        (n, inputs, 3) rates of the inputs per unit of each component of the angular
+        velocity of the output; infinite at a singularity of type I.
     type_1
         (n, inputs) measures of type I: how fast the output turns about the cross product
         per unit rate of the input. It is 0 at a singularity of type I.

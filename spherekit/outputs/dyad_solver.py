@@ -46,9 +46,10 @@ class DyadKinematics(ClosedKinematics):
     def __init__(self, kinematics: InverseKinematics) -> None:
         """Store the inverse kinematics, and name the leg of each dyad by its three pairs.
 
-        The inverse kinematics adds two virtual links, with three R pairs, between the two
-        links of the output. The angles of their pairs are the coordinates of the pose, so
-        that they hold the output in it. A dyad can end at a virtual pair.
+        An output is a link as it is seen from another one. The inverse kinematics joins
+        these two links by a virtual chain of two links and three R pairs, which holds the
+        output in its pose. A dyad of the mechanism can end at a pair of this chain, which
+        users do not know.
 
         Parameters
         ----------
@@ -59,6 +60,7 @@ class DyadKinematics(ClosedKinematics):
         assert kinematics.dyads is not None
         virtual_chain = kinematics.wrist
         mechanism_without_virtual_links = kinematics.own
+        # `points` is True if the output is a direction, False if it is an orientation.
         super().__init__(
             mechanism_without_virtual_links, virtual_chain.output, virtual_chain.points
         )
@@ -68,6 +70,7 @@ class DyadKinematics(ClosedKinematics):
         legs = []
         for dyad in self.dyads:
             pairs = (dyad.near_pair, dyad.middle_pair, dyad.far_pair)
+            # A virtual pair is named after the pair of the output link with the same axis.
             names = [self.name_of(self._find_real_pair(pair)) for pair in pairs]
             legs.append(f"leg of {', '.join(names)}")
         self.legs = tuple(legs)
@@ -111,8 +114,8 @@ class DyadKinematics(ClosedKinematics):
                 second_pair=self._find_real_pair(dyad.far_pair),
                 shortest=dyad.shortest,
                 longest=dyad.longest,
-                # At the smallest angle of the outer axes, both links of a dyad are in one
-                # plane, one of them over the other.
+                # At the smallest angle of the outer axes, one link of a dyad lies over the
+                # other one. That needs space, so the width of links limits every dyad.
                 can_fold=True,
             )
             for dyad in self.dyads
@@ -132,8 +135,11 @@ class DyadKinematics(ClosedKinematics):
 
 
 @dataclass(frozen=True)
-class CarrierAngle:
-    """The angle of a pair as a linear function of the inputs q: ratios . q + offset.
+class EntryAngle:
+    """The angle of an entry pair as a linear function of the inputs q: ratios . q + offset.
+
+    Entry pairs are the pairs at which the inputs, through wheels or directly, drive the
+    mechanism without wheels.
 
     Attributes
     ----------
@@ -152,8 +158,8 @@ class GearedKinematics(ClosedKinematics):
 
     The inverse kinematics has two steps. The mechanism without wheels, which consists of
     dyads if the output is held, gives the angles of all its pairs. Some of these pairs, the
-    carriers, have angles that are linear functions of the inputs through the wheels; the
-    inputs follow from them.
+    entry pairs, are driven by the wheels or are inputs themselves. Their angles are linear
+    functions of the inputs, so the inputs follow from them.
 
     Parameters
     ----------
@@ -161,21 +167,22 @@ class GearedKinematics(ClosedKinematics):
         The whole mechanism.
     output
         Its output.
-    carried
-        Closed form of the mechanism without the wheels, driven at the carriers.
+    wheelless
+        Closed form of the mechanism without the wheels, driven at the entry pairs.
     train
         The wheels, with the ratios by which their pairs follow from the inputs.
-    carriers
-        As many pairs as there are inputs, by their numbers in the whole mechanism. Their
-        angles determine the inputs.
+    entry_pairs
+        As many entry pairs as there are inputs, by their numbers in the whole mechanism.
+        Their angles determine the inputs.
 
     Attributes
     ----------
     offsets
-        (inputs,) angles (rad) of the carriers at the inputs 0.
-    input_ratios
-        (inputs, inputs) derivatives of the inputs by the angles of the carriers.
-    carried_pair
+        (inputs,) angles (rad) of the entry pairs at the inputs 0.
+    inverse_ratios
+        (inputs, inputs) derivatives of the inputs (first axis) by the angles of the entry
+        pairs (second axis).
+    wheelless_number
         Number of a pair in the mechanism without wheels, by its number in the whole
         mechanism.
     """
@@ -186,55 +193,56 @@ class GearedKinematics(ClosedKinematics):
         self,
         mechanism: Mechanism,
         output: Output,
-        carried: DyadKinematics,
+        wheelless: DyadKinematics,
         train: GearTrain,
-        carriers: Mapping[int, CarrierAngle],
+        entry_pairs: Mapping[int, EntryAngle],
     ) -> None:
-        """Store the parts, and invert the matrix of the ratios of the carriers.
+        """Store the parts, and invert the matrix of the ratios of the entry pairs.
 
-        Carriers are as many pairs as there are inputs. Their angles are linear functions of
-        the inputs through the wheels. They were chosen with linearly independent ratios, so
-        that the matrix is regular.
+        Entry pairs are the pairs at which the inputs, through wheels or directly, drive the
+        mechanism without wheels. Their angles are linear functions of the inputs. They were
+        chosen with linearly independent ratios, as many as inputs, so the matrix is
+        regular.
 
         Parameters
         ----------
         mechanism, output
             The whole mechanism, and its output.
-        carried
-            Closed form of the mechanism without the wheels, driven at the carriers. It has
-            the links that carry the output.
+        wheelless
+            Closed form of the mechanism without the wheels, driven at the entry pairs. It
+            has the links that carry the output.
         train
             The wheels, with the ratios by which their pairs follow from the inputs.
-        carriers
-            Angle of each carrier, by its number in the whole mechanism.
+        entry_pairs
+            Angle of each entry pair, by the number of the pair in the whole mechanism.
         """
-        super().__init__(mechanism, output, carried.points)
-        self.carried = carried
+        super().__init__(mechanism, output, wheelless.points)
+        self.wheelless = wheelless
         self.train = train
-        # Carrier angles = ratios @ inputs + offsets, so inputs = ratios^-1 @ (angles -
-        # offsets).
-        self.carriers = tuple(carriers)
-        self.offsets = np.array([carrier.offset for carrier in carriers.values()])
-        ratios = np.array([carrier.ratios for carrier in carriers.values()])
-        self.input_ratios = np.linalg.inv(ratios)
-        self.modes = carried.modes
-        self.legs = carried.legs
+        # Angles of entry pairs = ratios @ inputs + offsets, so inputs = ratios^-1 @ (angles
+        # - offsets).
+        self.entry_pairs = tuple(entry_pairs)
+        self.offsets = np.array([angle.offset for angle in entry_pairs.values()])
+        ratios = np.array([angle.ratios for angle in entry_pairs.values()])
+        self.inverse_ratios = np.linalg.inv(ratios)
+        self.modes = wheelless.modes
+        self.legs = wheelless.legs
         # From the number of a pair in the whole mechanism to that in the mechanism without
         # wheels.
-        self.carried_pair = {
+        self.wheelless_number = {
             mechanism.pair_number[pair.name]: number
-            for number, pair in enumerate(carried.mechanism.pairs)
+            for number, pair in enumerate(wheelless.mechanism.pairs)
         }
 
     @property
     def carrying(self) -> Mechanism:
         """The mechanism without the wheels."""
-        return self.carried.mechanism
+        return self.wheelless.mechanism
 
     @property
     def spans(self) -> tuple[LegSpan, ...]:
         """The reach of the legs that carry the output."""
-        return self.carried.spans
+        return self.wheelless.spans
 
     def at(self, poses: Floats, signs: Signs) -> ModeAtPoses:
         """Return one assembly mode at poses.
@@ -246,7 +254,7 @@ class GearedKinematics(ClosedKinematics):
         signs
             The sign of each dyad of the mechanism without wheels, 1 or -1.
         """
-        return _GearedMode(self, carried_mode=self.carried.at(poses, signs))
+        return _GearedMode(self, wheelless_mode=self.wheelless.at(poses, signs))
 
 
 class _GearedMode:
@@ -256,18 +264,18 @@ class _GearedMode:
     ----------
     kinematics
         The closed form of the output.
-    carried_mode
+    wheelless_mode
         The mode of the mechanism without the wheels.
     """
 
-    def __init__(self, kinematics: GearedKinematics, carried_mode: ModeAtPoses) -> None:
+    def __init__(self, kinematics: GearedKinematics, wheelless_mode: ModeAtPoses) -> None:
         """Keep the parts; all results are computed when they are read."""
         self.kinematics = kinematics
-        self.carried_mode = carried_mode
+        self.wheelless_mode = wheelless_mode
 
     def cosine(self, one: int, other: int) -> Floats:
         """Return the cosine (n,) between the axes of two pairs, numbered without wheels."""
-        return self.carried_mode.cosine(one, other)
+        return self.wheelless_mode.cosine(one, other)
 
     def angle(self, pair: int) -> Floats:
         """Return the variable (n,) of a pair of the whole mechanism in rad."""
@@ -277,27 +285,30 @@ class _GearedMode:
     def inputs(self) -> Floats:
         """(n, inputs) values of the inputs (rad).
 
-        Without its wheels, the mechanism is solved at the poses first (`carried_mode`).
-        Some of its pairs, the carriers, are turned by the wheels. Their angles are linear
-        functions of the inputs, ratios @ inputs + offsets, from which the inputs follow.
+        Without its wheels, the mechanism is solved at the poses first (`wheelless_mode`).
+        Some of its pairs, the entry pairs, are driven by the wheels or are inputs
+        themselves. Their angles are linear functions of the inputs, ratios @ inputs +
+        offsets, from which the inputs follow.
 
-        The angle of a carrier is known up to whole revolutions. Each choice of revolutions
-        gives other inputs, because the wheels do not have the ratio 1. Of the choices -1, 0
-        and 1 for each carrier, the one with the smallest sum of absolute inputs is taken.
+        The angle of an entry pair is known up to whole revolutions. A revolution of it does
+        not change the pose, but it changes the inputs, by another angle than a revolution
+        if the wheels have different sizes. The revolutions -1, 0 and 1 of each entry pair
+        are tried, and the inputs with the smallest sum of absolute values are returned.
         """
         kinematics = self.kinematics
-        # `carried_pair` is the number of a pair in the mechanism without wheels.
-        carrier_angles = [
-            self.carried_mode.angle(kinematics.carried_pair[pair])
-            for pair in kinematics.carriers
+        # `wheelless_number` is the number of a pair in the mechanism without wheels, by its
+        # number in the whole mechanism.
+        entry_angles = [
+            self.wheelless_mode.angle(kinematics.wheelless_number[pair])
+            for pair in kinematics.entry_pairs
         ]
-        wrapped_angles = wrap(np.stack(carrier_angles, axis=1) - kinematics.offsets)
-        carrier_count = wrapped_angles.shape[1]
-        # All combinations of -1, 0 and 1 revolutions of the carriers. The combination
+        wrapped_angles = wrap(np.stack(entry_angles, axis=1) - kinematics.offsets)
+        entry_count = wrapped_angles.shape[1]
+        # All combinations of -1, 0 and 1 revolutions of the entry pairs. The combination
         # without revolutions comes first and wins if sums are equal.
-        revolutions = TURN * np.array(list(product((0.0, -1.0, 1.0), repeat=carrier_count)))
+        revolutions = TURN * np.array(list(product((0.0, -1.0, 1.0), repeat=entry_count)))
         # (n, combinations, inputs)
-        candidates = (wrapped_angles[:, None] + revolutions) @ kinematics.input_ratios.T
+        candidates = (wrapped_angles[:, None] + revolutions) @ kinematics.inverse_ratios.T
         sums = np.sum(np.abs(candidates), axis=2)
         best = np.argmin(np.round(sums, EQUAL_SUM_DECIMALS), axis=1)
         return candidates[np.arange(len(candidates)), best]
@@ -309,7 +320,7 @@ class _GearedMode:
         The variable of an R pair is its angle in (-pi, pi]. That of a contact of two wheels
         is the arc length by which they have rolled on each other. There are three sources:
         the inputs, the ratios of the wheels for pairs that follow the inputs, and for all
-        other R pairs the mechanism without wheels (`carried_mode`).
+        other R pairs the mechanism without wheels (`wheelless_mode`).
         """
         kinematics = self.kinematics
         train = kinematics.train
@@ -320,20 +331,21 @@ class _GearedMode:
         values[:, driven_pairs(mechanism)] = wrap(self.inputs)
         follower_angles = self.inputs @ train.ratios.T + train.offsets
         values[:, train.followers] = wrap(follower_angles)
+        # `lengths` are the arc lengths at inputs of zero.
         values[:, train.contacts] = self.inputs @ train.length_ratios.T + train.lengths
         # The pairs of the mechanism without wheels, by their numbers in both mechanisms.
-        for pair, carried_pair in kinematics.carried_pair.items():
-            values[:, pair] = self.carried_mode.angle(carried_pair)
+        for pair, wheelless_number in kinematics.wheelless_number.items():
+            values[:, pair] = self.wheelless_mode.angle(wheelless_number)
         return values
 
     @cached_property
     def rates(self) -> Floats:
         """(n, inputs, 3) rates of the inputs per unit angular velocity of the output.
 
-        They are those of the carriers, times the derivatives of the inputs by the angles of
-        the carriers.
+        They are those of the entry pairs, times the derivatives of the inputs by the angles
+        of the entry pairs.
         """
-        return self.kinematics.input_ratios @ self.carried_mode.rates
+        return self.kinematics.inverse_ratios @ self.wheelless_mode.rates
 
     @property
     def type_1(self) -> Floats:
@@ -349,13 +361,13 @@ class _GearedMode:
         """(n, inputs) squares of `type_1`, continued out of reach with negative values.
 
         Out of reach `type_1` is NaN. The square of an input is then the smallest square of
-        the carriers that move with it, each divided by the squared derivative of the input
-        by the angle of the carrier.
+        the entry pairs that move with it, each divided by the squared derivative of the
+        input by the angle of the entry pair.
         """
         square = self.type_1**2
-        squared_ratios = self.kinematics.input_ratios**2
-        # (n, inputs, carriers)
-        continuation = self.carried_mode.type_1_square[:, None] / squared_ratios
+        squared_ratios = self.kinematics.inverse_ratios**2
+        # (n, inputs, entry pairs)
+        continuation = self.wheelless_mode.type_1_square[:, None] / squared_ratios
         continuation = np.min(continuation, axis=2, where=squared_ratios > 0.0, initial=0.0)
         return np.where(np.isnan(square), continuation, square)
 
@@ -370,11 +382,11 @@ def geared_kinematics(mechanism: Mechanism, output: Output) -> GearedKinematics 
 
     There is one under three conditions:
 
-    1. All pairs are R pairs or contacts of wheels. The pairs without the wheels and their
-       supports contain as many independent *carriers* as there are inputs. These are pairs
-       whose angles follow from the inputs of the whole mechanism by the ratios of the
-       wheels.
-    2. No pair of a wheel has joint limits.
+    1. All pairs are R pairs or contacts of wheels. If the wheels and the links that only
+       support wheels are removed, as many *entry pairs* remain as there are inputs: pairs
+       that are inputs or are driven by the wheels, and whose angles are independent linear
+       functions of the inputs.
+    2. No pair that was removed with the wheels has joint limits.
     3. The mechanism without the wheels consists of dyads (two links and three R pairs) if
        the output is held.
     """
@@ -386,28 +398,32 @@ def geared_kinematics(mechanism: Mechanism, output: Output) -> GearedKinematics 
         return None
     # The pairs of the links between ground and output, without those that support wheels.
     pairs_without_wheels = _find_carrying_pairs(mechanism, output, r_pairs)
-    carriers = _choose_carriers(train, driven, pairs_without_wheels)
-    if carriers is None:
+    entry_pairs = _choose_entry_pairs(train, driven, pairs_without_wheels)
+    if entry_pairs is None:
         return None
     # 2. Joint limits of wheels would not be taken into account.
     limited_pairs = {mechanism.pair_number[limit.pair] for limit in mechanism.joint_limits}
     if not limited_pairs <= pairs_without_wheels:
         return None
-    # 3. The mechanism without the wheels is driven at the carriers. Names of assembly modes
-    # are those of the whole mechanism, so they are left out.
-    carrier_inputs = tuple(
-        Input(mechanism.pairs[pair].name, 0.0, TURN) for pair in carriers
+    # 3. The mechanism without the wheels is driven at the entry pairs. Names of assembly
+    # modes are those of the whole mechanism, so they are left out.
+    entry_inputs = tuple(
+        Input(mechanism.pairs[pair].name, 0.0, TURN) for pair in entry_pairs
     )
     try:
-        driven_at_carriers = replace(mechanism, inputs=carrier_inputs, modes={})
-        part = of_pairs(driven_at_carriers, pairs_without_wheels)
+        driven_at_entry_pairs = replace(mechanism, inputs=entry_inputs, modes={})
+        part = of_pairs(driven_at_entry_pairs, pairs_without_wheels)
         inverse = InverseKinematics(part, output.name)
     except SpherekitError:
         return None
     if not inverse.has_closed_form:
         return None
     return GearedKinematics(
-        mechanism, output, carried=DyadKinematics(inverse), train=train, carriers=carriers
+        mechanism,
+        output,
+        wheelless=DyadKinematics(inverse),
+        train=train,
+        entry_pairs=entry_pairs,
     )
 
 
@@ -440,10 +456,10 @@ def _find_carrying_pairs(mechanism: Mechanism, output: Output, pairs: set[int]) 
         }
 
 
-def _choose_carriers(
+def _choose_entry_pairs(
     train: GearTrain, driven: list[int], carrying_pairs: set[int]
-) -> dict[int, CarrierAngle] | None:
-    """Return carriers: as many pairs as there are inputs, whose angles give the inputs.
+) -> dict[int, EntryAngle] | None:
+    """Return entry pairs: as many pairs as there are inputs, whose angles give the inputs.
 
     Candidates are the driven pairs themselves, and the pairs whose angles follow from the
     inputs q through the wheels as ratios . q + offset. They are examined in the order of
@@ -457,30 +473,30 @@ def _choose_carriers(
     driven
         Numbers of the driven pairs.
     carrying_pairs
-        Numbers of the pairs among which carriers are chosen: those of the mechanism without
-        wheels, because its solution gives the angles of the carriers.
+        Numbers of the pairs among which entry pairs are chosen: those of the mechanism
+        without wheels, because its solution gives the angles of the entry pairs.
 
     Returns
     -------
-    The angles of the chosen pairs (carriers) as linear functions of the inputs, by the
+    The angles of the chosen entry pairs as linear functions of the inputs, by the
     number of the pair. None if there are too few.
     """
     # 1. The candidates. The angle of driven pair k is input k itself, so its ratios are a
     # row of the identity matrix. `train.followers` are the pairs that follow the inputs.
     angles = {
-        pair: CarrierAngle(np.eye(len(driven))[k], 0.0) for k, pair in enumerate(driven)
+        pair: EntryAngle(np.eye(len(driven))[k], 0.0) for k, pair in enumerate(driven)
     }
     for pair, ratios, offset in zip(
         train.followers, train.ratios, train.offsets, strict=True
     ):
-        angles[pair] = CarrierAngle(ratios, float(offset))
+        angles[pair] = EntryAngle(ratios, float(offset))
 
     # 2. The choice.
-    carriers: list[int] = []
+    entry_pairs: list[int] = []
     for pair in sorted(carrying_pairs & set(angles)):
-        ratios = np.array([angles[carrier].ratios for carrier in (*carriers, pair)])
+        ratios = np.array([angles[number].ratios for number in (*entry_pairs, pair)])
         if np.linalg.matrix_rank(ratios) == len(ratios):
-            carriers.append(pair)
-    if len(carriers) != len(driven):
+            entry_pairs.append(pair)
+    if len(entry_pairs) != len(driven):
         return None
-    return {pair: angles[pair] for pair in carriers}
+    return {pair: angles[pair] for pair in entry_pairs}

@@ -182,7 +182,8 @@ class FollowedRotation(RotationPath):
 
         There are two sources: the leaps, which are singular configurations that the
         tracking stepped over, and the angles at which the transmission measure falls to 0.
-        All are within the angles from 0 to `reached` up to which the rotation was tracked.
+        This measure says how surely locked inputs hold the output. All angles are between 0
+        and `reached`, up to which the rotation was tracked.
         """
         # Minima of the measure are bracketed on a grid of angles: a value that is not
         # larger than both neighbours, infinite beyond the ends. Each minimum is then
@@ -198,8 +199,9 @@ class FollowedRotation(RotationPath):
         # The measure can be NaN at a singular configuration, where it is not determined.
         # The negated comparison counts such a minimum as singular.
         singular = minima[~(self._measure_transmission(minima) > SINGULAR_RATIO)]
-        # A minimum within the length of the longest leap is the singular configuration that
-        # was stepped over, which is listed already.
+        # The tracking tries leaps of several lengths, the longest last. A minimum nearer to
+        # a leap than the longest one is the configuration that was stepped over, which is
+        # listed already.
         distances = np.abs(singular[:, None] - np.array(self.leaps))
         is_apart = np.all(distances > LEAP_LENGTHS_RAD[-1], axis=1)
         crossings = np.concatenate([self.leaps, singular[is_apart]])

@@ -256,12 +256,15 @@ class ForwardKinematics:
             If a group is no dyad (ask for `solutions` then), or the inputs are not finite
             or not as many as the mechanism has.
         """
+        # Links are placed in groups, the smallest sets that are rigid when the inputs are
+        # locked. Only groups that are dyads have a closed form.
         if not self.solver.assembly.has_closed_form:
             kinds = ", ".join(group.kind for group in self.solver.assembly.groups)
             raise SolveError(
                 f"{self.mechanism.name}: its groups are {kinds}; ask for `solutions` row "
                 "by row, or trace the mechanism along a path"
             )
+        # `make_path` checks the number of inputs, and that they are finite.
         q = make_path(np.asarray(inputs, dtype=float), len(self.solver.driven)).q
         signs = self._modes if modes is None else tuple(map(tuple, modes))
         configurations = self._evaluate(q, signs)
