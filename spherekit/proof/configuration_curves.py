@@ -207,23 +207,26 @@ class CertifiedCurves:
             low = self.input_angle(centre - radius)
             high = self.input_angle(centre + radius)
             ranges.append((low, high))
-        # 2. Parts of curves in which the input may be stationary, as tuples (position,
-        # error, offset): the input variable differs from that at the position by at most
-        # the error. Such a part is moved by whole cycles of the input so that one of its
-        # points gets into the range. The offset says which point: 0 its middle, -1 or 1 an
-        # end. Of saddles only the middle is tried. Of stretches the ends are tried as well,
-        # since a stretch with its middle outside may reach into the range.
-        doubtful_positions = [
-            (saddle.centre, error, 0.0)
+        # 2. Parts of curves in which the input may be stationary, as pairs (position,
+        # error): the input variable differs from that at the position by at most the error.
+        doubtful_parts = [
+            (saddle.centre, error)
             for saddle, error in zip(
                 self.saddles, self.bound_saddle_doubts(self.input_variable), strict=True
             )
             if error
         ]
-        doubtful_positions += [
-            (point.position, point.error, offset)
+        doubtful_parts += [
+            (point.position, point.error)
             for points in self.input_stationary_points
             for point in points.undecided
+        ]
+        # Such a part is moved by whole cycles of the input so that its middle (offset 0) or
+        # one of its ends (-1, 1) gets into the range. The ends are tried as well, since a
+        # part with its middle outside may reach into the range.
+        doubtful_positions = [
+            (position, error, offset)
+            for position, error in doubtful_parts
             for offset in (-1.0, 0.0, 1.0)
         ]
         for position, error, offset in doubtful_positions:

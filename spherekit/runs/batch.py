@@ -20,7 +20,12 @@ from spherekit.runs.kernel_columns import LazyField
 from spherekit.runs.needs import Needs
 from spherekit.scenes.scene import Range
 from spherekit.status import Status
-from spherekit.velocities.pole_field import POLE_QUANTITIES, PoleField, axis_pairs
+from spherekit.velocities.pole_field import (
+    POLE_QUANTITIES,
+    PoleField,
+    PoleQuantity,
+    axis_pairs,
+)
 from spherekit.wording import listing
 
 PoleFields = Sequence[PoleField | LazyField]
@@ -42,6 +47,13 @@ _POLE_FIELD_NAMES: Mapping[str, str] = {
     "pole_status": "pole_status",
 }
 """Attribute of `PoleField` that has a quantity, by its name in `Batch.of_poles`."""
+
+_QUANTITY_BY_NAME: Mapping[str, PoleQuantity] = {
+    name: quantity
+    for quantity in POLE_QUANTITIES
+    for name in (quantity.name, quantity.error_column)
+}
+"""The quantity of a pole that has this name, or whose error bound has it."""
 
 
 @dataclass(frozen=True)
@@ -539,8 +551,9 @@ class Batch:
         """
         pole = pole_of(i, j)
         needs = self.needs
-        if quantity.startswith("acceleration"):
-            self._check(quantity, "derivatives")
+        # "planes" and "pole_status" are no entries of `POLE_QUANTITIES`.
+        pole_quantity = _QUANTITY_BY_NAME.get(quantity)
+        declared_in = "any" if pole_quantity is None else pole_quantity.declared_in
         # The sets that make the quantity available: the pole has to be in one of them. A
         # direction is computed for three of the sets. The sets are searched one by one,
         # because this method is called for every column of every pole, and a union of them
@@ -550,12 +563,16 @@ class Batch:
         if quantity == "planes":
             declared = [needs.planes]
             declaration = "planes=..."
-        elif quantity.startswith("direction_dq"):
-            declared = [needs.turns] if needs.derivatives else []
-            declaration = "turns=..., derivatives=True"
-        elif "coefficient" in quantity:
+        elif declared_in == "turns":
+            declared = [needs.turns]
+            declaration = "turns=..."
+        elif declared_in == "rates":
             declared = [needs.rates]
             declaration = "rates=..."
+        if pole_quantity is not None and pole_quantity.is_derivative:
+            declaration += ", derivatives=True"
+            if not needs.derivatives:
+                declared = []
         if not any(pole in declared_poles for declared_poles in declared):
             # The link with the larger number comes first, as in the names of poles.
             low, high = (self.mechanism.links[link] for link in pole)

@@ -36,6 +36,12 @@ class PoleQuantity:
         Number of its components: 3 for a vector, 1 for a number.
     changes_sign
         Whether it changes its sign if the direction of the pole is reversed.
+    declared_in
+        The set of poles in the `Needs` of an analysis that makes it available: "rates" or
+        "turns", or "any" if each of the sets does. `Needs` declares what an analysis reads.
+    is_derivative
+        Whether it is a derivative by the input, so that `Needs` has to have
+        ``derivatives=True``.
     error
         "none" if there is no bound of its error, "bounded" if there is one, and "reported"
         if a run also reports the largest one of all rows.
@@ -48,6 +54,8 @@ class PoleQuantity:
     name: str
     components: int
     changes_sign: bool
+    declared_in: Literal["any", "rates", "turns"] = "any"
+    is_derivative: bool = False
     error: Literal["none", "bounded", "reported"] = "none"
     locked_value: float = nan
 
@@ -69,21 +77,39 @@ class PoleQuantity:
 
 POLE_QUANTITIES = (
     PoleQuantity("direction", 3, changes_sign=True, error="reported"),
-    PoleQuantity("direction_dq", 3, changes_sign=True, error="bounded"),
     PoleQuantity(
-        "velocity_coefficient", 1, changes_sign=True, error="reported", locked_value=0.0
+        "direction_dq",
+        3,
+        changes_sign=True,
+        declared_in="turns",
+        is_derivative=True,
+        error="bounded",
     ),
     PoleQuantity(
-        "acceleration_coefficient", 1, changes_sign=True, error="reported", locked_value=0.0
+        "velocity_coefficient",
+        1,
+        changes_sign=True,
+        declared_in="rates",
+        error="reported",
+        locked_value=0.0,
+    ),
+    PoleQuantity(
+        "acceleration_coefficient",
+        1,
+        changes_sign=True,
+        declared_in="rates",
+        is_derivative=True,
+        error="reported",
+        locked_value=0.0,
     ),
     PoleQuantity("conditioning", 1, changes_sign=False),
 )
 """All quantities of a pole, the direction first.
 
-A new quantity is a line here, an attribute of `PoleField`, expressions in
+A new quantity is an entry here, an attribute of `PoleField`, expressions in
 `spherekit.velocities.input_columns` and a column in ``analyses/poles.py``. It is NaN in
 rows that are not computed from these expressions, until the code for these rows computes
-it too.
+it too (`spherekit.velocities.decimal_rates` and `pole_evaluation`).
 """
 
 REPORTED_ERRORS = tuple(
