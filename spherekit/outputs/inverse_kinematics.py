@@ -209,9 +209,10 @@ class InverseKinematics:
         axis, and its angle is open: the turn of the output link about its direction.
 
         Links are placed in groups. If all groups are dyads (two links each), poses are
-        solved in closed form. If not, a closing link is searched: a link without which all
-        groups are dyads. Its arc then determines the turn of a pointing output about its
-        direction.
+        solved in closed form. If not, a closing link is searched: a link with two pairs,
+        without which the links form dyads for each direction and assumed turn of the
+        output. The right turn is the one at which the axes of these pairs are apart by the
+        arc of the closing link.
 
         Parameters
         ----------
@@ -234,6 +235,8 @@ class InverseKinematics:
                 f"mechanism has not one freedom for each input ({problem})"
             ) from None
         self.solver = PositionSolver(self.mechanism, assembly)
+        # Numbers of the variables of the inputs. Virtual pairs come after all others, so
+        # the numbers are the same in both mechanisms.
         self.driven = [
             variable
             for pair in self.wrist.driven
@@ -249,8 +252,8 @@ class InverseKinematics:
         base = self.wrist.base  # the link that the output is seen from
         if has_only_r_pairs and DyadChain.can_place(self._assembly, base):
             # The link that is placed by the pose. An orientation places the output link
-            # itself. A direction places only the last virtual link, on which the output
-            # link can turn.
+            # itself. A direction places only the last virtual link (`carrier`), on which
+            # the output link can turn.
             posed_link = self.wrist.carrier if self.wrist.points else self.wrist.link
             self.dyads = DyadChain(self.mechanism, joints, self._assembly, base, posed_link)
         else:
@@ -343,8 +346,8 @@ class InverseKinematics:
             # How far the dyads are from being stretched or folded: the smallest margin
             # (rad) of all dyads, and the number of the limiting dyad.
             reach = mode.reach()
-            # `type_1` is 0 at a singularity of type I, where an input moves while the
-            # output rests.
+            # `type_1` is the speed of the output per unit rate of each input. It is 0 at a
+            # singularity of type I, where the input moves while the output rests.
             results: dict[str, Array] = {
                 "inputs": np.stack([mode.input_angle(pair) for pair in mode.driven]),
                 "type_1": np.stack([mode.output_speed(pair) for pair in mode.driven]),
@@ -352,13 +355,16 @@ class InverseKinematics:
                 "margin": reach.margin,
                 "limiting": reach.limiting,
             }
+            # At right angles to the normal of an input are all angular velocities that the
+            # output can have while this input is locked.
             if normals:
                 results["normals"] = np.stack(
                     [mode.output_normal(pair) for pair in mode.driven]
                 )
             if has_closing_link:
                 # The arc of a closing link determines how far the output link has turned
-                # about its direction. The slope tells how accurately it does.
+                # about its direction. The slope is the derivative of the cosine of this arc
+                # by the turn. The error of the turn is the rounding error divided by it.
                 results["slope"] = mode.slope
             return results
 
@@ -527,8 +533,8 @@ class InverseKinematics:
             raise self.no_closed_form("ask for `solutions` row by row")
         pose_array = self._check_poses(poses)
         modes = self._check_modes([signs])
-        # Poses at which the turn of the output link about its direction is an unknown need
-        # orientations from which its search starts. Here the pose places all links.
+        # `_place_modes` can also search the turn of the output link about its direction,
+        # from starts (n, m). Here the pose places all links, so there are no starts.
         no_starts = np.empty((len(pose_array), 0))
         return next(self._place_modes(pose_array, no_starts, modes))
 
@@ -552,8 +558,9 @@ class InverseKinematics:
             If the poses are not rotations or directions.
         """
         pose_array = self._check_poses(poses)
-        # If all links but one are dyads, the arc of this closing link determines how far
-        # the output link is turned about its direction. This angle is searched.
+        # Some outputs that are directions have a closing link (`None` for all others).
+        # Without it the links form dyads if the turn of the output link about its direction
+        # is assumed. The right turn, for which the closing link fits, is searched.
         if self._closing_link is not None:
             with np.errstate(all="ignore"):
                 return self._solve_all_turns(self._closing_link, pose_array)
@@ -562,8 +569,8 @@ class InverseKinematics:
             coordinates = azimuth_tilt(pose_array)
         else:
             coordinates = euler_zyz(pose_array)
-        # The solver of the mechanism itself, without virtual links (released output). The
-        # configurations are returned with its variables.
+        # `self.solver` is that of the mechanism with virtual links. The configurations are
+        # returned with the variables of the mechanism itself, whose output is released.
         released_solver = PositionSolver(self.own, plan_assembly(self.own))
         return find_configurations(
             self.solver, self.wrist.output, coordinates, released_solver
@@ -679,7 +686,7 @@ class InverseKinematics:
     def _check_poses(self, poses: ArrayLike) -> Floats:
         """Return orientations (n, 3, 3) or directions (n, 3) as an array.
 
-        A single pose gets an axis of length 1. NaN is accepted.
+        For a single pose n is 1. NaN is accepted.
 
         Raises
         ------
@@ -687,17 +694,17 @@ class InverseKinematics:
             If the shape is wrong, or a pose is no rotation matrix or unit vector.
         """
         array = np.asarray(poses, dtype=float)
-        points = self.wrist.points
-        pose_shape = (3,) if points else (3, 3)
+        is_direction = self.wrist.points  # otherwise the output is an orientation
+        pose_shape = (3,) if is_direction else (3, 3)
         if array.shape == pose_shape:
             array = array[None]
         if array.shape[1:] != pose_shape:
-            expected = "directions (n, 3)" if points else "rotations (n, 3, 3)"
+            expected = "directions (n, 3)" if is_direction else "rotations (n, 3, 3)"
             raise self._error(f"poses are {expected}, not {array.shape}")
-        columns = array[..., None] if points else array
+        columns = array[..., None] if is_direction else array
         # Numbers (n, k) that all have to be 1: first the squared lengths of the columns.
         unit_numbers = np.einsum("nik,nik->nk", columns, columns)
-        if not points:
+        if not is_direction:
             # Unit columns have the determinant 1 only if they are at right angles and
             # right-handed.
             with np.errstate(invalid="ignore"):
@@ -705,7 +712,7 @@ class InverseKinematics:
         # Comparisons with NaN are false, so that NaN is accepted.
         is_wrong = np.any(np.abs(unit_numbers - 1.0) > UNIT_POSE_TOLERANCE, axis=1)
         if np.any(is_wrong):
-            expected = "unit vector" if points else "rotation matrix"
+            expected = "unit vector" if is_direction else "rotation matrix"
             raise self._error(f"row {np.argmax(is_wrong)} is not a {expected}")
         return array
 

@@ -195,18 +195,20 @@ class MidPlaneArchitecture:
             (n, 3) unit normals in mirror axes, pointing from `home` to the directions.
         distance
             (n,) distance between `home` and the direction. If it is 0, every plane through
-            `home` is possible, and the normal is NaN.
+            `home` is possible, and the normal is NaN. The smaller it is, the larger is the
+            error of the normal.
         """
         difference = directions - self.home
         # Both vectors should have the length 1. If their lengths differ by rounding, the
         # normal is wrong by the rounding error divided by the distance, which can be large.
-        # The direction is therefore shortened to the length of `home`. The difference of
-        # the squares of the lengths is d = (direction - home) . (direction + home). The
-        # difference of the lengths is d / 2, since both are nearly 1.
+        # The direction is therefore shortened to the length of `home`, by the difference of
+        # both lengths. It is half of the difference of their squares, which is
+        # (direction - home) . (direction + home), since both lengths are nearly 1.
         square_difference = np.sum(
             difference * (directions + self.home), axis=1, keepdims=True
         )
         length_difference = 0.5 * square_difference
+        # The direction is nearly a unit vector along which the length is subtracted.
         difference = difference - length_difference * directions
         distance = np.linalg.norm(difference, axis=1)
         with np.errstate(all="ignore"):
@@ -244,9 +246,9 @@ class MidPlaneArchitecture:
         components are those in mirror axes: the axes of the base, turned by the constant
         matrix `frame`.
 
-        The output points at the mirror image of the constant direction `home`. The normal n
-        is the difference between both, divided by its length L. The derivative of the
-        difference is p', that of the direction p, so n' = (p' - (p' . n) n) / L.
+        The direction p of the output is the mirror image of the constant direction m
+        (`home`). So n = (p - m) / L with the distance L of both. Since L' = p' . n, the
+        derivative is n' = (p' - L' n) / L.
 
         Parameters
         ----------
@@ -269,8 +271,8 @@ class MidPlaneArchitecture:
         with np.errstate(all="ignore"):
             normal_rates = direction_rates - length_rates * normals[:, None]
             normal_rates = normal_rates / distance[:, None, None]
-            # sqrt(1 - x^2) is the length of (y, z), without cancellation. A normal with
-            # z < 0 is replaced by its negative.
+            # sqrt(1 - x^2) is the length of (y, z), without cancellation. The normal from m
+            # to p can have z < 0. The angles are then those of the opposite normal.
             scale = np.stack([-1.0 / np.hypot(y, z), 1.0 / np.hypot(x, z)], axis=1)
             scale *= 2.0 * np.where(z < 0.0, -1.0, 1.0)[:, None]
             return scale[:, None] * normal_rates[..., :2]
@@ -280,9 +282,10 @@ class MidPlaneArchitecture:
 
         In the mid-plane, base and end effector are mirror images of each other. An
         orientation that has a mid-plane with the unit normal n is
-        ``frame @ mirror(n) @ image``, where mirror(n) is the reflection in this plane.
-        `image` maps the axes of the end effector to their mirror images in the base, and
-        `frame` turns these mirror axes to the axes of the base. Both are constant.
+        ``frame @ mirror(n) @ image``, where mirror(n) is the reflection in this plane. The
+        constant matrix `image` leads from the axes of the end effector to the mirror axes.
+        The constant matrix `frame` leads from these to the axes of the base. Mirror axes
+        are axes fixed in the base, in which the formulas of mid-planes are simplest.
 
         Parameters
         ----------
@@ -330,17 +333,18 @@ class MidPlaneArchitecture:
         rotations[:, self.effector] = self.orientations(normals)
         placed_links = set(range(link_count) if links is None else links)
         for link in placed_links - {0, self.effector}:
-            # A link is placed by two of its axes, which must not be parallel. A link of a
-            # leg has an axis at the base or at the tip, and the elbow. A link that carries
-            # elbows has an elbow and the normal of the mid-plane. If the pairs are sorted
-            # by these kinds, the first and the last axis are of different kinds.
-            # `along` says of what kind the axis of each pair is.
+            # A link is placed by two of its axes, which must not be parallel, so they are
+            # of two kinds. A link of a leg has an axis at the base (or at the tip) and an
+            # elbow. A link that is hinged to elbows has an elbow and an axis along the
+            # normal of the mid-plane. The pairs are sorted by kind, and the first and the
+            # last one are used. `along` has the kind of each pair.
             pairs = sorted(
                 (pair for pair, ends in enumerate(self.mechanism.ends) if link in ends),
                 key=lambda pair: AXIS_KINDS.index(self.along[pair].kind),
             )
             first_pair = pairs[0]
             last_pair = pairs[-1]
+            # Unit vectors (n, 3) along both axes, in mirror axes.
             first_axis, last_axis = np.broadcast_arrays(
                 self.axis(first_pair, normals, elbows),
                 self.axis(last_pair, normals, elbows),
@@ -444,10 +448,11 @@ class MidPlaneArchitecture:
         Returns
         -------
         gap
-            Largest angle (rad) between the axes of a pair in its two links.
+            Largest angle (rad) between the axes of a pair in its two links. It has to be a
+            rounding error.
         freedoms
-            Least mobility by rank of the velocity equations. It is computed with the last
-            combination of signs only.
+            Least mobility by rank of the velocity equations, which has to be 2. It is
+            computed with the last combination of signs only.
         """
         normals = _spread_normals(self.plane)
         gap = 0.0
@@ -461,11 +466,14 @@ class MidPlaneArchitecture:
         return gap, int(np.min(mobility))
 
     def check_reach(self, normal: Floats) -> None:
-        """Raise `SolveError` if the legs do not reach the mid-plane with a normal (3,).
+        """Raise `SolveError` if a leg does not reach the mid-plane with a normal (3,).
 
-        The message names the nearest mid-plane inside.
+        Base and end effector mirror each other in the mid-plane, so its normal determines
+        the pose. A leg reaches the plane if the axis between its two links (the elbow) can
+        be in it. The message names the nearest mid-plane that all legs reach.
         """
-        # The reach does not depend on the mode, so all signs are 1.
+        # The axis of an elbow is NaN if the leg does not reach the plane. A sign for each
+        # leg chooses one of two elbows. Both are NaN together, so all signs are 1 here.
         elbows, _heights = self.plane.elbows(normal[None], np.ones(len(self.legs)))
         short_legs = np.flatnonzero(np.isnan(elbows[0, :, 0])).tolist()
         if short_legs:
@@ -551,8 +559,9 @@ class MidPlaneArchitecture:
 
             A path cannot begin at a singular configuration, but can pass through it.
             """
-            # The normal of the mid-plane turns by half the angle of the end effector. The
-            # axis is rotated from base axes to mirror axes, which are those of the normal.
+            # The normal of the mid-plane turns by half the angle of the end effector. Both
+            # vectors are needed in the same axes. `frame` leads from the mirror axes, in
+            # which the normal is given, to the axes of the base.
             axis_in_mirror_axes = self.frame.T @ axis
             rotation = rotation_about_axis(axis_in_mirror_axes, [-0.5 * lead])
             # (1, 3) normal of the mid-plane at the beginning of the path.
@@ -560,6 +569,7 @@ class MidPlaneArchitecture:
             # The orientations of all links there, and the pair variables (rad).
             link_orientations = self.place(normals, modes)
             (start_values,), _residuals = self.values(link_orientations)
+            # The angles of the result are negative (from -lead on) before the start.
             return follow_rotation(
                 self.mechanism,
                 start_values,

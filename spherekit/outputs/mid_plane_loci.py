@@ -59,15 +59,14 @@ def mid_plane_loci(
     each leg determine a configuration. The sign chooses one of the two elbows (axes between
     its two links) that the leg can have.
 
-    Links that are hinged to the elbows turn about the normal. They can be assembled with
-    their axis along n or along -n, with the same inputs and poses. Each mid-plane is
-    therefore considered once, with n_z >= 0 in mirror axes (axes of the base, with z at
-    right angles to the axes of both inputs).
+    The normals n and -n belong to the same plane. Each plane is considered once, with
+    n_z >= 0 in mirror axes (axes of the base, with z at right angles to the axes of both
+    inputs).
 
-    Every result states how complete it is. Curves of type I are known in closed form, but
-    configurations in which the output is no mirror image of the base may have others
-    (COMPONENT). Curves of type II are searched on a mesh, so small closed curves can be
-    missed, too (TO_BOX).
+    Every result states how complete it is. Curves of type I are computed in closed form.
+    Curves of type II are searched on a mesh of mid-planes, so closed curves that are
+    smaller than its triangles can be missed. Configurations in which the output is no
+    mirror image of the base are not searched.
 
     Parameters
     ----------
@@ -95,6 +94,8 @@ def mid_plane_loci(
     else:
         curves = list(search.find_determinant_zeros(budget))
     excluded = "configurations in which the output is not a mirror image of the base"
+    # COMPONENT: complete for mirror images. TO_BOX: complete for curves larger than the
+    # mesh. SAMPLED: the time was over before the search ended.
     if kind == "I":
         method = f"borders of the reach of driven legs in closed form, without {excluded}"
         completeness = Completeness(Guarantee.COMPONENT, method)
@@ -169,14 +170,15 @@ class _MidPlaneCurveSearch:
 
         A driven leg is then at the limit of its reach. The end effector is the mirror image
         of the base in the mid-plane, whose unit normal n therefore determines its pose. The
-        elbow of a leg with the base axis b and the arc a is in the mid-plane. The leg is at
-        the limit of its reach if the angle between b and this plane is a (or pi - a), which
-        means ``|n . b| = sin a``. These normals are two circles around b and -b. On the
-        hemisphere of normals with n_z >= 0 each mid-plane occurs once. Only the parts of
-        the circles that all other legs reach are yielded, once for each combination of the
-        signs of these legs (assembly mode).
+        elbow (the axis between the two links) of a leg with the base axis b and the arc a
+        is in the mid-plane. The leg is at the limit of its reach if the angle between b and
+        this plane is a (or pi - a), which means ``|n . b| = sin a``. These normals are two
+        circles around b and -b. Each mid-plane is considered once, by its normal with
+        n_z >= 0. Only the parts of the circles that all other legs reach are yielded. They
+        are yielded once for each assembly mode: each of these legs has a sign, 1 or -1,
+        that chooses one of its two possible elbows.
         """
-        plane = self.form.plane
+        plane = self.form.plane  # the equations of mid-planes and elbows
         # Numbers of the legs whose base pairs are inputs.
         for leg in plane.driven:
             reason = f"leg of {self.form.name_of(leg)} at the limit of its reach"
@@ -299,11 +301,11 @@ class _MidPlaneCurveSearch:
     def _measure_reach(self, leg: int, normals: Floats) -> Floats:
         """Return a measure of the reach of a leg, which is 0 at the limit of its reach.
 
-        The elbow, the axis between the two links of the leg, is in the mid-plane. If a is
-        the arc of the leg and h the angle between its base axis and this plane, the measure
-        is sin(a + h) sin(a - h). This is the square of n . (base axis x elbow), called the
-        height of the elbow, with the unit normal n. At the limit of the reach h is equal to
-        a (or pi - a).
+        Base and output mirror each other in the mid-plane. The elbow e, the axis between
+        the two links of the leg, is in this plane. Let a be the angle from the base axis b
+        of the leg to e, and h the angle between b and the plane. The leg reaches the plane
+        if h is at most a and at most pi - a. The measure is sin(a + h) sin(a - h). It is
+        the square of the height n . (b x e) of the elbow, with the unit normal n.
 
         Parameters
         ----------
@@ -317,6 +319,7 @@ class _MidPlaneCurveSearch:
         (n,) measures, negative out of reach. They are NaN where another leg does not reach
         the mid-plane, because there is no configuration.
         """
+        # (n, legs) squares of the heights.
         height_square = self.form.plane.elbow_feet(normals).height_square
         others_reach = np.all(np.delete(height_square, leg, axis=1) >= 0.0, axis=1)
         return np.where(others_reach, height_square[:, leg], np.nan)
@@ -381,13 +384,15 @@ class _MidPlaneCurveSearch:
         """Return a singular curve with those of its points that close and are singular.
 
         At a singular point of type I an input moves while the output rests, at one of type
-        II the output moves while the inputs rest. The velocity equations of the loops and
-        the equations that the output or the inputs rest are at least as many as the pair
-        variables. At a singular point they have a solution other than 0, so the least
-        singular value of their matrix is 0. The residual of a point is the larger one of
-        this value and of the closure residual (rad), the rotation by which a loop is open.
-        Both are rounding errors at a singular configuration. Points with a residual above
-        `CLOSURE_TOLERANCE` are left out.
+        II the output moves while the inputs rest. The rates of all pairs then solve the
+        velocity equations of the loops, together with the equations that the output (or the
+        inputs) rest. A solution other than 0 exists if the least singular value of the
+        matrix is 0. (There are at least as many equations as rates.)
+
+        The residual of a point is the larger one of this value and of the closure residual
+        (rad), the rotation by which a loop is open. Both are 0 but for rounding at a
+        singular configuration. Points with a residual above `CLOSURE_TOLERANCE` are left
+        out.
 
         Parameters
         ----------
@@ -413,13 +418,14 @@ class _MidPlaneCurveSearch:
         residual = np.maximum(closure_residual, singular_values[:, -1])
         # The last right singular vector is the motion of the singularity.
         points = self.report.describe(values, right_vectors[:, -1], residual)
+        # Whether each point is of the type that is searched.
         has_type = self.report.has_type(points.type)
         selected = np.flatnonzero((residual < CLOSURE_TOLERANCE) & has_type)
         # Arc length (rad) that the normal has travelled along the curve at each point.
         arc_length = np.append(0.0, np.cumsum(arc(normals[1:], normals[:-1])))
         return CurveSeen(
             points=points.rows(selected),
-            # Points of both types I and II. This search does not look for them.
+            # No points at which both types I and II occur: they are not searched here.
             both=points.rows(slice(0)),
             s=arc_length[selected],
             closed=is_closed and len(selected) == len(normals),

@@ -62,7 +62,8 @@ class MidPlaneKinematics(ClosedKinematics):
         axis is in the mid-plane and both links of the leg lie over each other.
         """
         plane = self.form.plane
-        # The width of links, which keeps folded links apart, limits the driven legs only.
+        # `can_fold` marks legs to which a user can give a larger smallest angle, by the
+        # width of their links. Here these are the driven legs.
         longest = (2.0 * plane.reach).tolist()
         return tuple(
             LegSpan(
@@ -98,16 +99,17 @@ class MidPlaneKinematics(ClosedKinematics):
 
         A mode has a sign for each leg: that of n . (base axis x elbow) with the normal n of
         the mid-plane. The inputs determine the signs of the driven legs, and all signs of
-        the other legs are possible.
+        the other legs are possible. The signs depend on which of the two opposite normals n
+        is. Here n points from the home direction m (a constant direction of the base) to
+        its mirror image, the direction of the output. So n . m < 0.
         """
-        form = self.form
+        form = self.form  # the mid-plane architecture of the mechanism
         plane = form.plane
+        # `plane` returns normals with n_z >= 0, and the signs of the driven legs for these
+        # normals. Both are reversed if n . m > 0. If m is in the mid-plane, the factor is 0
+        # and no mode has these signs. The output then points in the direction m, for which
+        # there is no closed form.
         upward_normals = plane.normals(inputs)
-        # Normals of `plane` have n_z >= 0, and the modes of `plane` are those for these
-        # normals. Normals of this class point from the home direction m to the direction of
-        # the output, so n . m < 0. If n is reversed, the signs of the legs change as well.
-        # They become 0, which is no mode, if m is in the mid-plane: the output then points
-        # in the direction m, at which this closed form does not apply.
         sense = -np.sign(upward_normals @ form.home)[:, None]
         normals = sense * upward_normals
         driven_signs = sense * plane.modes(inputs)
@@ -199,14 +201,20 @@ class _MidPlaneMode:
 
             (elbow x p) . w / (n . (base axis x elbow) |p - m|).
 
+        This follows from elbow . n = 0, since the elbow stays in the mid-plane: its rate is
+        the rate of the input times (base axis x elbow), and n = (p - m) / ``|p - m|`` with
+        p' = w x p.
+
         The measure of type I is the divisor over the length of elbow x p. The divisor is 0
         if the leg is at the limit of its reach, or if the output points in its home
         direction. The input can then move while the output rests.
         """
         elbows, elbow_heights = self._elbows
         numerators = cross(elbows[:, self.driven], self.directions[:, None])
-        # In the axes of the base. The sense of a pair is -1.0 if its variable decreases
-        # with the azimuth of the elbow.
+        # The result is a vector, so it is rotated from mirror axes (in which the formulas
+        # are simplest) to the axes of the base. Denominators are scalars. The sense of a
+        # pair is -1.0 if its variable decreases while the elbow turns about the base axis
+        # in the positive sense.
         senses = self.form.plane.senses[self.driven]
         numerators = (numerators @ self.form.frame.T) * senses[:, None]
         # The heights are n . (base axis x elbow).

@@ -391,17 +391,15 @@ class NearestPoseSearch:
         nearest: Floats | None = None
         distances = np.linalg.norm(v, axis=1)
         for k in np.argsort(distances):
-            # The points are sorted by their distance from the target before they are moved.
-            # The first moved point need not be the nearest, because a way back to a start
-            # can be long. The loop ends at a point that is farther than the nearest moved
-            # point before it is moved itself. An inward step could make it nearer only by
-            # the length of the step.
+            # The points are in the order of their distance before they are moved. A move
+            # back to a start can be long, so the first moved point need not be the nearest.
+            # A point that is farther than a moved one already is not moved any more.
             if nearest is not None and distances[k] >= _length(nearest):
                 break
             values, gradients = self._linearise_margins(chart, v[k][None])
             lengths = np.linalg.norm(gradients[0], axis=1)
             # A limit counts as nearly reached (active) if its margin is less than 1000
-            # times the longest inward step.
+            # times the longest inward step. Other limits are too far for a step to cross.
             is_active = (values[0] < 1e3 * INWARD_STEPS[-1]) & (lengths > 0.0)
             normals = unit_rows(gradients[0][is_active])
             # The shortest vector whose component along the gradient of each active margin
@@ -423,10 +421,10 @@ class NearestPoseSearch:
     ) -> Floats | None:
         """Return the point where a straight path enters the workspace for good.
 
-        All later points of the path that were tried are inside the workspace. The points at
-        the given lengths are tried first. The part of the path between the last point
-        outside and the points after it is then divided again, until it is shorter than
-        `MIN_GAIN` (rad), the smallest reduction of the distance that the search notices.
+        The points at the given lengths are tried first. The part of the path around the
+        border, from the last point outside to the second point inside, is then divided
+        again in the same way. The search ends if this part is shorter than `MIN_GAIN`
+        (rad).
 
         Parameters
         ----------
@@ -443,16 +441,16 @@ class NearestPoseSearch:
         """
         while True:
             is_inside = self.is_inside(chart.poses(point + np.outer(lengths, direction)))
-            # The index after the last point that is outside.
+            # Index of the first point inside, after the last point outside.
             first = 1 + int(np.max(np.flatnonzero(~is_inside), initial=-1))
             if first == len(lengths):
                 return None
-            # The point with this index is so near to the border that rounding errors may
-            # have classified it wrongly. The next point is farther inside, and is used.
+            # This point is so near to the border that rounding errors may have classified
+            # it wrongly. The next point is farther inside, and is used.
             upper = lengths[min(first + 1, len(lengths) - 1)]
             lower = lengths[first - 1] if first else 0.0
             is_narrow = (upper - lower) * _length(direction) < MIN_GAIN
-            # Without a point outside, there is no border to be found more closely.
+            # If all points are inside (first is 0), the shortest length is near enough.
             if is_narrow or not first:
                 inside: Floats = point + upper * direction
                 return inside
