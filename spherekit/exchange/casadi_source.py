@@ -179,7 +179,7 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
     # In the written function, the numbers at the input q have a name such as `mode_there`.
     returned = f"{source.mode_argument}_there"
     if source.formulas.step:
-        input_lines = f"    inputs = {texts.inputs}\n"
+        input_lines = f"    inputs = {texts.known_inputs}\n"
         # The written docstring ends with ", and the input at which it has them". The phrase
         # shared with NumPy, where functions have arrays of inputs, says "inputs".
         docstring_end = KNOWN_INPUTS_TEXT.replace("inputs", "the input")
@@ -191,7 +191,7 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
         returned += ", known_input"
     yield CASADI_SMOOTH_MODE_TEMPLATE.format(
         **{**texts.fields, "inputs": input_lines},
-        moved=texts.moved,  # lines that move an input into the range by whole periods
+        moved=texts.shift_lines,  # lines that move an input into the range by whole periods
         returned=returned,
         more=docstring_end,
         first_input=first_input,

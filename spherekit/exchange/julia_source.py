@@ -177,9 +177,11 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
     # Without a closed form, `step` has the terms of a step of Newton's method.
     has_closed_form = not source.formulas.step
     if not has_closed_form:
-        input_lines = f"    inputs = {texts.inputs}\n"
+        input_lines = f"    inputs = {texts.known_inputs}\n"
         returned += ", isnan(q) ? NaN : inputs[interval][k]"
     # `fields` has the other numbers and names that are inserted in the template.
     yield JULIA_SMOOTH_MODE_TEMPLATE.format(
-        **{**texts.fields, "inputs": input_lines}, moved=texts.moved, returned=returned
+        **{**texts.fields, "inputs": input_lines},
+        moved=texts.shift_lines,
+        returned=returned,
     )

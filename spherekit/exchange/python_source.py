@@ -138,11 +138,12 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
     variables from which Newton's method starts. A mode can follow a smooth curve of
     configurations through crossings with other curves. Its places then change at the
     crossings, which divide the range of the input into intervals. The written function
-    returns the places at an input. Without such modes nothing is yielded.
+    returns the places in the interval of its input q. Without such modes nothing is
+    yielded.
 
-    If positions are computed by steps from a known configuration (`formulas.step`), the
-    written function also returns the input of this configuration. `texts.moved` are the
-    lines that move an input outside of the range by whole periods.
+    If positions have no closed form, the places of an interval are the pair variables in a
+    known configuration. The written function then also returns the input of this
+    configuration, from which steps of Newton's method lead to q.
     """
     if source.smooth_modes is None:
         return
@@ -155,14 +156,16 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
     )
     input_lines = ""
     docstring_end = ""
+    # The written function has the local variables `interval` and `mode` (indices), and the
+    # places at q, whose name ends with "_there". Both results are NaN where q is.
     returned = f"np.where(np.isnan(q), np.nan, {source.mode_argument}_there)"
-    if source.formulas.step:
-        input_lines = f"    inputs = np.array(\n        {texts.inputs}\n    )\n"
+    if source.formulas.step:  # the step of Newton's method; empty in closed form
+        input_lines = f"    inputs = np.array(\n        {texts.known_inputs}\n    )\n"
         docstring_end = KNOWN_INPUTS_TEXT
         returned += ", np.where(np.isnan(q), np.nan, inputs[interval, mode])"
     yield PYTHON_SMOOTH_MODE_TEMPLATE.format(
         **{**texts.fields, "inputs": input_lines},
-        moved=texts.moved,
+        moved=texts.shift_lines,
         returned=returned,
         more=docstring_end,
     )

@@ -75,7 +75,10 @@ class Branch(NamedTuple):
 
 
 class RigidBodies(NamedTuple):
-    """A mechanism in one configuration, in ground axes. All bodies have their origin at O.
+    """A mechanism in one configuration, as bodies on the hinges of a tree.
+
+    General engines move such bodies, and close loops by constraints. Vectors have
+    components in ground axes. The origin of each body is the centre O of the sphere.
 
     Attributes
     ----------
@@ -85,9 +88,9 @@ class RigidBodies(NamedTuple):
         Hinges of the tree, depth first, so that each subtree is in one piece. Pinocchio
         assumes this order. After them come hinges of bodies that are no links. Such a body
         replaces the contact of two circles that slide on each other, whose centres keep
-        their distance: it has a hinge at each centre. Its axes are ground axes.
+        their distance: it has a hinge at each centre.
     bodies
-        Body k is the child of hinge k.
+        Body k is the child of hinge k. A body that is no link has ground axes as its own.
     loop_hinges
         The pairs that close loops.
     gear_equations
@@ -98,8 +101,9 @@ class RigidBodies(NamedTuple):
     has_made_up_masses
         Whether the mechanism has no masses and its links were given some.
     light_ends
-        Links without mass that carry no mass in the tree. They were given more inertia than
-        other links without mass, because engines close a loop softly at light bodies.
+        Links without mass that no link with mass follows in the tree. They were given more
+        inertia than other links without mass, because engines close a loop less exactly at
+        a light body.
     """
 
     mechanism: Mechanism
@@ -151,8 +155,8 @@ def construct_rigid_bodies(
     massless_links = {
         link for link in mechanism.links[1:] if not link_inertias.has_mass(link)
     }
-    # Loops are cut between links with mass if that is possible: engines close a loop softly
-    # if a light link closes it.
+    # Loops are cut between links with mass if that is possible: engines close a loop less
+    # exactly if a light link closes it.
     pairs_of_massless_links = [
         pair.name
         for pair in pairs

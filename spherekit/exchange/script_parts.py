@@ -56,27 +56,30 @@ def write_series(
 class SmoothModeTexts:
     """Source code for the function that selects an assembly mode at a given input.
 
-    An assembly mode is one of the ways to assemble the mechanism. It is selected by numbers
-    called places: the signs of its dyads (two links and three R pairs), or pair variables
-    (rad) from which Newton's method starts. If a mode follows a smooth curve of
-    configurations, the places are constant in intervals of the input.
+    An assembly mode is one of the ways to assemble the mechanism. In formulas it is
+    selected by numbers, which are called its places. In closed form they are the signs of
+    its dyads (two links and three R pairs). Otherwise they are the pair variables (rad) of
+    a known configuration, from which Newton's method starts. If a mode follows a smooth
+    curve of configurations, the places are constant in intervals of the input.
 
     Attributes
     ----------
     fields
-        Values of the fields of the template of this function. The arrays ``starts`` (start
-        of each interval) and ``places`` are text in the programming language.
-    inputs
-        Text of an array: for each interval and mode, an input (rad) at which the
-        configuration with these places is known.
-    moved
+        Values of the fields of the template of this function. The arrays ``starts`` (input
+        at which each interval begins), ``places`` and ``inputs`` are text in the
+        programming language.
+    known_inputs
+        The text of ``inputs``. It is an array (intervals, modes): the input (rad) of the
+        known configuration. Newton's method follows the mode from there, so the generated
+        function needs it if there is no closed form.
+    shift_lines
         Lines that move an input by whole periods into the range of the mechanism. Empty if
         configurations do not repeat after a period.
     """
 
     fields: dict[str, Any]
-    inputs: str
-    moved: str
+    known_inputs: str
+    shift_lines: str
 
 
 def smooth_mode_texts(
@@ -84,11 +87,12 @@ def smooth_mode_texts(
 ) -> SmoothModeTexts:
     """Return source code for the function that selects an assembly mode at a given input.
 
-    An assembly mode is one of the ways to assemble the mechanism. It is selected by numbers
-    called places: the signs of its dyads (two links and three R pairs), or pair variables
-    (rad) from which Newton's method starts. If a mode follows a smooth curve of
-    configurations, its places are constant in intervals of the input. The function returns
-    those of the interval of its input.
+    An assembly mode is one of the ways to assemble the mechanism. In formulas it is
+    selected by numbers, which are called its places. In closed form they are the signs of
+    its dyads (two links and three R pairs). Otherwise they are the pair variables (rad) of
+    a known configuration, from which Newton's method starts. If a mode follows a smooth
+    curve of configurations, its places are constant in intervals of the input. The function
+    returns those of the interval of its input.
 
     Parameters
     ----------
@@ -101,9 +105,15 @@ def smooth_mode_texts(
         are only written if configurations repeat after a period of the input.
     """
     fields = source.smooth_mode_fields
-    moved = moved_template.format(**fields) if source.is_periodic else ""
-    texts = {
+    shift_lines = moved_template.format(**fields) if source.is_periodic else ""
+    # Three arrays are written as nested lists in brackets: the input at which each interval
+    # begins, the places, and the input of the known configuration with these places.
+    text_by_name = {
         name: nested_with_nan(fields[name], "[]", nan_literal, infinity_literal)
         for name in ("starts", "places", "inputs")
     }
-    return SmoothModeTexts({**fields, **texts}, texts["inputs"], moved)
+    return SmoothModeTexts(
+        fields={**fields, **text_by_name},
+        known_inputs=text_by_name["inputs"],
+        shift_lines=shift_lines,
+    )

@@ -60,17 +60,20 @@ KINEMATIC_UNITS = ("rad", "", "1/rad")
 def check_sizes_change_no_constants(varied: VariedMechanism) -> None:
     """Check that no constant in explicit formulas would have to change with a size.
 
-    A size is a number of the mechanism file that is an argument of the formulas. It may be
-    one of two kinds:
+    A size is a number of the mechanism file that is an argument of the formulas. There are
+    two kinds that the formulas can have as arguments:
 
-    - an arc, an angle, an axis of a pair or a direction of an output, which is a symbol in
-      the formulas,
-    - a number of a mass or load, for which the formulas contain expressions of the sizes.
+    - an arc, an angle, an axis of a pair or a direction of an output,
+    - a number of a mass or load.
 
-    A size of another kind is refused. Contact profiles are constants in the formulas, so a
-    size on which the profiles depend is refused too. An exception is a mechanism whose
-    contacts of circles are all replaced by links between the centres
-    (`varied.equivalent_linkage`). These links follow every size, and nothing is refused.
+    All other numbers are constants in the formulas, so such a size is refused. Examples are
+    the numbers of contact profiles and the two points by which a file may state the axis of
+    a pair. Contact profiles may also depend on an arc or an angle, which is then refused
+    too. The message for the user names all refused sizes.
+
+    An exception is a mechanism whose contacts of circles are all replaced by links between
+    the centres (`varied.equivalent_linkage`). These links follow every size, and nothing is
+    refused.
 
     Parameters
     ----------
@@ -218,11 +221,12 @@ def _idle_arguments(formulas: Formulas) -> list[str]:
     floor = np.where([unit in KINEMATIC_UNITS for unit in units], MIN_KINEMATIC_SCALE, 0.0)
     scale = np.maximum(np.max(np.abs(np.nan_to_num(values_before)), axis=1), floor)
     noise = _estimate_noise(evaluate, (motion, places, formulas.size_values))
-    # A smaller change of a result can be rounding, by its scale or by its measured noise.
+    # A change of a result that is smaller than this can be rounding. The rounding error is
+    # estimated twice, by the scale of the result and by its noise; the larger one counts.
     least_effect = np.maximum(MIN_RELATIVE_EFFECT * scale, MIN_EFFECT_OVER_NOISE * noise)
     idle_keys = []
     for row, size in enumerate(sizes):
-        changed_design = formulas.size_values  # a new array at each call
+        changed_design = formulas.size_values.copy()
         changed_design[row] += RELATIVE_STEP * (abs(size.value) or 1.0)
         values_after = evaluate(motion, places, changed_design)
         # A result that is NaN before and after has not changed. If it is NaN only once, it

@@ -124,14 +124,15 @@ def _mode_lines(source: Source, position: int, mode: Mode) -> Iterator[str]:
 
 
 def _method_sentences(source: Source) -> str:
-    """Return the sentences on how positions are computed.
+    """Return the sentences on how positions are computed, for the head of a source.
 
     Positions are computed by steps of Newton's method, or in closed form. In closed form,
-    an assembly mode either keeps the signs of its dyads (two links and three R pairs) for
-    all inputs, which is explained here. Or it follows a smooth curve through crossings, so
-    that the signs can change, which `_smooth_mode_sentences` explains.
+    an assembly mode is selected by the signs of its dyads (two links and three R pairs). A
+    mode that keeps its signs for all inputs gets a sentence on this here. For modes that
+    follow smooth curves, whose signs can change, `_smooth_mode_sentences` has it.
     """
     # `step` has the expressions of a step of Newton's method. It is empty in closed form.
+    # The function of the step returns the closure residual, by how much loops are open.
     if source.formulas.step:
         return (
             f"Loops are closed by steps of Newton's method, {source.name}_step, from the "
@@ -139,8 +140,8 @@ def _method_sentences(source: Source) -> str:
             "returns, by how much loops were open (rad), is small."
         )
     method = "Nothing is iterated; results are NaN where the mode does not close."
-    # `smooth` is None if modes keep their signs.
-    if source.formulas.mode_table.smooth is not None:
+    follows_smooth_curves = source.formulas.mode_table.smooth is not None
+    if follows_smooth_curves:
         return method
     return method + (
         " A mode is one side of each dyad: where a dyad is in line at an input, at a "
@@ -149,17 +150,20 @@ def _method_sentences(source: Source) -> str:
 
 
 def _smooth_mode_sentences(source: Source) -> str:
-    """Return the sentences on modes that follow smooth curves through crossings.
+    """Return the sentences on modes that follow smooth curves, for the head of a source.
 
     At a crossing, curves of configurations of different assembly modes meet, as at the
     change point of a four-bar. The sentences say where curves cross, and whether all
     crossings are known. They also say how the generated source stays on one curve:
 
-    - In closed form, it changes the signs of the dyads (two links and three R pairs), which
-      are also called the sides of the dyads.
-    - Otherwise, it starts Newton's method from a known configuration. No crossing is
-      between the input of this configuration and the input that is asked for, because at a
-      crossing Newton's method can change to the other curve.
+    - In closed form, it changes the signs of the dyads (two links and three R pairs). The
+      sign of a dyad tells on which side its middle pair is.
+    - Otherwise, it starts Newton's method from a known configuration. This configuration is
+      chosen so that no crossing is between its input and the requested one. At a crossing
+      Newton's method could change to the other curve.
+
+    If configurations repeat after a period of the input, an input outside of the range is
+    moved by whole periods. If the range is shorter than a period, it may still be outside.
     """
     smooth_modes = source.smooth_modes
     assert smooth_modes is not None

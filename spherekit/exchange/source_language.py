@@ -16,21 +16,24 @@ UNARY_FUNCTIONS = (*CIRCULAR_FUNCTIONS, "sqrt", "exp", "log", "tanh", "cosh", "s
 class Language:
     """The rules by which a programming language writes formulas.
 
-    Formats have the arguments ``{0}``, ``{1}`` or the names given below.
+    Formats are templates of `str.format`: texts with fields in braces, such as ``{0}``.
 
     Attributes
     ----------
     name
         Name of the language.
     operation_formats
-        For each operation of expressions its format, with its arguments.
+        For each operation of expressions its format, with its arguments {0} and {1}.
     assignment_format
         An assignment of the value {1} to the new name {0}.
     table_format
-        A statement that evaluates stored functions and assigns their {columns} values to
-        one array. Stored functions are Chebyshev series, in numbered tables. The statement
-        calls the function of table {k} in the source code of the mechanism {name}, with the
-        value {place} of the only variable.
+        A statement that evaluates a table of stored functions of one variable, which are
+        Chebyshev series, and assigns their values to one array. Its fields are:
+
+        - {k}: number of the table, which is in the name of the function that is called,
+        - {name}: name of the mechanism in the source code, which is in that name too,
+        - {place}: the expression of the variable,
+        - {columns}: number of functions in the table, the length of the array.
     comment_prefix
         Begins the lines of a comment.
     escape_comment

@@ -192,17 +192,20 @@ class Source:
     def smooth_mode_fields(self) -> dict[str, Any]:
         """The values that are inserted in the template of `smooth_function`.
 
-        This function of the generated source selects an assembly mode at an input. It
-        returns numbers called places: the signs of the dyads (two links and three R pairs),
-        or pair variables from which Newton's method starts. The inputs are divided into
-        intervals, at whose ends curves of modes cross. In each interval the places of a
-        mode are constant. Keys of the result are:
+        This function of the generated source selects an assembly mode at an input. The mode
+        follows a smooth curve of configurations, which can cross curves of other modes. The
+        crossings divide the range of the input into intervals.
+
+        The function returns numbers called places, which are constant in an interval. In
+        closed form they are the signs of the dyads (two links and three R pairs). Otherwise
+        they are the pair variables of a configuration that is known in this interval, from
+        which Newton's method starts. Keys of the result are:
 
         - ``name``, ``mode``: names of the function and of the argument that selects a mode,
         - ``low``, ``high``, ``period``: range and period of the input (rad), as text,
         - ``starts`` (intervals,): the input (rad) at which each interval begins,
         - ``places`` (intervals, modes, count): the places,
-        - ``inputs`` (intervals, modes): an input (rad) of a configuration with them,
+        - ``inputs`` (intervals, modes): the input (rad) of the known configuration,
         - ``intervals``, ``modes``, ``count``: the lengths of these axes.
         """
         smooth_modes = self.smooth_modes

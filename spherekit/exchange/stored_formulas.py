@@ -87,10 +87,14 @@ def profile_table(
 ) -> SeriesTable:
     """Return the functions of a contact profile as a stored series.
 
-    A profile is the curve along which the contact point moves on one link. The functions
-    are the tangent and the point (unit vectors), the geodesic curvature k and dk/ds, over
-    the arc length s. Accelerations also contain d2k/ds2, which is added as one more. All
-    are piecewise Chebyshev series of the pair variable that is the arc length.
+    A profile is the curve along which the contact point moves on one link. Its
+    series has eight functions of the arc length s: the components of the tangent and of the
+    point (unit vectors), the geodesic curvature k and dk/ds. A derivative of an expression
+    with dk/ds contains d2k/ds2, so this ninth function is added. All are piecewise
+    Chebyshev series.
+
+    One of the pair variables is an arc length along the profile. It is s apart from a
+    constant, the value of s at which the variable is zero.
 
     Parameters
     ----------
@@ -100,21 +104,22 @@ def profile_table(
         Symbols of all pair variables.
     """
     profile_series = profile.series
-    # The variable that is the arc length, and the arc length at which it is zero.
-    track = profile.track
     series = profile_series.series
+    # The contact profile has the number of its pair variable, and the arc length `start` at
+    # which this variable is zero.
+    contact_profile = profile.track
     # Axes of the coefficients: cells, orders, functions. The last function is dk/ds, so its
     # derivative is d2k/ds2. It has one order less, so a highest coefficient of zero is
     # added.
     last_derivative = series.derivative.coefficients[:, :, -1:]
     padded_derivative = np.pad(last_derivative, ((0, 0), (0, 1), (0, 0)))
     coefficients = np.concatenate([series.coefficients, padded_derivative], axis=2)
-    # The symbols of all these functions in the formulas.
-    terms: Any = (*profile.column_symbols, profile.last_derivative)
+    # The symbols of all these functions in the formulas, d2k/ds2 last.
+    function_symbols: Any = (*profile.column_symbols, profile.last_derivative)
     return SeriesTable(
-        terms=terms,
-        variable=configuration_symbols[track.variable],
-        start=track.start,
+        terms=function_symbols,
+        variable=configuration_symbols[contact_profile.variable],
+        start=contact_profile.start,
         series=PiecewiseChebyshev(series.edges, coefficients),
         length=profile_series.length,
         closed=profile_series.closed,

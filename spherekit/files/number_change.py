@@ -172,12 +172,17 @@ def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPat
     table, name
         Name of the table and of the entry, such as ``"links"`` and ``"2"``. If there is no
         such entry, the result is empty.
+
+    Returns
+    -------
+    For each key, such as ``"links.2.arc"``, the location: a tuple of the keys and indices
+    that lead to the number in the data, such as ``("links", "2", "arcs", 0)``.
     """
     entry: Any = {}
     with suppress(AttributeError, KeyError, TypeError):
         entry = document.data[table][name]
-    # The location of each number by its key, as a tuple of the parts of the key that follow
-    # the name of the entry: ("arcs", "32") for ``links.2.arcs.32``.
+    # The location of each number. The key is stored without table and entry, as the tuple
+    # of its other parts: ("arcs", "32") for ``links.2.arcs.32``.
     path_by_parts: dict[KeyPath, KeyPath] = {}
     # A file may leave out the angles ``zero`` and ``value`` of pairs, which are 0 then.
     # Their keys exist all the same.
@@ -188,7 +193,7 @@ def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPat
     for inner_path, value in values_in(entry if isinstance(entry, Mapping) else {}):
         if isinstance(value, bool) or not isinstance(value, int | float):
             continue
-        # The key that is the location itself.
+        # The first key of a number has the same parts as its location.
         path = (table, name, *inner_path)
         path_by_parts.setdefault(inner_path, path)
         # Further keys. The elements of each array of two numbers get the keys longitude and

@@ -181,10 +181,6 @@ def validator(kind: Kind = "mechanism") -> Any:
     ) -> Iterator[Any]:
         """Yield the errors of the items of an array, as the rule "items" of jsonschema.
 
-        The rule of jsonschema is slow for long arrays of numbers. They are first checked in
-        one pass. Only if this finds a fault, or if there are other items, such as integers
-        (which might be truth values), the rule of jsonschema is applied.
-
         Parameters
         ----------
         validator
@@ -201,12 +197,16 @@ def validator(kind: Kind = "mechanism") -> Any:
         rules = declaration["$defs"].get(name, item_schema)
         low = rules.get("minimum", -math.inf)
         high = rules.get("maximum", math.inf)
-        # Whether the items are numbers, with no other rules than a minimum and a maximum.
+        # The quick check applies if the items are numbers, and the schema has no other
+        # rules for them than a minimum and a maximum.
+        has_other_rules = not set(rules) <= _NUMBER_RULES
         are_plain_numbers = (
             isinstance(array, list)
             and rules.get("type") == "number"
-            and _NUMBER_RULES.issuperset(rules)
+            and not has_other_rules
         )
+        # Only floats pass it. In Python a truth value is an integer too, so integers are
+        # passed to the rule of jsonschema, which tells them apart.
         if are_plain_numbers and all(
             isinstance(number, float) and low <= number <= high for number in array
         ):

@@ -93,7 +93,7 @@ class Start:
         return Start(**state)
 
     def each(self, inputs: Sequence[str]) -> tuple[Floats, Floats]:
-        """Return the variables and the rates of the inputs at the start of a simulation.
+        """Return the variables and the rates of each input at the start of a simulation.
 
         They are the attributes `q` and `dq`, as arrays with one number for each input.
 
@@ -114,10 +114,11 @@ class Start:
         ModelError
             If there is not one number for each input.
         """
-        # `dq` is a number or one number for each input. The single number 0, which is the
-        # default, applies to all inputs.
-        is_at_rest = self.dq == 0.0
-        rates = np.zeros(len(inputs)) if is_at_rest else self.dq
+        # `q` and `dq` are a number, or a tuple with a number for each input. By default the
+        # mechanism is at rest: `dq` is the single number 0, for any number of inputs. There
+        # is no default for `q`. A tuple is never equal to 0.
+        is_default_rate = self.dq == 0.0
+        rates = np.zeros(len(inputs)) if is_default_rate else self.dq
         state = []
         for key, values in (("q", self.q), ("dq", rates)):
             # A single number becomes an array (1,).

@@ -240,14 +240,17 @@ def parse(text: str, name: str) -> Document:
         If the text is not TOML, is too large, has too many keys or values, or is nested too
         deeply.
     """
-    # Refuse texts that are much larger than any mechanism. The counts of "=" and "," are
-    # upper bounds of the numbers of keys and values: strings can contain them too.
+    # Refuse texts that are much larger than any mechanism.
     if len(text) > MAX_BYTES:
         raise FileError(f"{name}: has {len(text)} characters, at most {MAX_BYTES}")
     text = text.replace("\r\n", "\n").removeprefix("\ufeff")
+    # Each part of a dotted key (a.b.c) is a level of nesting. Keys with very many parts are
+    # refused before parsing, whose time grows with the square of their number.
     if long_key := _LONG_KEY.search(text):
         line = text.count("\n", 0, long_key.start()) + 1
         raise FileError(f"{name}:{line}: a key has over {MAX_NESTING} dotted parts")
+    # The counts of "=" and "," are upper bounds of the numbers of keys and values, because
+    # strings can contain these characters too.
     key_count = text.count("=") + len(_HEADER.findall(text))
     if key_count > MAX_KEYS:
         raise FileError(
@@ -274,11 +277,16 @@ def parse(text: str, name: str) -> Document:
         line = text.count("\n", 0, digits.start()) + 1 if digits else 1
         raise FileError(f"{name}:{line}: a value cannot be read: too many digits") from None
 
-    # The nesting of tables and arrays is limited. Items of arrays are no further level.
+    # The nesting of tables and arrays is limited. A path has one part for each key and for
+    # each index in an array. Numbers and texts in an array have an index, but are not a
+    # further level of nesting.
     document = Document(name, text, data)
     for path, value in values_in(data):
-        is_level = isinstance(path[-1], str) or isinstance(value, dict | list)
+        has_key = isinstance(path[-1], str)
+        is_table_or_array = isinstance(value, dict | list)
+        is_level = has_key or is_table_or_array
         if len(path) > MAX_NESTING and is_level:
+            # The message names only the beginning of the long path.
             raise document.fault(
                 path[:3], f"nested too deeply; at most {MAX_NESTING} levels"
             )

@@ -89,12 +89,16 @@ class _KeyScanner:
         """
         # The innermost open bracket with its path, see above.
         bracket, path = self.brackets[-1] if self.brackets else ("", self.table)
-        if bracket == "[" and token[0] not in "],\n#":
+        is_part_of_item = token not in ("]", ",", "\n") and not token.startswith("#")
+        if bracket == "[" and is_part_of_item:
             # An item of an array begins, or continues. `setdefault` keeps the line at which
             # it began.
             self.key_path = path
             self.lines.setdefault(path, self.line)
 
+        # The order of the cases matters. Brackets, commas and ends of lines are treated
+        # first, also within values. All other tokens of values are then skipped, so that
+        # the last cases deal with keys and headers only.
         if token == "\n" and not self.brackets:
             # The end of a line ends a value or a header.
             self.is_value = False
@@ -106,8 +110,9 @@ class _KeyScanner:
             self.brackets.append((token, inner_path))
             self.is_value = False
         elif token in ("]", "}") and self.brackets:
-            # An array or an inline table ends. It was a value, and no key follows it on the
-            # same line, except after a comma.
+            # An array or an inline table ends, and so does a value. `is_value` remains true
+            # because no key can follow at once: the next one comes after a comma or on the
+            # next line.
             self.brackets.pop()
             self.is_value = True
         elif token == "," and self.brackets:

@@ -97,23 +97,24 @@ class ArcLength:
     def _inverse_deviation(self) -> PiecewiseChebyshev:
         """Interpolant of the curve parameter u minus its linear part, as a function of s.
 
-        Here s is the arc length. The linear part is s times the mean of du/ds, and `invert`
-        adds it again. The rest is zero at both ends of the curve.
+        Here s is the arc length. The linear part is s times the mean slope of u over s, and
+        `invert` adds it again. The rest is zero at both ends of the curve, and also zero in
+        between if the speed is constant.
         """
 
         def deviation(s: Floats) -> Floats:
-            """Return u - s du/ds (n, 1), with the mean of du/ds, at arc lengths (n,).
+            """Return u minus s times the mean slope, (n, 1), at arc lengths s (n,).
 
             A panel is a range of the parameter u on which the speed is a Legendre series.
             `edges` are the parameters, and `starts` the arc lengths, at the ends of panels.
             """
-            # Solve the equation s(x) = s on the panel that contains each arc length, where
-            # x from -1 to 1 is the position on the panel. Arc lengths count from its start.
+            # On the panel that contains s, find the position x from -1 to 1 at which the
+            # arc length from the start of the panel has the target value.
             panel = np.searchsorted(self.starts[1:-1], s, side="right")
             target = s - self.starts[panel]
 
             def residual(x: Floats, rows: Indices) -> Floats:
-                """Return the errors of the arc lengths of some rows at positions x."""
+                """Return the arc length from the panel's start to x, minus the target."""
                 return self._evaluate_in_panels(panel[rows], x) - target[rows]
 
             panel_ends = np.ones_like(s)

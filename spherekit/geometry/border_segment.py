@@ -29,7 +29,9 @@ from spherekit.tolerances import EPS
 
 ORDERS = (1, 4, 8, 16)
 """Orders of the polynomials of height. The order of a segment is raised until its area is
-known well enough. Order 1 is the chord itself, for a segment whose border was not found."""
+known well enough. Order 1 is the chord itself, for a segment whose border was not found.
+
+The nodes of each order are among those of the next one, so that heights are used again."""
 
 MAX_HEIGHT_RATIO = 0.4
 """Largest height at the middle of a segment, as a part of its chord. The triangle of a
@@ -145,7 +147,8 @@ class BorderSegments(ArrayRows):
     start, stop
         (n,) numbers of the crossings between which the border runs in the triangle.
     is_leading
-        (n,) False for the second of two segments that meet in a corner of the triangle.
+        (n,) False for a segment that begins at a corner of the border in the triangle. The
+        leading segment of the same triangle ends at this corner.
     is_sound
         (n,) whether the border was found, and no other margin is negative on it. A segment
         that is not sound is its chord.
@@ -186,9 +189,11 @@ class BorderSegments(ArrayRows):
 
         A segment is the border of a region in one triangle of a mesh. The chord is the arc
         of a great circle between its ends. The border beside the chord is given by its
-        height, the angle from the chord to the left, as a polynomial along the chord. The
-        order of a segment is the degree of this polynomial: 1, 4, 8 or 16. Margins are
-        functions that are at least 0 in the region.
+        height, the angle from the chord to the left, as a polynomial along the chord.
+        Margins are functions that are at least 0 in the region.
+
+        The order of a segment is the degree of the polynomial: 1 (the chord), 4, 8 or 16.
+        Here it becomes 4; `raise_order` raises it further.
 
         Parameters
         ----------
@@ -204,13 +209,15 @@ class BorderSegments(ArrayRows):
             Numbers of the points at which the border enters (n,) and leaves (n,) its
             triangle through an edge.
         is_leading
-            (n,) False for the second of two segments that meet in a corner of the triangle.
+            (n,) False for a segment that begins at a corner of the border in the triangle.
+            The leading segment of the same triangle ends at this corner.
         is_searched
             (n,) segments whose border is searched. The others are their chords.
         """
-        # Begin with the chords, which have the height and the area zero and the order 1.
-        # Then search the border beside them at the nodes of the next order. Segments whose
-        # border is not found there are marked as not sound and stay their chords.
+        # Begin with chords, which have order 1, and no height and no area beside them. A
+        # segment is sound if its border was found. This is assumed of all that are
+        # searched, until the search at the nodes of the next order fails. The segment then
+        # stays its chord.
         n = len(margin)
         start, stop = crossings
         segments = BorderSegments(
@@ -243,7 +250,7 @@ class BorderSegments(ArrayRows):
     def _measure(
         self, evaluate: MarginEvaluator, selected: Indices, order: int, height: Floats
     ) -> None:
-        """Set the heights, areas and errors of some segments at a new order.
+        """Set the heights, the areas and their errors of some segments at a new order.
 
         A segment is a piece of the border of a region. Its height over the chord, the arc
         of a great circle between its ends, is a polynomial along the chord, whose degree is
@@ -260,8 +267,9 @@ class BorderSegments(ArrayRows):
             Their new order.
         height
             (k, order + 1) heights (rad) of the border at the nodes, to the left of the
-            chord. NaN if not known yet; these are computed and stored in the array. If the
-            border is not found at a node, the whole segment becomes its chord.
+            chord, NaN if not known yet. The unknown ones are computed, and replace NaN in
+            this array. If the border is not found at a node, the whole segment becomes its
+            chord.
         """
         length = self.length[selected]
         # Borders over very short chords are not searched. The chord is taken for them.
@@ -270,14 +278,16 @@ class BorderSegments(ArrayRows):
         # Compute the heights that are not known yet; each has a segment (row) and a node.
         row, node = np.nonzero(np.isnan(height))
         u = chebyshev_nodes(order)[node]
-        height[row, node], is_sound = self._find_heights(evaluate, selected[row], u)
+        height[row, node], is_at_border = self._find_heights(evaluate, selected[row], u)
 
         def integrate(steps: int) -> Floats:
             """Return the areas (k,) from the heights at `steps` + 1 of the nodes.
 
-            The area between chord and border is the integral of sin(height) over the chord.
-            It counts as negative where the border is to the left of the chord, which takes
-            area away from the region.
+            The area between chord and border is the integral of sin(height) over the chord:
+            on the unit sphere, a strip at the angle a from the chord is narrower than the
+            chord by the factor cos(a), whose integral from 0 to the height is the sine.
+            The area counts as negative where the border is to the left of the chord, which
+            takes area away from the region.
             """
             # The nodes of half the order are every second node of this order.
             node_spacing = order // steps
@@ -286,7 +296,8 @@ class BorderSegments(ArrayRows):
             return -0.5 * length * (sines @ integration_weights(steps))
 
         # The error is the change of the area if half of the nodes are left out, plus
-        # rounding. For a chord that was not searched, the square of its arc is added.
+        # rounding. Beside a very short chord the border was not searched. Its height is
+        # taken to be at most the length of the chord, and so the area at most its square.
         coarse_area = integrate(order // 2)
         area = integrate(order)
         self.error[selected] = (
@@ -295,7 +306,7 @@ class BorderSegments(ArrayRows):
         self.area[selected] = area
         self.order[selected] = order
         self.height[selected, : order + 1] = height
-        self._replace_by_chords(selected[np.unique(row[~is_sound])])
+        self._replace_by_chords(selected[np.unique(row[~is_at_border])])
 
     def _replace_by_chords(self, selected: Indices) -> None:
         """Replace segments (k,) whose border was not found by their chords."""
@@ -375,18 +386,20 @@ class BorderSegments(ArrayRows):
 
         A chord is the arc of a great circle between the ends of a segment of the border. A
         margin is a function of the direction that is at least 0 in the region. One of them
-        is zero on the segment, and no other one may be negative there. The difference
-        between another margin and the zero one is interpolated by a parabola through every
-        three samples, so that a minimum between samples is noticed.
+        is zero on the segment, and no other one may be negative there. A segment with a
+        negative margin is not the border of the region. It is replaced by its chord and
+        marked as not sound.
 
-        A segment with a negative margin is not the border of the region in its triangle. It
-        is marked as not sound, and its chord stands for the border then.
+        The difference between another margin and the zero one is tested at samples along
+        the segment. On the exact border, it is equal to the other margin. A parabola
+        through every three samples shows a minimum between them.
         """
         u = np.linspace(-1.0, 1.0, AUDIT_STEPS + 1)
         # The height of a segment, an angle to the left of its chord, is a polynomial along
-        # the chord. In new segments its degree is 4, the second of the possible `ORDERS`.
-        nodes_to_samples = interpolation_matrix(ORDERS[1], u)
-        height = self.height[selected, : ORDERS[1] + 1] @ nodes_to_samples.T
+        # the chord. In new segments its degree is 4, and its values at 5 nodes are stored.
+        order = ORDERS[1]
+        nodes_to_samples = interpolation_matrix(order, u)
+        height = self.height[selected, : order + 1] @ nodes_to_samples.T
         values = evaluate(self._points_at(selected, u, height).reshape(-1, 3))
         zero_margin = select_margins(values, np.repeat(self.margin[selected], len(u)))
         excess = (values - zero_margin[:, None]).reshape(
@@ -398,13 +411,14 @@ class BorderSegments(ArrayRows):
         second_difference = before - 2.0 * middle + after
         slope = 0.5 * (after - before)
         with np.errstate(all="ignore"):
-            # Position of the extremum, in steps from the middle sample. If it is a maximum,
-            # the middle sample is lower, and the minimum of both is taken.
+            # Position of the extremum of the parabola, in steps from the middle sample, and
+            # the value there. Beyond the neighbouring samples it does not count.
             extremum = -slope / second_difference
-            lowest = np.where(
+            extreme_value = np.where(
                 np.abs(extremum) < 1.0, middle + 0.5 * slope * extremum, middle
             )
-            is_negative = np.minimum(lowest, middle) < -evaluate.rounding_errors
+            # The extremum may be a maximum; the middle sample is the smaller value then.
+            is_negative = np.minimum(extreme_value, middle) < -evaluate.rounding_errors
         self._replace_by_chords(selected[np.any(is_negative, axis=(1, 2))])
 
     def _points_at(self, selected: Indices, u: Floats, height: Floats) -> Floats:
@@ -438,13 +452,17 @@ class BorderSegments(ArrayRows):
         segment_index
             (m,) index in `selected` of the segment of each node.
         """
-        # The highest order has 17 nodes. Those of a lower order are every second, fourth or
-        # sixteenth of them.
-        spacing = ORDERS[-1] // self.order[selected, None]
-        segment_index, node = np.nonzero(np.arange(ORDERS[-1] + 1) % spacing == 0)
+        # The highest order, 16, has 17 nodes. The orders 8, 4 and 1 have every second,
+        # fourth and sixteenth of them.
+        highest_order = ORDERS[-1]
+        spacing = highest_order // self.order[selected]
+        is_node = np.arange(highest_order + 1) % spacing[:, None] == 0
+        segment_index, fine_node = np.nonzero(is_node)
+        # `fine_node` counts the nodes of the highest order, `node` those of the segment.
+        node = fine_node // spacing[segment_index]
         segment = selected[segment_index]
-        height = self.height[segment, node // spacing[segment_index, 0]]
-        u = chebyshev_nodes(ORDERS[-1])[node]
+        height = self.height[segment, node]
+        u = chebyshev_nodes(highest_order)[fine_node]
         return self._points_at(segment, u, height), segment_index
 
     def polyline(self, chain: Indices) -> Floats:
@@ -458,11 +476,14 @@ def find_nearest_point(
 ) -> Floats:
     """Return the point of a border that is nearest to a direction.
 
-    The border consists of segments. Beside the chord, the arc of a great circle between the
-    ends of a segment, the border is given by its height, an angle to the left, as a
-    polynomial along the chord. Segments that can contain the nearest point are given the
-    highest degree. There the nearest point is an end, or the slope of the cosine of the
-    distance is zero. Of segments whose border was not found only the ends are considered.
+    The border consists of segments. The chord of a segment is the arc of a great circle
+    between its ends. The height of the border, its angle to the left of the chord, is a
+    polynomial along the chord. The order of a segment is the degree of this polynomial.
+
+    Segments that can contain the nearest point are raised to the highest order. The nearest
+    point is the end of a segment, or a point at which the slope of the cosine of the
+    distance is zero. If the border of a segment was not found, only its ends are
+    considered.
 
     Parameters
     ----------
@@ -478,10 +499,12 @@ def find_nearest_point(
     (3,) unit vector.
     """
     # A segment is nearby if it may contain a point that is nearer than the nearest end of
-    # all segments. Each of its points is nearer to one of its ends than the chord is long.
+    # all segments. Each point of a segment has a distance from one of its ends that is less
+    # than the length of the chord. By the triangle inequality, no point is nearer than the
+    # distance of the nearer end minus this length.
+    end_distance = np.min(arc(segments.ends, direction), axis=1)
+    nearby = segments.rows(end_distance - segments.length <= np.min(end_distance))
     # `is_sound` tells whether the border was found.
-    distance = np.min(arc(segments.ends, direction), axis=1)
-    nearby = segments.rows(distance - segments.length <= np.min(distance))
     while np.any(is_coarse := nearby.is_sound & (nearby.order < ORDERS[-1])):
         nearby.raise_order(evaluate, np.flatnonzero(is_coarse))
 
@@ -495,7 +518,8 @@ def find_nearest_point(
         height = nearby.height[segment] @ interpolation_matrix(ORDERS[-1], u).T
         (extremal_points,) = nearby._points_at(segment, u, height)
         candidates.append(extremal_points)
-    # Candidates outside the region are left out, unless all are.
+    # The polynomials are approximate, so that their points can be outside of the region.
+    # Candidates outside are left out, unless all are.
     points = np.concatenate(candidates)
     tolerance = BORDER_TOLERANCE_FACTOR * np.max(evaluate.rounding_errors)
     is_inside = smallest_margins(evaluate(points)) >= -tolerance
