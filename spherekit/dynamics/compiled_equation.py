@@ -198,15 +198,12 @@ def compile_equation(
     was_compiled = True
 
     def compile_now() -> CompiledEquation:
-        """Compile the equation of motion, because the cache does not have it.
+        """Derive and compile the equation of motion, because the cache does not have it.
 
-        It is derived for `common_mechanism`, whose torque tables and joint limits have
-        arbitrary numbers. Mechanisms that differ only in these numbers share the equation;
-        their own numbers are set before each simulation. `step_tolerance` is the tolerance
-        after its limitation.
-
-        Compiled code cannot be pickled. A pickle contains the arguments of this call of
-        `compile_equation` instead, which is called with them when the pickle is loaded.
+        The numbers of torque tables and joint limits are parameters of the equation, which
+        are set before each simulation. In `common_mechanism`, for which the equation is
+        derived, they have arbitrary values. So mechanisms that differ only in these numbers
+        share one compiled equation.
         """
         nonlocal was_compiled
         was_compiled = False
@@ -217,6 +214,9 @@ def compile_equation(
             expressions = derive_multi_dof_equation(
                 common_mechanism, values, input_variables
             )
+        # Compiled code cannot be pickled. A pickle contains these arguments instead, and
+        # loading it calls `compile_equation` with them. This call limits the tolerance
+        # again, so it gets the tolerance as the user gave it.
         arguments = EquationArguments(
             mechanism=mechanism,
             tolerance=tolerance,
@@ -245,19 +245,32 @@ def estimate_compile_seconds(
 
     The estimate was fitted to the shipped mechanisms with up to ten loads, on one core.
     Actual times are between half and twice as long. Machine code that heyoka has stored on
-    disk takes less and is not noticed. The parameters are those of `compile_equation`.
+    disk takes less and is not noticed.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism with its loads.
+    tolerance
+        Error of each step of the integration, relative to the largest element of the state.
+    compact
+        Whether to use heyoka's compact mode, which compiles faster and runs slower.
+    coordinates
+        With several degrees of freedom the R pairs whose variables are the coordinates.
 
     Raises
     ------
     EngineError
-        If heyoka is not installed, or a profile cannot be compiled.
+        If heyoka is not installed, or the profile of a contact cannot be compiled.
     """
+    # Raise the errors that compiling would raise: for loads and profiles that cannot be
+    # compiled, and if heyoka is not installed. The results are not needed.
     _check_expressible(mechanism)
-    # These calls raise the errors that compiling would raise: for profiles that cannot be
-    # compiled, and if heyoka is not installed.
     pair_rotations(mechanism)
     if not available():
         heyoka()
+    # Look for the equation in the cache, where it is stored for the mechanism without the
+    # numbers of torque tables and joint limits. These are set before each simulation.
     step_tolerance = _limit_tolerance(tolerance, coordinates)
     common_mechanism = _remove_run_data(mechanism, coordinates)
     if FUNCTION_CACHE.has(common_mechanism, _cache_key(mechanism, step_tolerance, compact)):

@@ -125,8 +125,9 @@ def compute_modes_at_inputs(
         (n, inputs) angles of the inputs with any number of whole turns, rad.
     assembly_mode, search
         The assembly mode to compute, or None for all of them, and whether modes other than
-        that of the reference pose are searched for. They apply to analyses that are made
-        here, not to a given one that is sufficient.
+        that of the reference pose are searched for. They have no effect if a position
+        analysis is given and its range suffices. All modes of this analysis are returned
+        then.
 
     Returns
     -------

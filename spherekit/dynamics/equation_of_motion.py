@@ -217,7 +217,10 @@ class EquationOfMotion:
     """
 
     def __init__(self, mechanism: Mechanism, closure: Closure, freedoms: int = 1) -> None:
-        """Assign the positions of variables, momenta and works in a state.
+        """Assign the positions of the quantities in a state.
+
+        A state is one array: first the pair variables, then m momenta, then the work that
+        each load has done.
 
         Parameters
         ----------
@@ -308,17 +311,20 @@ class EquationOfMotion:
         frame
             With several degrees of freedom, (m, variables) or (n, m, variables): the
             weights of the pair variables in each coordinate. With one degree of freedom it
-            only decides to which direction the tangents point. A frame (n, 1, variables)
-            has a vector for each row, with which the tangent makes an acute angle. A frame
-            (1, variables) has such a vector for the first row only. Each further tangent
-            then makes an acute angle with that of the row before.
+            only decides to which direction the tangents point:
+
+            - (n, 1, variables), for rows in any order: each tangent makes an acute angle
+              with the vector of its row.
+            - (1, variables), for rows in order along the motion: the first tangent makes
+              an acute angle with this vector, and each further one with that of the row
+              before.
         order
             Order of the derivatives, 1 or 2.
         """
         if self.freedoms > 1:
             return motion_by_combinations(self.closure, values, frame, order)
         motion = motion_by_arc_length(self.closure, values, order)
-        if frame.ndim == 2:
+        if frame.ndim == 2:  # a vector for the first row only
             tangents = motion.rates[:, 0]
             return motion.with_senses(continuous_signs(tangents, frame[0]))
         cosines = np.sum(frame * motion.rates, axis=(1, 2))
@@ -355,7 +361,8 @@ class EquationOfMotion:
         states
             (n, states) in each row the pair variables (rad), the m momenta p = R u, and the
             works of the loads (J). u are the rates of m coordinates. R is the symmetric
-            square root of the inertia matrix M = R R.
+            square root of the inertia matrix M = R R. With one degree of freedom, p is
+            constant if no load acts, while u is not.
         frame
             (m, variables) or (n, m, variables) weights of the pair variables in each
             coordinate; see `compute_motion`. With one degree of freedom and a frame
@@ -379,6 +386,8 @@ class EquationOfMotion:
         roots = InertiaRoots.from_inertia(M)
         # The rates u of the coordinates, from p = R u.
         speed = roots.solve(momenta)
+        # Without `masses` there is one degree of freedom. These forces cancel with another
+        # term in the rate of p then, so they are not needed.
         coriolis_forces = coriolis(masses.dM, speed) if masses else np.zeros_like(momenta)
         # Only loads, such as springs, depend on whole turns.
         motion = replace(motion, values=motion.values + whole_turns)

@@ -119,12 +119,12 @@ class Loads:
         """
         velocities = np.zeros((*motion.rates.shape[:2], len(self.components)))
         for index, component in enumerate(self.components):
-            # A component at a pair works on the rate of the pair. A component on links
-            # works on their angular velocities.
             if component.pair:
                 velocities[..., index] = self._pair_rate(motion.rates, component.pair)
+            # A component that acts at a pair has no forces and moments on links.
             for wrench in self.unit_wrenches(component, motion.rotations):
-                # Moments are about the centre, which is at rest, so they do all the work.
+                # All links rotate about the centre. The work of a force on a link is
+                # therefore that of its moment about the centre.
                 work = motion.w[:, :, wrench.link] @ wrench.moment[..., None]
                 velocities[..., index] += work[..., 0]
         return velocities

@@ -60,44 +60,46 @@ def of_parts(parts: Floats, status: SmallIntegers) -> SmallIntegers:
     return np.where(np.isfinite(parts), np.int8(Status.OK), status[:, None])
 
 
-def judged(
+def mark_unknown_torques(
     status: SmallIntegers,
     masses: Inertia,
     forces: Floats,
     torques: Floats,
     rates: Floats,
-    locked: Bools | bool,
+    has_unknown_friction: Bools | bool,
 ) -> SmallIntegers:
-    """Return the status of torques, and replace unknown entries of arrays by NaN.
+    """Set unknown torques and their parts to NaN in place, and return the status.
 
-    The arrays are changed in place. Entries that are known keep their numbers even if the
-    torques of the row are unknown:
+    Entries that are known keep their numbers even if the torques of the row are unknown:
 
     - Inertia does not depend on loads. It is known in rows in which a load is not finite,
-      or in which bearings lock.
+      or in which the friction is not determined.
     - If one load is not finite, the other loads of the row are known.
 
     Parameters
     ----------
     status
         (n,) status of the rates.
-    masses, forces, torques
+    masses
         Contributions of links to the inertia matrix M (`M_parts`) and to its derivatives
-        (`dM_parts`), (n, m, loads) generalised forces and (n, m) torques. Unknown entries
-        of these arrays are set to NaN in place.
+        (`dM_parts`). Its arrays are changed.
+    forces
+        (n, m, loads) generalised forces at m inputs. The array is changed.
+    torques
+        (n, m) torques. The array is changed.
     rates
         (n, m) rates of the inputs.
-    locked
+    has_unknown_friction
         (n,) whether the friction of bearings is not determined.
 
     Returns
     -------
-    (n,) the status, with NOT_CONVERGED for locked bearings and OVERFLOW if a torque or a
+    (n,) the status, with NOT_CONVERGED for unknown friction and OVERFLOW if a torque or a
     power is not finite.
     """
     has_rates = status == Status.OK
     status = status.copy()
-    status[has_rates & locked] = Status.NOT_CONVERGED
+    status[has_rates & has_unknown_friction] = Status.NOT_CONVERGED
     with np.errstate(over="ignore", invalid="ignore"):
         powers = np.einsum("ni,nil->nl", rates, forces)
     # (n, loads): whether power and forces of a load are numbers.
@@ -304,7 +306,8 @@ def inverse_dynamics(
         (k,) increasing times, s.
     input_pair, assembly_mode, search
         Name of the driven pair, number of the assembly mode (None for all), and whether all
-        modes are searched for, as in `spherekit.trace`. They have no effect on a rotation.
+        modes are searched for, as in `spherekit.trace`. They have no effect if `law` is a
+        rotation of an output, which has its own inputs and mode.
 
     Raises
     ------
@@ -325,6 +328,7 @@ def inverse_dynamics(
         raise SolveError(
             f"{mechanism.name}: the times (k,) of samples must be finite and increase"
         )
+    # Without masses and loads every torque is zero, which is taken for an error.
     need_terms(mechanism)
     if isinstance(law, TimeScaling):
         return needed_torques(_motion_of_rotation(mechanism, law, t))
@@ -381,25 +385,25 @@ def _driven(
     return mechanism.with_inputs(*driven_pairs), laws
 
 
-def _motion_of_rotation(mechanism: Mechanism, scaling: TimeScaling, t: Floats) -> Motion:
+def _motion_of_rotation(mechanism: Mechanism, schedule: TimeScaling, t: Floats) -> Motion:
     """Return the motion of a mechanism that rotates an output about a fixed axis.
 
     Parameters
     ----------
     mechanism
         The mechanism with the output.
-    scaling
+    schedule
         The rotation, with its angle as a function of time. It also has the inputs and the
         configurations that belong to each angle.
     t
         (n,) times, s.
     """
-    # The schedule at these times: names, values, rates and accelerations of the inputs, and
-    # the angle theta (rad) of the rotation.
-    samples = scaling.at(t)
-    # The rotation has the closed configuration of each angle. The position analysis only
-    # arranges them as rows of a motion, so it does not follow assembly modes.
-    configurations = scaling.rotation.at(samples.theta).values
+    # At these times: names, values, rates and accelerations of the inputs, and the angle
+    # theta (rad) of the rotation.
+    samples = schedule.at(t)
+    # The rotation has the pair variables at each angle, so no assembly modes are searched
+    # (follow=False). The position analysis makes a motion from these configurations.
+    configurations = schedule.rotation.at(samples.theta).values
     position_analysis = PositionAnalysis(
         mechanism.with_inputs(*samples.names), follow=False
     )
@@ -410,6 +414,7 @@ def _motion_of_rotation(mechanism: Mechanism, scaling: TimeScaling, t: Floats) -
         status=samples.status,
         timing=Timing(t, samples.rates, samples.accelerations),
     )
+    # Angles are continued over full turns, because loads such as springs depend on them.
     return unwrap_motion(motion, position_analysis.angle_unwrapping)
 
 
@@ -513,13 +518,13 @@ def balancing(
         total_forces = np.sum(forces, axis=2)
         torques = driving_torques(masses.M, masses.dM, total_forces, timing.dq, timing.ddq)
     # This also replaces unknown entries of the arrays by NaN.
-    status = judged(
+    status = mark_unknown_torques(
         rate_status,
         masses=masses,
         forces=forces,
         torques=torques,
         rates=timing.dq,
-        locked=locked,
+        has_unknown_friction=locked,
     )
     return InverseSolution(
         mechanism=mechanism,

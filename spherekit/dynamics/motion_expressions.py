@@ -79,10 +79,11 @@ class EquationLayout:
         self.table_names = [
             load.name for load in mechanism.loads if isinstance(load, TorqueTable)
         ]
-        # Positions of the parameters, in this order:
+        # The parameters are numbered from 0, in this order:
         # - the whole turns by which each variable is reduced,
         # - the unit of momentum and its reciprocal,
-        # - the limit below which the loop-closure equations count as dependent,
+        # - the limit below which the loop-closure equations count as dependent. It can be
+        #   changed without compiling the equation again,
         # - a lower and an upper value per joint limit,
         # - the time at which the current interval of the torque tables begins, and a value
         #   and a slope per table,
@@ -113,15 +114,19 @@ class EquationLayout:
     def make_load_state(
         self, coordinate_rates: CoordinateRates, variable_rates: Sequence[Expr]
     ) -> LoadState:
-        """Return the symbols of the motion on which loads depend.
+        """Return the expressions and symbols of the motion on which loads depend.
+
+        The magnitude of a load, such as a spring or a damper, depends on the values and
+        rates of variables. Its generalised force also depends on the rates of variables
+        and the angular velocities of links per unit rate of each coordinate.
 
         Parameters
         ----------
         coordinate_rates
-            The rates of all variables (`tau`) and angular velocities of all links (`w`) per
-            unit rate of each coordinate. They are in homogeneous form: times the
-            determinant of the velocity equations, so that they contain no division. It also
-            has the orientations of all links (`placed`).
+            For each coordinate the rates of all variables (`tau`) and the angular
+            velocities of all links (`w`), times the determinant of the velocity equations.
+            This factor removes divisions. It also has the orientations of all links
+            (`placed`).
         variable_rates
             Rates of the variables by time.
         """
@@ -168,14 +173,15 @@ class EquationExpressions:
     homogeneous_rates
         For each coordinate the rates of all variables per unit rate of the coordinate,
         times the determinant of the velocity equations. This factor removes divisions, so
-        that the rates stay finite where the coordinate does not determine the motion.
+        that the rates stay finite where the coordinate does not determine the motion. A
+        simulation takes the direction of its configuration curve from them.
     independence
         Measure of the independence of the loop-closure equations. It is zero at
         configurations in which these equations depend on each other, which is where curves
         of configurations cross.
     events
-        Events at which a run ends or changes its coordinates, without those of joint limits
-        and of loads that change abruptly.
+        Events at which a run ends, or continues with other pair variables as coordinates.
+        Those of joint limits and of loads that change abruptly are not among them.
     load_state
         Symbols that expressions of loads contain: variables, rates, orientations of links
         and the time.

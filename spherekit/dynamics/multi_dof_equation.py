@@ -169,9 +169,10 @@ def _derive_events(
     - The choice of other coordinates, where the rates of the variables per unit rates of
       the coordinates become too large.
 
-    The integrator controls its error relative to the largest of the state and of all event
-    functions. Functions of rates are therefore divided by `MAX_RATE_SQUARES`, the greatest
-    sum of squared rates before other coordinates are chosen.
+    A function can be divided by a constant, which does not move its zeros. The integrator
+    controls its error relative to the largest of the state and of all event functions, so
+    a large function would make the state inaccurate. Functions of rates are divided by
+    `MAX_RATE_SQUARES`, the sum of squared rates at which other coordinates are chosen.
 
     Parameters
     ----------
@@ -190,6 +191,7 @@ def _derive_events(
     # Sum of the squares of all rates per unit rate of each coordinate.
     rate_squares = sum((dot(rates, rates) for rates in tau), 0.0)
     rate_squares = rate_squares * inverse_scale * inverse_scale
+    # sense=-1: only a change from positive to negative is an event.
     events = [
         EventFunction(independence - layout.min_independence, "singularity", sense=-1),
         EventFunction(
@@ -204,6 +206,8 @@ def _derive_events(
         if has_variables(input_rates):
             for _ in input_variables:
                 input_rates = input_rates / coordinate_rates.scale
+            # As long as the squares of all rates sum to MAX_RATE_SQUARES at most, this
+            # function stays below 1 with two inputs, and below 4 with three.
             event = EventFunction(input_rates * (1.0 / MAX_RATE_SQUARES), "type_2")
             events.insert(0, event)
     return events
