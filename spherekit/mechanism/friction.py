@@ -95,7 +95,7 @@ class Bearings(BearingFriction):
         """Return the forces on the bearings.
 
         Their moment about the centre is the moment that the pair transmits, and their sum
-        is the force that it transmits. Without `forces` they are those of the couple alone.
+        is the force that it transmits. Without `forces`, the force is taken to be zero.
 
         Parameters
         ----------
@@ -107,13 +107,14 @@ class Bearings(BearingFriction):
         Returns
         -------
         (..., bearings, 3) forces (N) in pair axes, whose z axis is the axis of the pair.
-        The component along the axis is NaN if forces are given and `axial` is not stated.
+        The z component is unknown (NaN) if forces are given, and the load does not state
+        which share of the axial force each bearing supports.
         """
         # A force P at the distance h along z has the moment (-h P_y, h P_x, 0). The vector
         # (M_y, -M_x, 0) is therefore the sum of h P over all bearings.
         force_times_distance = moments[..., [1, 0, 2]] * [1.0, -1.0, 0.0]
         first, *others = self.positions
-        # The part of the force across the axis. A couple has none.
+        # The part of the force across the axis.
         if forces is None:
             radial_force = 0.0 * force_times_distance
         else:
@@ -130,8 +131,8 @@ class Bearings(BearingFriction):
             ]
         else:
             loads = [force_times_distance / first]
-        # Along the axis each bearing supports its share of the force. Without stated shares
-        # the component is NaN.
+        # Along the axis each bearing supports its share (0 to 1) of the force. A bearing
+        # with the share 0 has the component 0 even if the force is not finite.
         if forces is not None:
             shares = self.axial or (np.nan,) * len(loads)
             for load, share in zip(loads, shares, strict=True):
@@ -206,12 +207,12 @@ class Bearings(BearingFriction):
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class ContactFriction(BearingFriction):
-    """Coulomb friction of a sliding contact, which follows from its push.
+    """Coulomb friction of a sliding contact, which follows from its normal force.
 
-    A contact at the distance r from the centre of the sphere has a normal force N and a
-    friction force. Their moments about the centre are the push r N (N m) and the friction
-    (N m). The friction is the coefficient times the push. It acts against the rate v
-    (rad/s) at which the second link slides along the first, and is smoothed by
+    All forces are described by their moments about the centre of the sphere. A normal force
+    N at the distance r from the centre has the moment r N (N m), which is called the push.
+    The moment of the friction force is the coefficient times the push. It acts against the
+    rate v (rad/s) at which the second link slides along the first, and is smoothed by
     tanh(v / speed). The sliding velocity at the contact is r v.
 
     Attributes
@@ -243,14 +244,16 @@ class ContactFriction(BearingFriction):
         """Return the push (..., 1, 3), N m, from the moments (..., 3) of the contact.
 
         The force along the normal has a moment about the centre along the tangent, which is
-        the first axis of the pair. The push is this part of the moment.
+        the first axis of the pair. The push is this part of the moment. The axis of length
+        1 is there because other pairs have several bearings.
         """
         return (moments * [1.0, 0.0, 0.0])[..., None, :]
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
         """Return one component, whose magnitude is -tanh(v / speed).
 
-        Other code multiplies it by the friction (N m): the coefficient times the push.
+        It is later multiplied by the coefficient times the push (N m), because the push is
+        known only when the reactions are.
         """
         if not self.friction_coefficient > 0.0:
             return (LoadComponent(parse("0", [])),)

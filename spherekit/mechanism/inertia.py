@@ -155,8 +155,8 @@ def check_mass(mass: Mass) -> None:
     ------
     ModelError
         If the tensor is not symmetric, has a negative principal moment, or one that
-        exceeds the sum of the two others; if the mass is not positive; if the tensor is
-        smaller than that of the mass at its centre.
+        exceeds the sum of the two others. If the mass is not positive. If the tensor about
+        the centre of mass, which follows from these data, is not that of a body.
     """
     key = f"mass.{mass.link}"
     if mass.mass is not None:

@@ -182,7 +182,7 @@ class Joint(ABC):
     def evaluate_states(cls, joints: Sequence[Self], values: Floats) -> PairStates:
         """Return the frames and curvatures of m pairs of one kind at n samples.
 
-        This method is for contacts, and the class of R pairs replaces it. The states of a
+        This method is for contacts. The class of R pairs has another one. The states of a
         contact also tell whether the contact point is between the ends of both profiles
         (`inside`).
 
@@ -193,7 +193,8 @@ class Joint(ABC):
         values
             (n, m, k) the k variables of each contact, rad. A variable that is not finite is
             replaced by a finite number, because curves are defined at finite arc lengths
-            only. The states of this contact have no meaning in that sample.
+            only. The states of this contact have no meaning in that sample, so the caller
+            must not use them.
         """
         states = PairStates.blank(len(values), len(joints))
         frames = (states.first, states.second)
@@ -202,6 +203,7 @@ class Joint(ABC):
             # The profile of the first link is side 0, that of the second side 1. The frame
             # of the contact in each link is the moving frame of its curve there.
             for side, profile in enumerate(joint.contact_profiles):
+                # `start` is the arc length at which the variable is zero.
                 arc_lengths = finite_values[:, k, profile.variable] + profile.start
                 point = profile.curve.evaluate(arc_lengths)
                 frames[side][:, k] = point.frame
@@ -290,12 +292,21 @@ class Revolute(Joint):
 
     @classmethod
     def evaluate_states(cls, joints: Sequence[Self], values: Floats) -> PairStates:
-        """Return the states of R pairs: frames A_first = first Z(v) and A_second = second.
+        """Return the frames of m R pairs in both of their links, at n samples.
 
-        Z(v) is the rotation by the variable v (rad) about the axis z. `values` (n, m, 1)
-        are the variables of m pairs at n samples.
+        A pair has a constant frame in each link, whose z axis is the axis of the pair. The
+        frame in the first link is rotated about this axis by the variable v of the pair, so
+        that both frames coincide in space when the loops are closed.
+
+        Parameters
+        ----------
+        joints
+            The m pairs.
+        values
+            (n, m, 1) variables v of the pairs, rad.
         """
         states = PairStates.blank(len(values), len(joints))
+        # x, y and axis (m, 3) are the columns of the constant frames in the first links.
         (x, y, axis), second = _stacked_frames(tuple(joints))
         c = np.cos(values)
         s = np.sin(values)

@@ -162,8 +162,8 @@ def find_contact_lengths(
         Curves of the first and the second profile of the pair. Link axes coincide in the
         reference pose.
     profile_gap
-        Largest angle (rad) of the rotation between the moving frames of the two curves with
-        which they count as touching.
+        The curves count as touching if a rotation by less than this angle (rad) leads from
+        one moving frame to the other.
 
     Returns
     -------
@@ -175,6 +175,9 @@ def find_contact_lengths(
         If the most similar moving frames differ by a larger angle.
     """
     lengths, gap = nearest_frames(*curves)
+    # If the links are on different sides of the common tangent (an external contact), the
+    # second curve was reversed. With the wrong `contact` in the file, the tangents are
+    # opposite where the profiles touch, and the frames differ by 180 deg.
     if not gap < profile_gap:
         raise ModelError(
             f"{mechanism.name}: pairs.{pair.name}: the profiles do not touch in the "

@@ -270,7 +270,11 @@ class Load(ABC):
 
 
 class BearingFriction(Load):
-    """Base class of friction at a pair that follows from the reaction of that pair."""
+    """Base class of friction at a pair that follows from the reaction of that pair.
+
+    An R pair has friction in its bearings. A contact has friction in proportion to the
+    moment of its normal force about the centre of the sphere, which is called the push.
+    """
 
     pair: str
 
@@ -279,8 +283,8 @@ class BearingFriction(Load):
     def friction_coefficient(self) -> float:
         """The friction (N m) divided by the sum of the sizes of the `supported_loads`.
 
-        These are forces on bearings (N), so that it is a length (m), or the moment of the
-        push of a contact (N m), so that it has no unit.
+        For bearings, which support forces (N), it is a length (m). For a contact, whose
+        push is a moment (N m), it has no unit.
         """
 
     @property
@@ -295,20 +299,21 @@ class BearingFriction(Load):
     def supported_loads(self, moments: Floats, forces: Floats | None = None) -> Floats:
         """Return the loads on the bearings of the pair, or on the contact.
 
-        The friction torque at the pair is the sum of the sizes of these vectors, times the
-        `friction_coefficient`.
+        The friction torque (N m) at the pair is the sum of the sizes of these vectors,
+        times the `friction_coefficient`. Each kind of friction has its own implementation.
 
         Parameters
         ----------
         moments
             (..., 3) moment about the centre (N m) that the pair transmits, in pair axes.
         forces
-            (..., 3) force through the centre (N) that it transmits, in pair axes.
+            (..., 3) force through the centre (N) that it transmits, in pair axes. None if
+            only the moment counts.
 
         Returns
         -------
-        (..., k, 3) loads in pair axes: the forces (N) on k bearings, or the moment (N m) of
-        the push of a contact, with k = 1.
+        (..., k, 3) loads in pair axes: the forces (N) on the k bearings of an R pair. For a
+        contact, k is 1, and the load is the moment (N m) of its normal force.
         """
 
 

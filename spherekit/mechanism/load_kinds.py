@@ -118,15 +118,16 @@ class Gravity(Load):
             )
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
-        """Return one component: the weights of all moving links as moments on the links.
+        """Return one component: the weights of all moving links.
 
-        A component is an expression for its magnitude, here "1", with moments that are
-        multiplied by it.
+        A component has a magnitude, here the number 1, which multiplies its forces and
+        moments on links.
         """
         weights = []
         for mass in mechanism.masses:
             if mass.link != mechanism.ground:
-                # The weight acts at the centre of mass.
+                # A `LinkMoment` with an arm is the force `direction`, which acts at the
+                # point `arm` of the link, here the centre of mass.
                 x, y, z = (mass.mass * component for component in self.acceleration)
                 weights.append(
                     LinkMoment(
@@ -144,8 +145,7 @@ class Gravity(Load):
 class PointForce(Load):
     """A force on a link, at a point that is fixed in the link.
 
-    The reaction acts on the ground. `field_kinds` says what the fields contain, which
-    readers of files need.
+    The reaction acts on the ground.
 
     Attributes
     ----------
@@ -163,6 +163,8 @@ class PointForce(Load):
     """
 
     kind = "force"
+    # What the fields contain, for readers of files: "texts" are expressions, and "axes" is
+    # the word "ground" or "link".
     field_kinds = MappingProxyType(
         {"link": "link", "point": "vector", "force": "texts", "axes": "axes"}
     )
@@ -236,7 +238,10 @@ class Spring(Load):
     """
 
     kind = "spring"
+    # The base class inserts the fields and makes an expression of the text.
     torque_template = "-{stiffness}*(theta_{pair} - {rest})"
+    # What the fields contain, for readers of files: the name of a pair, a number with this
+    # unit, and an angle.
     field_kinds = MappingProxyType(
         {"pair": "pair", "stiffness": "N m/rad", "rest": "angle"}
     )

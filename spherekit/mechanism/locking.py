@@ -43,8 +43,11 @@ def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mecha
     The new link has the name of the ground, of the link with contacts, or of the first link
     of the pair, in this order. Masses, loads and outputs of the other link are moved to it.
     Loads and joint limits at the pair are removed, and so are an input at it and outputs
-    between both links. A mechanism given in a reference pose is described by arcs and
-    angles if a pair is locked at another value than it has there.
+    between both links.
+
+    A mechanism can be given by the axes of its pairs in a reference pose. If a pair is
+    locked at another value than it has there, this pose is impossible afterwards. The
+    result is then given by the arcs and angles of its links.
 
     Parameters
     ----------
@@ -69,6 +72,7 @@ def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mecha
     >>> len(four_bar.links), [item.pair for item in four_bar.inputs]
     (4, ['21'])
     """
+    # A mechanism that declares no input gets a default one, which may be locked.
     declared = [item.pair for item in mechanism.inputs if not item.is_default]
     if declared and set(declared) <= set(pairs):
         raise ModelError(

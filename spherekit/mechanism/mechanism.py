@@ -647,6 +647,8 @@ def _name_references(mechanism: Mechanism) -> Iterator[_NameReference]:
         ("joint_limits", mechanism.joint_limits),
     ):
         for part in parts:
+            # The kind of a field says what it contains, such as "contact", the name of a
+            # contact pair. Kinds without names, such as numbers, are left out.
             for field_name, kind in field_kinds(part).items():
                 if kind not in _REFERRED_BY_KIND:
                     continue
@@ -665,6 +667,9 @@ def _name_references(mechanism: Mechanism) -> Iterator[_NameReference]:
     for mode, values in mechanism.modes.items():
         for pair in values:
             yield _NameReference("pair", f"modes.{mode}", pair)
+    # The geometry is given by arcs and angles of links, with the angle at which the
+    # variable of a pair is zero. Otherwise it is given by axes of pairs in a reference
+    # pose, with the values of their variables there.
     geometry = mechanism.geometry
     if isinstance(geometry, SizeGeometry):
         for link in geometry.links:

@@ -50,8 +50,8 @@ def pair_frames(mechanism: Mechanism) -> tuple[PairFrames, PairFrames]:
 
     A frame F (3, 3) has the axes of the pair in its columns, in link axes; z is the axis of
     the pair. If v is the pair variable (rad), Z(v) the rotation matrix about z and R the
-    rotation from link axes to ground axes, R_second = R_first F_first Z(v) F_second^T. The
-    angle at which the variable reads zero is therefore contained in one of the two frames.
+    rotation from link axes to ground axes, R_second = R_first F_first Z(v) F_second^T. At
+    v = 0 both frames coincide in space.
 
     Returns
     -------
@@ -64,8 +64,10 @@ def pair_frames(mechanism: Mechanism) -> tuple[PairFrames, PairFrames]:
     first_frames = {}
     second_frames = {}
     for name, axis_numbers in geometry.axes.items():
-        # Link axes and ground axes coincide in the reference pose. The zero direction is
-        # arbitrary there, because only the difference of two angles counts.
+        # Link axes and ground axes coincide in the reference pose, so R_first and R_second
+        # are unit matrices there. The formula gives F_second = F_first Z(v) with the value
+        # v in this pose. The x axis of F_first is arbitrary, because only the angle between
+        # both frames counts.
         axis = np.array(axis_numbers, dtype=float)
         first_frames[name] = frame_from(axis, perpendicular(axis))
         second_frames[name] = first_frames[name] @ about_z(geometry.values.get(name, 0.0))

@@ -15,15 +15,16 @@ class PoseSize(NamedTuple):
     """An arc or an angle of a link, as it is in the reference pose.
 
     An arc leads from the axis of the link's first R pair to the axis of another R pair. An
-    angle is measured at that first axis between two arcs, counter-clockwise from the arc to
-    the second axis.
+    angle is measured at the first axis, counter-clockwise about it, from the arc to the
+    second axis to the arc to a further axis.
 
     Attributes
     ----------
     kind
         Whether it is one of the link's arcs or one of its angles.
     pair
-        Name of the pair at whose axis the arc ends, or the arc at which the angle ends.
+        Name of the pair at whose axis the arc ends. For an angle, this is the arc to which
+        it is measured.
     value
         Arc or angle (rad).
     growth_axis

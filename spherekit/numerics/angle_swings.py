@@ -13,7 +13,8 @@ class AngleSwings:
     """The widest swing of an angle in each of n assembly modes.
 
     A swing is the difference of the largest and the smallest angle over successive samples,
-    with full revolutions counted.
+    with full revolutions counted. A mode has several swings if the angle is unknown at some
+    samples in between.
 
     Attributes
     ----------

@@ -168,8 +168,8 @@ def copy_columns(columns: Iterable[tuple[Column, Array]], spans: Sequence[Span])
     columns
         Columns, with the output array of each.
     spans
-        The rows to copy, as slices, each with the output row to which its first row
-        belongs. They apply to all columns.
+        The rows of a column to copy, as slices. Each has the row of the output to which its
+        first row is copied. They apply to all columns.
     """
     # Columns to compute, by the identity of their source. A source need not be hashable.
     targets_by_source: defaultdict[int, list[tuple[LazyColumn, _Target]]]
@@ -177,7 +177,8 @@ def copy_columns(columns: Iterable[tuple[Column, Array]], spans: Sequence[Span])
     for column, output in columns:
         parts = column.parts if isinstance(column, Interleaved) else (column,)
         for subject, part in enumerate(parts):
-            # The first row of a subject is row `subject` of the output.
+            # Subjects alternate in the output: row 0 is the first row of subject 0, row 1
+            # the first row of subject 1, and so on.
             target = _Target(output[subject:], subject_count=len(parts))
             if isinstance(part, LazyColumn):
                 targets_by_source[id(part.source)].append((part, target))
@@ -189,7 +190,8 @@ def copy_columns(columns: Iterable[tuple[Column, Array]], spans: Sequence[Span])
         keys = [part.key for part, _ in parts_and_targets]
         targets = [target for _, target in parts_and_targets]
         source = parts_and_targets[0][0].source
-        # The source calls this function with slices of rows and the values in them.
+        # The source computes the columns with these keys. It calls the reader for slices of
+        # rows, with the values in them.
         reader: Reader = partial(_copy_rows, targets, spans)
         source.read(keys, reader)
 
@@ -200,7 +202,7 @@ def _copy_rows(
     rows: slice,
     values_of_parts: Sequence[Array],
 ) -> None:
-    """Copy available rows of several parts to output arrays.
+    """Copy those rows of several parts that are available and wanted to output arrays.
 
     In some columns the rows of several subjects, such as poles, alternate. A part has the
     rows of one subject of such a column, or it is a whole column of another kind.
@@ -210,12 +212,12 @@ def _copy_rows(
     targets
         For each part, where its rows are written. The output arrays are changed in place.
     spans
-        The rows of the columns to copy, as slices, each with the output row to which its
-        first row belongs. Other available rows are not copied.
+        The wanted rows of a column, as slices. Each has the row of the output to which its
+        first row is copied.
     rows
-        The rows of the parts that are available.
+        The available rows, counted among the rows of a part.
     values_of_parts
-        The values of each part in these rows.
+        The values of each part in the available rows.
     """
     # Pairs of slices: rows of the output, and rows among the available values. They are
     # the same for all parts of columns with equally many subjects.
@@ -242,17 +244,18 @@ def _match_rows(
     subject_count
         Number of subjects, whose rows alternate in the column and in the output.
     spans
-        The rows of the column to copy, as slices, each with the output row to which its
-        first row belongs. A span has complete groups of one row for each subject, so its
-        ends are multiples of `subject_count`.
+        The rows of the column to copy, as slices. Each has the row of the output to which
+        its first row is copied. A span has complete groups of one row for each subject, so
+        its ends are multiples of `subject_count`.
     rows
         The available rows, counted among the rows of the subject.
 
     Returns
     -------
     For each span that contains some of the available rows: the slice of the output that
-    receives them, and their slice among the available rows. The output is counted from row
-    s on for subject s, so that the slices are the same for all subjects.
+    receives them, and their slice among the available rows. The caller applies the first
+    slice to ``output[s:]`` for subject s, so it is the same for all subjects. With three
+    subjects, rows 0 and 1 of a subject go to the rows ``0:6:3`` of ``output[s:]``.
     """
     matches = []
     for span, first_output_row in spans:

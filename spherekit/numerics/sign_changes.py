@@ -217,9 +217,11 @@ class _CellContent:
         (d, 2) intervals about extrema that may be zero; the whole cell if the polynomial
         does not fit.
     needs_halving
-        Whether the halves of the cell may give a clearer result.
+        Whether the cell is to be halved, because the polynomial does not fit or its error
+        hides whether an extremum is zero.
     rounding_error
-        Error of the polynomial if it is caused by rounding only, otherwise 0.
+        Error of the polynomial if it is so small that it is rounding, otherwise 0. Rounding
+        errors do not decrease in the halves of the cell, so these inherit it.
     """
 
     zeros: Floats
@@ -337,7 +339,8 @@ def _enclose_touching_extrema(series: Floats, touching: Floats, error: float) ->
 def _merge_intervals(intervals: Floats) -> Floats:
     """Return intervals (d, 2) in rising order, with those that touch merged.
 
-    A gap that is small compared with the length of the next interval counts as touching.
+    The ends of intervals that touch can differ by rounding. A gap that is small compared
+    with the length of the next interval therefore counts as touching.
     """
     starts, stops = intervals[np.argsort(intervals[:, 0])].T
     # The largest end of all intervals up to each one.
@@ -345,7 +348,7 @@ def _merge_intervals(intervals: Floats) -> Floats:
     is_first = np.ones(len(intervals), dtype=bool)
     tolerance = MERGE_RATIO * np.abs(stops - starts)
     is_first[1:] = starts[1:] > furthest_stop[:-1] + tolerance[1:]
-    # A merged interval ends with the last one before the next first one. The rotated mask
-    # marks it; the last of all precedes the first cyclically.
-    is_last = np.roll(is_first, -1)
+    # An interval is the last one of a merged interval if the next one begins another.
+    is_last = np.ones(len(intervals), dtype=bool)
+    is_last[:-1] = is_first[1:]
     return np.stack([starts[is_first], furthest_stop[is_last]], axis=1)
