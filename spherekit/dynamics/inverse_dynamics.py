@@ -60,7 +60,7 @@ def of_parts(parts: Floats, status: SmallIntegers) -> SmallIntegers:
     return np.where(np.isfinite(parts), np.int8(Status.OK), status[:, None])
 
 
-def mark_unknown_torques(
+def judged(
     status: SmallIntegers,
     masses: Inertia,
     forces: Floats,
@@ -518,7 +518,7 @@ def balancing(
         total_forces = np.sum(forces, axis=2)
         torques = driving_torques(masses.M, masses.dM, total_forces, timing.dq, timing.ddq)
     # This also replaces unknown entries of the arrays by NaN.
-    status = mark_unknown_torques(
+    status = judged(
         rate_status,
         masses=masses,
         forces=forces,

@@ -114,13 +114,16 @@ class InverseRows(ArrayRows):
           AT_SINGULARITY too, because the pose does not determine this input.
         - All other rows become OK.
 
-        Where no limits are known, a pose without a configuration has the margin -inf on
-        entry. Infinite margins become NaN.
+        The margin of a row is the angle (rad) that is left to the nearest limit. If no
+        limits were examined, a pose without a configuration comes with the margin -inf,
+        which marks it as outside. Infinite margins become NaN.
         """
         is_outside = self.margin < 0.0
         # A measure that is NaN is ignored if the other one has a value.
         least_measure = np.fmin(np.min(self.type_1, axis=1), self.type_2)
         has_inputs = np.isfinite(self.inputs).all(axis=1)
+        # Each measure is the sine of the distance (an angle) to the singularity. Below
+        # SINGULAR_DYAD_SINE half of the digits of the configuration are lost.
         is_regular = has_inputs & (least_measure > SINGULAR_DYAD_SINE)
         status = np.where(is_regular, Status.OK, Status.AT_SINGULARITY)
         status[is_outside] = Status.OUT_OF_REACH
@@ -308,8 +311,8 @@ class ClosedKinematics(OutputKinematics, ABC):
         """Return a row for each pose and working mode, also for poses out of reach.
 
         A working mode is a choice of one of two positions for each leg. Rows also have the
-        margin (rad) to the nearest limit, the number of this limit, and measures that are 0
-        at singularities of type I and II; see `InverseRows`.
+        margin (rad) to the nearest limit, the number of this limit in `bounds`, and
+        measures that are 0 at singularities of type I and II; see `InverseRows`.
 
         Parameters
         ----------
@@ -325,21 +328,22 @@ class ClosedKinematics(OutputKinematics, ABC):
         count = len(poses)
         parts = []
         for mode in modes:
+            # Quantities of poses out of reach become NaN, which is no reason for a warning.
             with np.errstate(all="ignore"):
-                rows = self.at(poses, signs_by_label[mode])
-                pair_values = [rows.angle(pair) for pair in pairs]
-                margin, limiting = find_least_margin(self.bounds, rows)
+                mode_at_poses = self.at(poses, signs_by_label[mode])
+                pair_values = [mode_at_poses.angle(pair) for pair in pairs]
+                margin, limiting = find_least_margin(self.bounds, mode_at_poses)
                 part = InverseRows(
                     pose=np.arange(count),
                     mode=np.full(count, mode),
-                    inputs=rows.inputs,
+                    inputs=mode_at_poses.inputs,
                     # A placeholder: `with_status` computes it from margin and measures.
                     status=np.zeros(count, dtype=np.int8),
                     margin=margin,
                     limiting=limiting,
-                    type_1=rows.type_1,
-                    type_2=rows.type_2,
-                    rates=rows.rates,
+                    type_1=mode_at_poses.type_1,
+                    type_2=mode_at_poses.type_2,
+                    rates=mode_at_poses.rates,
                     # The empty array gives the right shape if there are no pairs.
                     values=np.column_stack([np.empty((count, 0)), *pair_values]),
                     limits=limits,

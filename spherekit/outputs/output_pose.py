@@ -124,12 +124,13 @@ class PoseCandidates(ArrayRows):
     orientations
         (k, 3, 3) orientations of the output link, seen from the link it is relative to.
     labels
-        (k,) signs of the assembly mode as text, such as ``+-``: a sign for each leg of a
-        mid-plane symmetric architecture. In other mechanisms each dyad has a sign, and any
-        other group of links has ~.
+        (k,) signs of the assembly mode as text, such as ``+-``. Each dyad (group of two
+        links) has a sign, and any other group of links has ~. In a mid-plane symmetric
+        architecture, whose base and output link are mirror images of each other, each leg
+        has a sign instead.
     singular
-        (k,) whether the inputs do not determine the configuration, or do not turn the
-        output link in as many ways as there are inputs.
+        (k,) whether the inputs do not determine the configuration, or some motion of the
+        inputs does not move the output.
     """
 
     values: Floats
@@ -521,14 +522,14 @@ class PoseFinder:
         -------
         For each candidate two texts: the signs of the dyads of given inputs (assembly
         mode), and the signs of the dyads of a given pose (working mode). The second text is
-        empty if the inverse kinematics has no closed form, or does not give this
-        configuration.
+        empty if the configuration has no separate label of its working mode.
         """
         labels = candidates.labels.tolist()
         without_working_modes = [(label, "") for label in labels]
         # In a mid-plane symmetric architecture (`form`) the labels are the signs of the
-        # legs, which describe the mode at inputs and at a pose alike. Inverse kinematics
-        # needs as many inputs as a direction (2) or an orientation (3) has coordinates.
+        # legs. They are the working mode, too, so this gets no label of its own. Inverse
+        # kinematics needs as many inputs as a direction (2) or an orientation (3) has
+        # coordinates.
         if self.form is not None or len(self.mechanism.inputs) not in COORDINATES:
             return without_working_modes
         try:
@@ -538,8 +539,8 @@ class PoseFinder:
         if not kinematics.has_closed_form:
             return without_working_modes
         poses = candidates.orientations
-        # The wrist is the virtual links that hold the output. If it points, poses are
-        # directions.
+        # With two inputs a pose is the direction of the output, otherwise its orientation.
+        # `wrist` has the virtual links that hold the output in its pose.
         if kinematics.wrist.points:
             poses = poses @ np.array(self.output.direction)
         solutions = kinematics.solutions(poses)

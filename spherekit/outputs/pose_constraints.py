@@ -45,7 +45,10 @@ class ModeAtPoses(Protocol):
 
     @property
     def type_1(self) -> Floats:
-        """(n, inputs) speed of the output per unit rate of each input; 0 at type I."""
+        """(n, inputs) speed of the output per unit rate of each input; 0 at type I.
+
+        It is a ratio of angular velocities. One input moves while the others are locked.
+        """
 
     @property
     def type_1_square(self) -> Floats:
@@ -56,7 +59,10 @@ class ModeAtPoses(Protocol):
 
     @property
     def type_2(self) -> Floats:
-        """(n,) transmission measure from 0 at type II to 1 with all pairs locked."""
+        """(n,) measure from 0 to 1 of how surely the locked inputs hold the output.
+
+        It is 0 at type II. The value 1 would be reached with all pairs locked.
+        """
 
     @property
     def rates(self) -> Floats:
@@ -95,8 +101,8 @@ class AngleLimit:
     """A limit of an angle that depends on the pose of an output.
 
     There are two margins, which are positive inside and negative beyond the limit. `left`
-    is the angle that is left to the limit. `column` is a difference of cosines. It is
-    smooth across the border, which is computed from it.
+    is the angle that is left to the limit, for reports. `column` is a difference of
+    cosines, from which the border of a workspace is computed, because it is smooth there.
 
     Attributes
     ----------
@@ -109,8 +115,8 @@ class AngleLimit:
     cosine
         Function that returns the cosine (n,) of the angle at n poses in one working mode.
     unit
-        Size of the reported quantity per angle: 0.5 if the angle is twice this quantity, as
-        for distances to singularities, otherwise 1.0.
+        Factor from the angle to the quantity that is reported. It is 0.5 for distances to
+        singularities, where the angle is twice the distance, otherwise 1.0.
     """
 
     name: str
@@ -122,7 +128,7 @@ class AngleLimit:
     def column(self, rows: ModeAtPoses) -> Floats:
         """Return the margin (n,) as a difference of cosines, smooth across the border.
 
-        It is negative beyond the limit. The values are a column of the table of all limits.
+        It is negative beyond the limit. A table of margins has a column for each limit.
         """
         # The cosine falls as the angle grows. So this difference is positive if the angle
         # is larger than the limit.
@@ -250,7 +256,8 @@ def find_least_margin(
     limiting
         (n,) number of this limit, -1 if it is not known.
     """
-    # (n, limits) margins as angles, for the report, and as differences of cosines.
+    # (n, limits) margins of all limits: the angle that is left (`left`), for the report,
+    # and the difference of cosines (`column`).
     angle_margins = np.stack([bound.left(rows) for bound in bounds], axis=1)
     cosine_margins = np.stack([bound.column(rows) for bound in bounds], axis=1)
     # The least margin of each pose, of those that are not NaN, and the first limit with it.
@@ -309,8 +316,8 @@ def _collect_axis_ranges(
     Parameters
     ----------
     kinematics
-        The output. The pairs have their numbers in `kinematics.carrying`, the part of the
-        mechanism that carries it, without wheels.
+        The output. The pairs have their numbers in `kinematics.carrying`: the mechanism
+        without the wheels that drive it.
     constraints
         The constraints that the user sets.
 
@@ -338,8 +345,8 @@ def _collect_axis_ranges(
     for limit in constraints.apart:
         pair = _find_pair(kinematics, "apart", limit.one)
         other_pair = _find_pair(kinematics, "apart", limit.other)
-        # The angle between two axes of one link is constant. The range is then checked, and
-        # is no limit of the poses.
+        # The angle between two axes of one link is constant, so its range is no limit of
+        # the poses. `_is_always_kept` raises an error if this angle is outside of it.
         if not _is_always_kept(mechanism, limit, pair, other_pair):
             add_range(pair, other_pair, limit.low, limit.high, "apart")
     return ranges
@@ -358,8 +365,8 @@ def _limit_axis_angles(
     Parameters
     ----------
     kinematics
-        The output with the reach of its legs. `kinematics.carrying` is the mechanism that
-        carries it, without wheels. The pairs have their numbers in that mechanism.
+        The output with the reach of its legs. The pairs have their numbers in
+        `kinematics.carrying`: the mechanism without the wheels that drive it.
     constraints
         The constraints that the user sets.
 
@@ -375,8 +382,9 @@ def _limit_axis_angles(
         strictest_high = min(ranges, key=lambda angle_range: angle_range.high)
         low = strictest_low.low
         high = strictest_high.high
-        # The sine of so small an angle is the angle itself, so that COLLINEAR_SINE also
-        # serves as an angle (rad). In a narrower range the poses form no area.
+        # COLLINEAR_SINE is a sine below which two axes count as one line. Such an angle
+        # equals its sine, so the constant is used as an angle (rad) here. In a narrower
+        # range the poses form no area.
         if high - low < COLLINEAR_SINE:
             raise _error(
                 kinematics.carrying,
@@ -386,7 +394,8 @@ def _limit_axis_angles(
                 "other, or leave no more than a curve",
             )
 
-        # The default value binds the axes of this pass of the loop.
+        # The default value binds the axes of this pass of the loop. The function is called
+        # later, with the mechanism at n poses in one working mode.
         def cosine(rows: ModeAtPoses, axes: tuple[int, int] = axes) -> Floats:
             """Return the cosine (n,) of the angle between both axes."""
             return rows.cosine(*axes)

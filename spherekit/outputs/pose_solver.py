@@ -28,9 +28,10 @@ def output_kinematics(
 ) -> OutputKinematics:
     """Return an output with the best way to solve its poses.
 
-    A closed form is preferred: dyads, wheels on dyads, or a mid-plane symmetric
-    architecture. Otherwise each pose is solved on the graph of all links. If there are
-    neither two nor three inputs, only the poses at inputs can be computed.
+    A closed form is preferred. There is one for dyads (groups of two links), wheels on
+    dyads, and a mid-plane symmetric architecture, whose base and output link are mirror
+    images of each other. Otherwise each pose is solved on the graph of all links. If there
+    are neither two nor three inputs, only the poses at inputs can be computed.
 
     Parameters
     ----------
@@ -51,14 +52,13 @@ def output_kinematics(
     if len(mechanism.inputs) not in COORDINATES:
         return OutputKinematics(mechanism, chosen_output(mechanism, output), points=False)
     inverse = InverseKinematics(mechanism, output)
-    # `has_closed_form` is about dyads only. `_find_closed_form` knows the others too.
+    # `has_closed_form` is about dyads only. `_find_closed_form` looks for the others, too.
     consists_of_dyads = inverse.has_closed_form
     if consists_of_dyads or not graph:
         try:
             return _find_closed_form(inverse)
         except SolveError:
-            # There are no dyads alone, no wheels on dyads and no mid-plane.
-            pass
+            pass  # there is no closed form
     return GraphKinematics(inverse)
 
 
@@ -81,6 +81,10 @@ def _find_closed_form(inverse: InverseKinematics) -> ClosedKinematics:
     A dyad is a group of two links between two known axes. In a mid-plane symmetric
     architecture, base and output link are mirror images of each other about a plane.
 
+    The argument `inverse` has two mechanisms. In one (`wrist`) virtual links hold the
+    output in a pose, so that the groups of the other links can be solved at this pose. The
+    other one (`own`) is the mechanism of the user.
+
     Raises
     ------
     SolveError
@@ -89,7 +93,7 @@ def _find_closed_form(inverse: InverseKinematics) -> ClosedKinematics:
     """
     if inverse.has_closed_form:
         return DyadKinematics(inverse)
-    mechanism = inverse.own  # without the virtual links that hold its output
+    mechanism = inverse.own
     output = inverse.wrist.output
     geared = geared_kinematics(mechanism, output)
     if geared is not None:
@@ -156,9 +160,11 @@ class GraphKinematics(OutputKinematics):
             return np.concatenate([array, nans((1, *array.shape[1:]))])[solution]
 
         values = select(solutions.values)
-        # Angular velocity of the output per unit rate of each input.
+        # `turns` returns the angular velocity of the output per unit rate of each input.
         output_rates = nans((len(values), 3, len(self.mechanism.inputs)))
         output_rates[is_solved] = self.turns(values[is_solved])
+        # If poses are directions (`points`), only the angular velocity at right angles to
+        # them counts.
         directions = None
         if self.points and solutions.directions is not None:
             directions = select(solutions.directions)
@@ -170,11 +176,13 @@ class GraphKinematics(OutputKinematics):
             mode=labels[solution],
             inputs=select(solutions.inputs),
             status=np.zeros(len(solution), dtype=np.int8),
-            # The margin is the angle to the nearest limit. Here no limits are examined: the
-            # margin is NaN, and the number of the limit is -1. Poses without a solution get
-            # a negative margin, from which `with_status` makes OUT_OF_REACH and NaN.
+            # The margin is the angle to the nearest limit. Limits are not examined here, so
+            # it is unknown (NaN), and the number of the limit is -1. A negative margin
+            # makes `with_status` set the status OUT_OF_REACH.
             margin=np.where(is_solved, np.nan, -np.inf),
             limiting=np.full(len(solution), -1),
+            # Measures that are 0 where an input moves and the output rests (type I), and
+            # where the output can move with the inputs locked (type II).
             type_1=type_1,
             type_2=self.type_2(values),
             rates=rates,

@@ -303,8 +303,8 @@ class RotationPath:
 
         def newton_step(values: Floats, rows: Indices) -> Floats:
             """Return the steps (k, variables) at values (k, variables) of some rows."""
-            # `exact`: the orientation is solved for as an equation. Otherwise the angle to
-            # the target is minimised.
+            # If the output link can follow the target (`exact`), its orientation is one
+            # more equation. Otherwise the angle to the target is minimised.
             deviation = self.output_link.compare(values, targets[rows])
             # A step that is NaN becomes 0, which ends the iteration of its row. Whether a
             # result is a nearest configuration is tested later, by its error.
@@ -314,6 +314,7 @@ class RotationPath:
             newton_step,
             values=guess,
             max_steps=MAX_TARGET_STEPS,
+            # A row has converged when its step is shorter than this.
             last_step=CORRECTOR_STEP_TOLERANCE_RAD,
             longest_step=MAX_TARGET_STEP_RAD,
         )
@@ -329,18 +330,20 @@ class RotationPath:
         deviation
             The nearest configurations at these angles.
         """
-        # Derivatives of the variables by theta, and whether the output link turns exactly
-        # with the target.
+        # The first and second derivatives of the variables by theta, and whether the output
+        # link turns exactly with the target (`follows`).
         rates = deviation.rates(self.axis)
         # Reciprocal condition number of the loop equations with the three equations of the
         # target, in the Frobenius norm.
         norm = np.linalg.norm(deviation.system, axis=(1, 2))
         inverse_norm = np.linalg.norm(deviation.system_inverse, axis=(1, 2))
         condition = 1.0 / (norm * inverse_norm)
-        # The nearest configuration is isolated if the squared angle to the target has a
-        # positive second derivative in all directions of motion, and if the loops determine
-        # the links. Both measures are zero if not, so the smaller one is tested.
+        # The nearest configuration is isolated if two numbers are positive: the least
+        # second derivative of the squared angle to the target over all motions, and the
+        # reciprocal condition number of the loops. The smaller one shows whether both are.
         stability = np.minimum(deviation.least_eigenvalue, deviation.loop_conditioning)
+        # The error is the closure residual, or what is left of the rotation to the target
+        # (with `exact`), or of the gradient of the squared angle to it.
         is_nearest = deviation.error(self.exact) < NEAREST_TOLERANCE_RAD
         return PathNodes(
             theta=theta,
@@ -352,6 +355,8 @@ class RotationPath:
             system=deviation.system,
             condition=condition,
             stability=stability,
+            # The smallest angular velocity of the output link for rates of unit length. It
+            # is 0 at a limit of its reach.
             reach=deviation.output_singular_value,
         )
 
@@ -491,15 +496,17 @@ class RotationPath:
     def track(self, first_node: PathNodes, end: float) -> TrackedPath:
         """Track the path from a node to the angle `end` (rad), or as far as steps succeed.
 
-        A step that fails is halved, and the step after a success is twice as long. If a
-        short step fails, a leap over a singular configuration is tried. If the leap fails,
-        too, the step is halved again. The path ends at the smallest step.
+        The path has the configurations nearest to a target that turns about an axis by the
+        angle theta. A step that fails is halved, and the step after a success is twice as
+        long. If a short step fails, a leap over a singular configuration is tried. If the
+        leap fails, too, the step is halved again. The path ends at the smallest step.
         """
         nodes = [first_node]
         # Length of the next step (rad of theta).
         step = FIRST_ROTATION_STEP_RAD
         leaps: list[float] = []
-        # Where a leap was last tried, or where it led.
+        # Where a leap was last tried, or where it led. The next leap is tried only at the
+        # distance LEAP_BELOW_STEP_RAD from there. Until then, failed steps are halved.
         last_leap_theta = -np.inf
         end_status = Status.OK
         while (theta := float(nodes[-1].theta[0])) < end:
@@ -523,6 +530,7 @@ class RotationPath:
                     next_node, singular_theta = leap
                     leaps.append(singular_theta)
                     last_leap_theta = float(next_node.theta[0])
+                    # The leap is the step that succeeded, so it is doubled below.
                     step = last_leap_theta - theta
             if next_node is not None:
                 nodes.append(next_node)
