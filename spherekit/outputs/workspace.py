@@ -36,7 +36,8 @@ class Judged:
     margin
         (n,) rad left to the nearest limit, negative outside of the workspace.
     limiting
-        (n,) number of this limit; -1 if the pose cannot be taken for another reason.
+        (n,) number of this limit. -1 if it is not known, because a limited angle has no
+        value at a pose that the legs cannot reach. `margin` is NaN there.
     inputs
         (n, inputs) rad.
     type_1
@@ -70,8 +71,8 @@ class DirectionWorkspace:
     signs
         The sign, 1 or -1, of each leg in the working mode.
     region
-        The set of directions with its border. Margins of the region are numbered like the
-        limits of the output.
+        The set of directions with its border. It is known by its margins: functions of the
+        direction, one for each limit of an angle, that are negative beyond the limit.
     same_as
         Signs of a mode earlier in the list of results that reaches the same directions.
         Then `region` is the result of that mode. Otherwise None.
@@ -144,7 +145,7 @@ def judge(
     The margin of a pose is the angle that is left to the nearest of all limits. A measure
     of a singularity is 0 at the singularity and positive elsewhere. That of type I is the
     speed of the output per unit rate of an input, the least one of all inputs. That of type
-    II is one number: how surely the locked inputs together hold the output.
+    II is a number from 0, where the output can move although all inputs are locked, to 1.
 
     Parameters
     ----------
@@ -164,15 +165,16 @@ def judge(
     with np.errstate(all="ignore"):
         mode = kinematics.at(_convert_poses(kinematics, places), signs)
         inputs = mode.inputs
-        # 0 where all inputs are finite, NaN elsewhere.
-        blank = 0.0 * np.sum(inputs, axis=1)
+        # 0 where all inputs are finite, NaN elsewhere. It is added to the measures, which
+        # could otherwise be finite at poses that the legs cannot reach.
+        nan_if_unreachable = 0.0 * np.sum(inputs, axis=1)
         margin, limiting = find_least_margin(bounds, mode)
         return Judged(
             margin=margin,
             limiting=limiting,
             inputs=inputs,
-            type_1=np.min(mode.type_1, axis=1) + blank,
-            type_2=mode.type_2 + blank,
+            type_1=np.min(mode.type_1, axis=1) + nan_if_unreachable,
+            type_2=mode.type_2 + nan_if_unreachable,
         )
 
 
@@ -200,14 +202,16 @@ def direction_workspaces(
 
     Notes
     -----
-    The margins of a direction say how much is left to each limit. Two modes that have the
-    same margins, bit for bit, at all vertices of a region get the same region.
+    A region is computed with a mesh of directions. The margins of a direction say how much
+    is left to each limit. If another mode has the same margins, bit for bit, at all
+    vertices of this mesh, its region is assumed to be the same and is not computed again.
     """
 
     def find_directions(margins: Margins) -> _SampledWorkspace[Region]:
-        """Return the region of a mode with its vertices as samples."""
+        """Return the region of a mode, with the vertices of its mesh and their margins."""
         # The area is not known beforehand, so the first target error is relative to half
-        # the sphere (2 pi). If the region turns out to be smaller, it is computed again.
+        # the sphere (2 pi). If the region turns out to be smaller, it is computed again. An
+        # empty region has no area to which an error could be relative.
         region = find_region(margins, tolerance * 2.0 * np.pi)
         target_error = tolerance * region.area
         if region.error > target_error > 0.0:
@@ -348,10 +352,11 @@ def orientation_samples(count: int = POSE_SAMPLES) -> Floats:
     spiral_angles = (
         2.0 * np.pi * count * t / np.array([[np.sqrt(2.0)], [SUPER_FIBONACCI_PSI]])
     )
-    # Axes: sine or cosine, spiral, sample.
-    spirals = np.sqrt([t, 1.0 - t]) * [np.sin(spiral_angles), np.cos(spiral_angles)]
-    # For each sample: sine and cosine of the first spiral, then those of the second one.
-    return np.hstack(np.moveaxis(spirals, 0, 2))
+    # The radii r and R (2, count).
+    radii = np.sqrt([t, 1.0 - t])
+    r_sin_a, big_r_sin_b = radii * np.sin(spiral_angles)
+    r_cos_a, big_r_cos_b = radii * np.cos(spiral_angles)
+    return np.array([r_sin_a, r_cos_a, big_r_sin_b, big_r_cos_b]).T
 
 
 def direction_samples(count: int = POSE_SAMPLES) -> Floats:
@@ -376,7 +381,7 @@ def nearest_reachable(
     Parameters
     ----------
     kinematics, bounds
-        The output and its limits.
+        The output, and the limits of angles that a pose has to keep.
     workspace
         The workspace of one working mode, with the signs of the legs in this mode.
     place
@@ -387,8 +392,8 @@ def nearest_reachable(
     The nearest pose (3,) or (4,), and the angle (rad) to it. None if the search meets no
     pose of the workspace.
     """
-    # Poses of the workspace (k, 3 or 4) from which the search starts. It also starts from
-    # evenly spread samples of all poses that are in the workspace.
+    # Poses of the workspace (k, 3 or 4) from which `nearest_in_mode` starts its search. It
+    # also starts from evenly spread poses of its own.
     if isinstance(workspace, OrientationWorkspace):
         # One orientation well inside. The attribute `place` is a pose.
         inside_poses = workspace.orientations.place[None]
@@ -396,7 +401,8 @@ def nearest_reachable(
         region = workspace.region
         if not region.components:
             return None
-        # The nearest point of the region, and one direction in every connected part.
+        # One direction in every connected part, and the nearest point of the region. Its
+        # border is an approximation, so the search goes on from there.
         component_poses = [component.place for component in region.components]
         inside_poses = np.stack([region.nearest(place), *component_poses])
     (nearest_pose,) = nearest_in_mode(

@@ -208,8 +208,9 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
     mechanism
         The mechanism, with its inputs.
     by_rank
-        Whether it is known that the rank of the velocity equations leaves a degree of
-        freedom for each input. Counting links and pairs may then give fewer.
+        Whether the mechanism is known to have a degree of freedom for each input, by the
+        rank of its velocity equations. It may then have fewer by the numbers of its links
+        and pairs, because constraints repeat each other.
 
     Raises
     ------
@@ -218,9 +219,10 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
         independent freedom, or a part is rigid.
     """
     inputs = driven_pairs(mechanism)
-    # The pebble game counts degrees of freedom. All inputs but the first are locked for it,
-    # and it is checked that the first can still move. The result is None if counting does
-    # not decide, because constraints repeat each other.
+    # The pebble game counts degrees of freedom. `check_mobility` compares their number with
+    # that of the inputs, locks all inputs but the first, and checks that the first can
+    # still move. The game is None if counting does not decide, because constraints repeat
+    # each other.
     _, pebble_game = check_mobility(
         mechanism, driven=inputs, locked=inputs[1:], by_rank=by_rank
     )
@@ -246,7 +248,8 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
             pairs=open_pairs,
             redundant=True,
         )
-        # `revolute` also says that the equations are independent, which they are not.
+        # Other code solves a group with `revolute` by equations that are independent of
+        # each other. Here they are not, even if all pairs of the group are R pairs.
         groups = (whole_group._replace(revolute=False),)
     return Assembly(inputs, body_of_link, groups)
 

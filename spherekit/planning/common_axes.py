@@ -26,8 +26,8 @@ class CommonAxis(NamedTuple):
     pair
         Lowest number of an R pair about this axis.
     is_exact
-        Whether any two pairs about this axis have equal coordinates in the axes of a link
-        that both belong to. Otherwise the coordinates agree up to rounding.
+        Whether the axes of any two such pairs of one link are equal bit for bit, or exactly
+        opposite, as vectors in link axes. Otherwise they agree up to rounding.
     """
 
     links: frozenset[int]

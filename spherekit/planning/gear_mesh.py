@@ -24,7 +24,8 @@ from spherekit.mechanism.wheel_phase import Wheel
 PairPath = tuple[tuple[int, int], ...]
 """R pairs that lead from one link to another.
 
-With the number of each pair is the side, 0 or 1, of its link that is nearer to the start.
+Each entry has the number of the pair, and which of its two links (0 or 1) comes first on
+the way.
 """
 
 
@@ -44,8 +45,9 @@ class GearMesh(NamedTuple):
         their signs, 1 or -1. The angle of the wheel relative to the carrier is the sum of
         the pair variables times these signs.
     paths
-        The same pairs in their order from each wheel to the carrier, with the side of the
-        nearer link. Rotations from the wheel to the carrier are multiplied in this order.
+        The same pairs in their order from each wheel to the carrier. Each entry has the
+        number of the pair, and which of its two links (0 or 1) is nearer to the wheel.
+        Rotations from the wheel to the carrier are multiplied in this order.
     """
 
     contact: int
@@ -60,8 +62,9 @@ class GearMesh(NamedTuple):
     def angle_factors(self, wheel_factors: tuple[Any, Any]) -> dict[int, Any]:
         """Return the factor of each pair variable in sin(r) f - sin(s) g.
 
-        This sum is constant, with the angles f and g of the wheels relative to the carrier
-        and the radii r and s (rad) of their circles on the unit sphere.
+        This sum is constant while the wheels roll. The angle f or g of a wheel relative to
+        the carrier is the sum of the variables of some R pairs, each with a sign, 1 or -1
+        (`angle_signs`).
 
         Parameters
         ----------
@@ -85,8 +88,9 @@ class CarriedContact(NamedTuple):
 
     The carrier is a link relative to which both wheels rotate about their centres, by the
     angles f and g. The circles have the radii r and s (rad) on the unit sphere. Rolling
-    keeps sin(r) f - sin(s) g constant. The sign is minus because the radii are measured
-    from centres on the same side of the contact.
+    keeps sin(r) f - sin(s) g constant. A circle on the sphere has two centres, which are
+    opposite to each other. The sign is minus because the centres on the same side of the
+    contact are taken, even if the wheels touch from outside.
 
     Attributes
     ----------

@@ -65,10 +65,10 @@ class GearTrain(NamedTuple):
     lengths
         (contacts,) their rolled lengths (rad) at inputs of zero.
     rolled
-        (contacts, 2) positions (rad) of the point of contact along both circles, as arc
-        lengths, if the variables of all R pairs are zero. Whole circumferences say how
-        often a wheel has rolled. NaN if the mechanism is given in a reference pose, whose
-        pair variables determine `lengths`.
+        (contacts, 2) arc lengths (rad) along both circles at the point of contact, if the
+        variables of all R pairs are zero. They contain whole circumferences if the wheels
+        have rolled that far. `lengths` follow from them and `offsets`. NaN if the mechanism
+        is given in a reference pose, from which `lengths` follow instead.
     """
 
     followers: tuple[int, ...]
@@ -83,8 +83,7 @@ class GearTrain(NamedTuple):
     def numbers(self) -> list[float]:
         """The ratios and the offset of each follower, one after the other.
 
-        They are the numbers on which the angles of the train depend, as
-        `EquivalentLinkage.numbers` lists them.
+        They are all numbers on which the angles of the train depend.
         """
         return list(np.column_stack([self.ratios, self.offsets]).ravel().tolist())
 
@@ -165,10 +164,10 @@ class _Relations(NamedTuple):
     Attributes
     ----------
     factors
-        (contacts, pairs) factors of the pair variables in these sums.
+        (contacts, pairs) factors of the pair variables in sin(r) f - sin(s) g.
     first_factors
-        (contacts, pairs) factors of the pair variables in sin(r) f, the part of the first
-        wheels. The rolled length of a contact decreases with this part.
+        (contacts, pairs) factors of the pair variables in sin(r) f alone. The rolled length
+        of a contact is a constant less sin(r) f.
     followers
         Numbers of the related pairs that are not driven.
     """
@@ -184,9 +183,10 @@ class _Relations(NamedTuple):
         """Return the relations of contacts; `driven` are numbers of pairs."""
         factors, first_factors = np.zeros((2, len(contacts), pair_count))
         for k, contact in enumerate(contacts):
+            # Signs of the pair variables in the angles f and g, by the number of the pair.
+            pairs_of_first_wheel, _ = contact.mesh.angle_signs
             for pair, factor in contact.angle_factors().items():
                 factors[k, pair] = factor
-                pairs_of_first_wheel, _ = contact.mesh.angle_signs
                 if pair in pairs_of_first_wheel:
                     first_factors[k, pair] = factor
         related = np.flatnonzero(np.any(factors, axis=0))
@@ -244,7 +244,9 @@ def _solve_train(
         offsets = reference_angles - ratios @ reference_inputs
         lengths = reference_lengths - length_ratios @ reference_inputs
     else:
-        rolled = np.array([_lengths_at_zero(contact, joints) for contact in contacts])
+        rolled = np.array(
+            [_contact_lengths_at_zero(contact, joints) for contact in contacts]
+        )
         circumferences = TURN * np.abs(
             np.sin([[wheel.radius for wheel in contact.wheels] for contact in contacts])
         )
@@ -317,11 +319,14 @@ def _find_fitting_lengths(
     return shifted_lengths[deviations < SAME_ROLLED_LENGTH_RAD]
 
 
-def _lengths_at_zero(contact: CarriedContact, joints: Sequence[Joint]) -> list[float]:
-    """Return the arc lengths (2,), rad, of the point of contact if all angles are zero.
+def _contact_lengths_at_zero(
+    contact: CarriedContact, joints: Sequence[Joint]
+) -> list[float]:
+    """Return where two wheels touch if the variables of all R pairs are zero.
 
-    They are measured along the circles of both wheels, from the point of each circle at
-    which the file lets the variable of the contact begin. All angles are those of R pairs.
+    The result is the arc lengths (2,), rad, of the point of contact along the circles of
+    both wheels. They are measured from the point of each circle at which the file lets the
+    variable of the contact begin.
 
     Parameters
     ----------
@@ -330,19 +335,19 @@ def _lengths_at_zero(contact: CarriedContact, joints: Sequence[Joint]) -> list[f
     joints
         The joints of all pairs of the mechanism.
     """
-    # Rotations from the axes of each wheel to those of the carrier, along the R pairs
-    # between them. With each pair is the side (0 or 1) of its link nearer to the wheel. The
-    # frame of a pair in a link has its axes as columns, in link axes. At the angle zero the
-    # two frames coincide, so far_frame near_frame^T rotates from the nearer to the other
-    # link.
+    # Rotations from the axes of each wheel to those of the carrier. A path has the R pairs
+    # from a wheel to the carrier. `near` (0 or 1) says which of the two links of a pair is
+    # nearer to the wheel. In each of its links a pair has a frame, whose axes are columns
+    # in link axes. At the angle zero both frames coincide, so far_frame near_frame^T
+    # rotates from the nearer link to the other one.
     rotations = []
     for path in contact.mesh.paths:
         rotation = np.eye(3)
-        for pair, near_side in path:
+        for pair, near in path:
             joint = revolute(joints[pair])
             frames = joint.first, joint.second
-            near_frame = frames[near_side]
-            far_frame = frames[1 - near_side]
+            near_frame = frames[near]
+            far_frame = frames[1 - near]
             rotation = far_frame @ near_frame.T @ rotation
         rotations.append(rotation)
     return find_wheel_contact(contact.wheels, rotations)

@@ -125,14 +125,16 @@ def _step_as_dict(plan: Plan, step: Step) -> dict[str, Any]:
     - a pole that is the axis or contact line of a pair (`PrimaryPole`),
     - a pole at the intersection of two lines on the sphere, each a great circle through two
       known poles or the contact plane of a sliding pair (`LinePole`),
-    - all poles of an irreducible part, whose poles do not follow one by one (`BlockPoles`).
+    - all poles of an irreducible part, which do not follow one by one from poles outside of
+      the part (`BlockPoles`).
 
-    Links and pairs are given by their names. A pass consists of the steps that need earlier
-    passes only. `round` is its number.
+    Links and pairs are given by their names. A pass consists of all steps that need poles
+    of earlier passes only. Its number is the attribute `round` of these steps.
     """
     names_of = plan.mechanism.names_of
     if isinstance(step, BlockPoles):
-        # The pole from which passes would find the other poles of the part.
+        # All poles of the part are computed at once. The plan also shows how they could
+        # follow one by one (`passes`) if one of them, the opening pole, were known.
         opening = None if step.opening is None else _pole_as_names(plan, step.opening)
         return {
             "pass": step.round,

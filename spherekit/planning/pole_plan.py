@@ -29,9 +29,9 @@ class PrimaryPole:
     """A pole that is the axis or the contact line of a pair.
 
     A pole is the axis of the relative rotation of two bodies. Poles are found in passes, of
-    which each uses the poles of earlier ones. Bodies that several R pairs on one line join
-    to each other all rotate about this line. It is the pole of any two of them, also of two
-    that no pair joins.
+    which each uses the poles of earlier ones. Several R pairs can have one line as their
+    common axis. This line is the pole of any two of the bodies that these pairs join, also
+    of two bodies without a pair between them.
 
     Attributes
     ----------
@@ -40,8 +40,8 @@ class PrimaryPole:
     pair
         Number of the pair, or of an R pair on the common line.
     round
-        0 if the pair joins the two bodies. For two bodies that only share a line, the
-        number of the pass that finds it (``pass`` is a reserved word of Python).
+        Number of the pass that finds the pole; ``pass`` is a reserved word of Python. It is
+        0 if the pair joins the two bodies.
     """
 
     pole: Pole
@@ -112,9 +112,9 @@ class BlockPoles:
     from the rates of its pairs, which are the null vector of its loop-closure velocity
     equations.
 
-    If one of these poles counts as known, the opening pole, great circles give the others:
-    each pass finds the poles at which two circles through known poles intersect. The plan
-    shows this order, although all poles are computed from the rates.
+    For the display, the plan also shows how the poles could follow one by one if one of
+    them, the opening pole, were known. Each pass finds the poles at which two great circles
+    through known poles intersect.
 
     Attributes
     ----------
@@ -123,14 +123,16 @@ class BlockPoles:
     poles
         Its poles that were unknown before.
     round
-        Number of the pass that solves the part and gives the opening pole.
+        Number of the pass in which the part is solved. (``pass`` is a reserved word of
+        Python.)
     method
         How the part is solved, in words.
     opening
-        The opening pole, None if no passes were planned.
+        The opening pole. None if the order of the others was not planned, as for parts with
+        redundant constraints.
     passes
-        One step for each pole that the passes after it find, in order. The number of the
-        pass is the `round` of the step.
+        One step for each pole that follows from the opening pole, in order. The `round` of
+        a step is the number of its pass, counted on from that of the part.
     """
 
     links: tuple[int, ...]
@@ -356,12 +358,14 @@ def table_cells(plan: Plan) -> list[list[str]]:
     The table has a row and a column for each body. The pole of two bodies is the axis of
     their relative rotation. A primary pole, which is the axis or contact line of a pair,
     has an x, another one the Roman number of the pass that finds it. A pass finds all poles
-    that follow from earlier ones as intersections of great circles. A part is irreducible
-    if its poles do not follow in this way. A star marks poles that its velocity equations
-    give. Poles outside the plan are empty.
+    that follow from earlier ones as intersections of great circles. The poles of an
+    irreducible part do not follow in this way. They are solved together from velocity
+    equations. A star marks the poles that are known from this solution only. Poles outside
+    the plan are empty.
     """
-    # `rounds` has the numbers of the passes by pole. Those poles of an irreducible part are
-    # starred that the pass which solves the part gives, and not a later pass.
+    # A block is an irreducible part, solved in the pass `block.round`. `block.rounds` has
+    # the number of the pass for each of its poles. Poles with a higher number also follow
+    # as intersections of great circles, if those with a star are known.
     starred_poles = set()
     for block in plan.blocks:
         for pole, round_number in block.rounds.items():

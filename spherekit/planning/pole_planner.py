@@ -131,10 +131,10 @@ def prune_plan(whole_plan: Plan, requested: Sequence[Pole]) -> Plan:
     """Return the plan with only those steps from which the requested poles follow.
 
     A pole P_ij (the axis of the relative rotation of two bodies) lies on lines: the great
-    circles through P_ik and P_jk for third bodies k, and contact planes. Two lines
-    determine it. The two that need the fewest other poles are kept. Further lines are kept
-    if the plan contains their poles for other reasons, because a better-conditioned
-    intersection can then be chosen.
+    circles through P_ik and P_jk for third bodies k, and contact planes of sliding pairs.
+    Two lines determine it. `_choose_sources` chooses two that need the fewest other poles.
+    Further lines of a step are kept if all their poles are in the new plan anyway. The pair
+    of lines with the best-conditioned intersection can then be chosen.
 
     Parameters
     ----------
@@ -165,6 +165,7 @@ def prune_plan(whole_plan: Plan, requested: Sequence[Pole]) -> Plan:
                 steps.append(replace(step, poles=needed_of_block, passes=passes))
         elif step.pole in needed_poles:
             if isinstance(step, LinePole):
+                # `via` are the third bodies k. Contact planes need no poles and stay.
                 i, j = step.pole
                 via = [
                     third
@@ -182,9 +183,10 @@ def _choose_sources(whole_plan: Plan) -> dict[Pole, Iterable[Pole]]:
 
     A primary pole is the axis or contact line of a pair and needs no other. A secondary
     pole P_ij is the intersection of great circles, each through the poles P_ik and P_jk of
-    a third body k. Its sources are the poles on those circles that need the fewest other
-    poles. A part of the mechanism is irreducible if its poles do not follow one by one from
-    such circles. They are computed together, from the primary poles of its pairs.
+    a third body k. Of these circles, the two that need the fewest other poles are chosen.
+    The poles P_ik and P_jk of both are the sources of P_ij. A part of the mechanism is
+    irreducible if its poles do not follow one by one from such circles. They are computed
+    together, from the primary poles of its pairs.
 
     Returns
     -------
@@ -196,16 +198,16 @@ def _choose_sources(whole_plan: Plan) -> dict[Pole, Iterable[Pole]]:
     ancestors: dict[Pole, frozenset[Pole]] = {}
     sources_by_pole: dict[Pole, Iterable[Pole]] = {}
     for step in whole_plan.steps:
-        # The poles of an irreducible part follow from its pairs only. Whatever its size,
-        # each of its poles counts as one.
+        # The poles of an irreducible part follow from its pairs only, which need nothing.
+        # So none of them has other ancestors than itself.
         if isinstance(step, BlockPoles):
             primary_poles = [pole_of(*whole_plan.ends[pair]) for pair in step.pairs]
             for pole in step.poles:
                 ancestors[pole] = frozenset([pole])
                 sources_by_pole[pole] = primary_poles
         elif isinstance(step, LinePole):
-            # `via` are the third bodies k of the chosen circles. Bodies that turn about a
-            # common axis (`coaxial`) give the same circle, which is counted once.
+            # `via` are the third bodies k of the chosen circles. Third bodies that turn
+            # about one axis (`coaxial`) give the same circle, so only one of them is used.
             via, needed = _choose_cheapest_lines(step, ancestors, whole_plan.coaxial)
             ancestors[step.pole] = needed | {step.pole}
             # The step with the chosen circles only: its sources are P_ik and P_jk.

@@ -256,17 +256,19 @@ def _find_smallest_block(
     unknown_poles
         The poles that are unknown.
     round_number
-        The pass in which the part is solved.
+        Number of the pass in which the part is solved. A pass finds all poles that follow
+        from poles of earlier passes.
     """
     for pole in unknown_poles:
         if pebble_game is None:
             part_by_pole[pole] = set(empty_plan.bodies)
         elif pole not in part_by_pole:
-            # Unless both bodies are in a rigid part, this gathers four free pebbles on
-            # them: three of a rigid motion, and one of their relative motion. Constraints
-            # that start in the set of bodies reachable from them end in it, and have taken
-            # its other pebbles. So the set has one degree of freedom. It is the smallest:
-            # sets with one degree of freedom and both bodies are closed under intersection.
+            # `find_rigid_part` returns a part in which the two bodies cannot move relative
+            # to each other, if there is one. Otherwise it gathers four free pebbles on
+            # them: three freedoms as one rigid body, and one of their relative motion. Take
+            # the set of all bodies to which constraints lead from the two. Its other
+            # pebbles are taken by constraints within it. So the set has one degree of
+            # freedom, and no smaller set with both bodies has.
             rigid_part = pebble_game.find_rigid_part(*pole)
             part_by_pole[pole] = rigid_part or pebble_game.reachable_bodies(pole)
     part = min((part_by_pole[pole] for pole in unknown_poles), key=len)
@@ -311,11 +313,13 @@ def _choose_opening(
         """Return the part with the passes that follow if one of its poles is known.
 
         A pass finds all unknown poles of the part that are the intersection of two great
-        circles through known poles. It has a step for each of them.
+        circles through known poles. It has a step for each of them. The result has the
+        steps of all passes in order; `round` is the number of the pass of a step.
         """
         poles_after_opening = known_poles.copy()
         steps_of_all_passes: list[LinePole] = []
-        # The first step stands for the opening pole, which is known without lines.
+        # The opening pole becomes known in the pass in which the part is solved. Its step
+        # has no great circles (`via`), and is not part of the result.
         steps_of_pass = [LinePole(pole, block.round, via=())]
         while steps_of_pass:
             for step in steps_of_pass:
