@@ -86,10 +86,10 @@ def _are_one_body(
     groups: Iterable[Group],
     links: frozenset[int],
 ) -> bool:
-    """Return whether some locked inputs and some groups alone make links one rigid body.
+    """Return whether links are one rigid body with only some locked inputs and groups.
 
-    The caller leaves out an input or a group of a mechanism, to see whether the links
-    depend on it.
+    The caller leaves out one input or one group of the mechanism. If the links are still
+    one rigid body, their relative positions do not depend on it.
 
     Parameters
     ----------
@@ -112,9 +112,9 @@ def _are_one_body(
     # For each link the label of its rigid body, at first of those that inputs join.
     label_of_link = list(merge_locked_links(mechanism, inputs))
     for group in groups:
-        # Only links at which a pair of the group ends matter in its bodies. If such links
-        # of one body have several labels, they are not rigid yet, so that the group cannot
-        # be closed.
+        # The pairs of the group connect to some links of its bodies. If those of one body
+        # have several labels, they can still move relative to each other. The group then
+        # has no rigid bodies to close onto.
         end_links: set[int] = set()
         for pair in group.pairs:
             end_links.update(mechanism.ends[pair])
@@ -143,12 +143,14 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
     Raises
     ------
     PlanError
-        If there is not one freedom for each input, an input is a contact pair or no
-        independent freedom, or a part is rigid.
+        If the number of freedoms is not that of the inputs, an input is a contact, two
+        inputs drive the same freedom, or a part is rigid.
     """
     try:
         assembly = plan_assembly(mechanism)
     except CountError:
+        # Redundant constraints: the mechanism cannot be divided into groups by counting its
+        # links and pairs.
         return mechanism
     # The ground and the links of the inputs stay, so that all inputs can be driven.
     driven_links: set[int] = set()

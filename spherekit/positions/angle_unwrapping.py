@@ -112,20 +112,20 @@ class UnwrappedStretch:
 
         The stretch is the range of the input over which the curve was followed, one period
         of the input or less. The configurations are compared with those of the curve at the
-        same inputs. Each lap, which is a further period of the input, adds the revolutions
-        that the angles gain in a period (`winding`). The curve may be off by whole
-        revolutions itself, by those that its angles have at the reference input
-        (`reference_revolutions`). These are subtracted.
+        same inputs, whose angles are continuous. Each further period of the input adds the
+        revolutions that the angles gain in a period (`winding`). Revolutions are counted
+        such that all angles are in (-pi, pi] at the reference input. The angles of the
+        curve may exceed this range there, by `reference_revolutions`. These are subtracted.
 
         Parameters
         ----------
         values
-            (n, variables) configurations (rad), the input over full revolutions.
+            (n, variables) configurations (rad). The input is not reduced to one revolution;
+            the other angles are in (-pi, pi].
 
         Returns
         -------
-        (n, angles) revolutions, counted from the reference input, at which all angles are
-        in (-pi, pi]. NaN for configurations that are not on this stretch.
+        (n, angles) whole revolutions. NaN for configurations that are not on this stretch.
         """
         low, high = self.curve.inputs[[0, -1]]
         # The input is reduced into the period that begins at the lower end of the curve. A
@@ -295,8 +295,9 @@ class AngleUnwrapping:
         Parameters
         ----------
         key
-            Number under which `count` stores what it has followed of this mode. It is not
-            the number of the mode if the mode is a piece of a longer one.
+            Number under which `count` stores the curves of this mode that it has followed,
+            to use them again. It is the number of the mode, or a negative number if the
+            mode is one piece of a mode that continues through crossings.
         mode
             The mode.
         q

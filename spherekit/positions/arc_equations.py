@@ -110,17 +110,17 @@ class GroupGeometry:
     def solve_equations(self, order: EliminationOrder) -> tuple[Complexes, Complexes]:
         """Compute all complex solutions of the arc equations, and their determinants.
 
-        A removed link has two pairs. Without the t removed links, the other bodies of the
-        group form a tree with t pairs, whose angles are unknown. Each removed link gives
-        one equation: the axes of its two pairs in the tree must be at the fixed arc between
-        its own two axes.
+        To have fewer unknowns, t links with two pairs each are removed from the group,
+        until the other bodies form a tree. The unknowns are the angles of the t pairs of
+        this tree. Each removed link gives one equation: in the tree, the axes of its two
+        pairs must be at the fixed arc between its own two axes.
 
         Parameters
         ----------
         order
-            The t unknown angles (`tree_pairs`) and the t removed links. `incidence` states
-            which equation contains which angle. From that follows `root_count`, the number
-            of complex solutions.
+            The t unknown angles (`tree_pairs`) and the t removed links. Its matrix
+            `incidence` states which equation (row) contains which angle (column).
+            `root_count` is the number of complex solutions, which follows from it.
 
         Returns
         -------

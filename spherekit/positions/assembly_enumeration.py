@@ -82,7 +82,8 @@ class ConfigurationsAtInput(NamedTuple):
         How the modes of each group were found: in closed form, by elimination, or by a
         search that can miss some. A group is solved once for each combination of modes of
         the groups before it. If different methods were used, the least complete one is
-        stored. It is None if the groups before it close in no mode.
+        stored. A group has None if it was never solved, because the groups before it close
+        in no mode.
     is_truncated
         Whether there are more configurations than `MAX_CONFIGURATIONS`.
     """
@@ -105,14 +106,15 @@ def enumerate_assemblies(solver: PositionSolver, q: Floats) -> ConfigurationsAtI
     with all modes of the groups after it.
 
     The exception are mechanisms with contacts of wheels or profiles in a group that is not
-    placed by gear ratios alone. Placing this group leaves open how far wheels have rolled.
-    If the inputs determine these rolled lengths, all groups are searched together at the
-    right lengths.
+    placed by gear ratios alone. Wheels look the same after each revolution, so the search
+    of one group alone cannot tell how far they have rolled. If the inputs determine all
+    rolled lengths, these are prescribed, and all groups are searched together.
     """
     groups = solver.assembly.groups
     # How far wheels have rolled at given inputs; None without rolling contacts.
     gear_phases = solver.gear_phases
-    # Groups with contacts in which not all angles follow from the inputs by gear ratios.
+    # A group that is not `revolute` has contacts. In a train of wheels, all angles follow
+    # from the inputs by gear ratios.
     has_general_contacts = any(
         not group.revolute and position not in solver.wheel_trains
         for position, group in enumerate(groups)
@@ -134,6 +136,8 @@ def enumerate_assemblies(solver: PositionSolver, q: Floats) -> ConfigurationsAtI
             f"the first {MAX_CONFIGURATIONS} configurations are kept, there are more"
         )
         # The doubt, from 0 to 1, tells how likely it is that a configuration is missing.
+        # The result as a whole counts as its least complete method. It is enough to replace
+        # that of one group, here the last one.
         methods[-1] = SolutionMethod(description, doubt=1.0)
     variable_count = len(solver.mechanism.variable_owners)
     values = np.reshape([state.values[0] for _, state in modes], (-1, variable_count))
@@ -162,8 +166,9 @@ def _search_in_gear_phase(
     (n, variables) closed configurations (rad) in which wheels have rolled as far as the
     inputs say.
     """
-    # Random starts are near the anchor, which is the input from which rolled lengths are
-    # counted. Whole periods between it and q are removed here, and added again at the end.
+    # Configurations repeat after whole periods of the inputs. Random starts are near the
+    # anchor, the inputs from which rolled lengths are counted. The search is therefore made
+    # at the inputs that differ from q by whole periods and are nearest to the anchor.
     near_anchor = q - whole_laps(q - gear_phases.anchor_inputs, gear_phases.periods)
     rolled_lengths = gear_phases.rolled_lengths(near_anchor[None])
     locked_values = np.append(near_anchor, rolled_lengths)[None]
@@ -173,6 +178,7 @@ def _search_in_gear_phase(
     search_group(closure, distinct)  # adds what it finds to `distinct`
     variable_count = len(solver.closure.tree.pair_of_variable)
     values = np.reshape(distinct.values, (-1, variable_count))
+    # Back to q, together with the rolled lengths.
     return solver.shift_inputs(values, q[None])
 
 
@@ -315,8 +321,9 @@ def group_matrices(
 
     A group is a set of bodies that are placed together. A dyad is a group of three R pairs.
     Where two modes of a group meet, its velocity equations are singular. The determinant
-    therefore keeps its sign in each mode, and two modes that meet have opposite signs.
-    Without redundant constraints a group has as many equations as variables.
+    therefore keeps its sign in each mode. In general it changes its sign where the curve of
+    configurations passes from one mode to the other, so these have opposite signs. Without
+    redundant constraints a group has as many equations as variables.
 
     Parameters
     ----------
@@ -335,8 +342,8 @@ def group_matrices(
     group = solver.assembly.groups[position]
     if group.is_dyad:
         return linearisation.axes[:, list(group.pairs)]
-    # The velocity equations of the loops of the group, from the velocity vectors of its
-    # variables.
+    # The velocity equations of the loops of the group. `vectors` has, for each variable,
+    # the angular velocity in its pair per unit rate. `group_tree` has the loops.
     variables: list[int] = []
     for pair in group.pairs:
         variables += solver.mechanism.variables_of(pair)
@@ -365,13 +372,14 @@ def group_signs(
     -------
     (n, groups) signs. 0 if the matrix is worse conditioned than `least`. A matrix that is
     not square, because constraints are redundant, has no determinant. Its sign is 0 (not
-    known). If `least` is 0, no sign is to be unknown, and it is 1 at all configurations.
+    known), or 1 if `least` is 0.
     """
     linearisation = solver.closure.linearise(values)
     signs = np.zeros((len(values), len(solver.assembly.groups)), dtype=np.int8)
     for position in range(signs.shape[1]):
         matrices = group_matrices(solver, linearisation, position)
         _, rows, columns = matrices.shape
+        # `determinant_sign` returns 1 for matrices that are not square.
         signs[:, position] = np.nan_to_num(determinant_sign(matrices))
         # Near a singular matrix, rounding decides the sign.
         if least:

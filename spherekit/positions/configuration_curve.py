@@ -308,10 +308,10 @@ class ArcCurve(Chords):
         There are four cases:
 
         1. The period of the variable is known for the whole mechanism: it is the result.
-        2. The variable grows in each lap of the curve, which is closed: the result is its
-           growth in one lap.
-        3. The curve is closed, the variable only swings, and no rolled length of wheels is
-           a function of it: the result is one revolution.
+        2. The curve is closed, so that its configurations return after one lap, and the
+           variable grows in a lap: the result is this growth.
+        3. The curve is closed, the variable only swings, and no wheels roll in proportion
+           to it: the result is one revolution.
         4. Otherwise the configurations never return, and the result is infinite.
 
         Parameters
@@ -319,8 +319,9 @@ class ArcCurve(Chords):
         variable
             Number of the variable.
         period
-            Its period (rad) in all configurations of the mechanism. Infinite if rolled
-            lengths of wheels prevent a return; NaN if no rolled length is a function of it.
+            Its period (rad) in all configurations of the mechanism. NaN if it is not known
+            and no wheels roll in proportion to the variable. Infinite if wheels do, and the
+            mechanism as a whole has no period.
         """
         if np.isfinite(period):
             return period
@@ -361,8 +362,9 @@ class ArcCurve(Chords):
             Takes n points of the curve; returns a function and its derivative by the arc
             length, both (n,).
         variable
-            Number of the variable of which it is a function, if it is one. If this variable
-            is constant along the curve, no zeros are returned.
+            Number of a variable, if the function depends on this one alone. If the variable
+            is constant along the curve, the function is zero everywhere or nowhere. No
+            zeros are returned then.
 
         Returns
         -------
@@ -411,13 +413,15 @@ class ArcCurve(Chords):
             """Return period / pi sin(pi difference / period), and its derivative by s.
 
             It is zero at all differences that are whole periods. If the period is infinite,
-            it is the difference itself. np.sinc(x) is sin(pi x) / (pi x).
+            it is the difference itself.
             """
+            # NumPy's sinc(x) is sin(pi x) / (pi x) and 1 at x = 0. The product below is
+            # therefore the sine above, and needs no special case for an infinite period.
             difference = points.values[:, variable] - value
             slope = np.cos(np.pi / period * difference) * points.tangents[:, variable]
             return difference * np.sinc(difference / period), slope
 
-        # With the number of the variable, `locate` skips the search if it is constant.
+        # `locate` finds no zeros if this variable is constant.
         return self.locate(periodic_difference, variable)
 
     def find(self, values: Floats) -> Floats:

@@ -91,12 +91,13 @@ class ConformanceCase:
         self,
         block_size: int,
         change_motion: MotionChange = unchanged,
-        change_view: MotionChange = unchanged,
+        change_read_motion: MotionChange = unchanged,
     ) -> list[Batch]:
         """Return the batches of a run: blocks of samples as an analysis receives them.
 
-        A batch has the motion of the block, and poles and continued angles that are
-        evaluated from it. A check changes the motion to see how the analysis responds.
+        A batch has the motion of the block. It also has poles, and angles without jumps by
+        whole revolutions, that are evaluated from it. A check changes the motion to see how
+        the analysis responds.
 
         Parameters
         ----------
@@ -105,7 +106,7 @@ class ConformanceCase:
         change_motion
             Changes the motion before poles and angles are evaluated from it. So it changes
             everything that the analysis reads, for example for a row that fails.
-        change_view
+        change_read_motion
             Changes only the motion that the analysis reads, after poles and angles were
             evaluated, for example to hide quantities that it has not declared.
 
@@ -116,7 +117,7 @@ class ConformanceCase:
         run_plan = self.run_plan
         blocks = map(change_motion, run_plan.source.blocks(block_size))
         batches = [
-            run_plan.make_batch(self.analysis, change_view(motion), fields, angles)
+            run_plan.make_batch(self.analysis, change_read_motion(motion), fields, angles)
             for motion, fields, angles in run_plan.evaluate_blocks(blocks)
         ]
         return batches if self.analysis.reads_samples else batches[:1]
@@ -125,11 +126,12 @@ class ConformanceCase:
         self,
         block_size: int,
         change_motion: MotionChange = unchanged,
-        change_view: MotionChange = unchanged,
+        change_read_motion: MotionChange = unchanged,
     ) -> tuple[Tables, Findings]:
         """Return the tables and findings of a run.
 
-        Findings are results of an analysis in addition to its tables.
+        Findings are results of an analysis in addition to its tables. A check changes the
+        motion, to compare the results with those of the true motion.
 
         Parameters
         ----------
@@ -137,16 +139,16 @@ class ConformanceCase:
             Number of samples in each block.
         change_motion
             Changes the motion of a block before poles and angles are evaluated from it.
-        change_view
+        change_read_motion
             Changes only the motion that the analysis reads, after they were evaluated.
 
         Raises
         ------
         SpherekitError
-            See `spherekit.runs.result_checks`.
+            If the analysis raises it, or returns other tables than it has declared.
         """
         findings = None
-        batches = self.batches(block_size, change_motion, change_view)
+        batches = self.batches(block_size, change_motion, change_read_motion)
         tables = self.run_plan.join_tables(self.analysis, batches)
         for batch in batches:  # each block adds to the findings of the blocks before it
             findings = compute_findings(self.analysis, batch, findings)
@@ -159,6 +161,7 @@ class ConformanceCase:
         An analysis declares the links whose orientations and the pairs whose variables it
         reads. If it reads others, its results become NaN.
         """
+        # The plan has one analysis, so the first declaration is its own.
         needs = self.run_plan.needs[0]
         mechanism = motion.mechanism
         links = [mechanism.link_number[name] for name in needs.rotations]
@@ -170,13 +173,16 @@ class ConformanceCase:
         rotations[:, links] = motion.rotations[:, links]
         values = np.full_like(motion.values, np.nan)
         values[:, variables] = motion.values[:, variables]
+        # `placed` are the rotations that the position analysis has computed.
         hidden = replace(motion, placed=rotations, values=values)
-        # Cached properties of a motion are stored in its dictionary. The last two are
-        # computed from all variables, so they are taken from the motion without NaN.
+        # The linearised loops and their conditioning need all links and pairs, so they are
+        # taken from the motion without NaN. Both are cached properties, which Python stores
+        # in the dictionary of the object. The property `rotations` would be read from the
+        # linearised loops, so it is stored too.
         vars(hidden).update(
-            rotations=rotations,
             linearisation=motion.linearisation,
             conditioning=motion.conditioning,
+            rotations=rotations,
         )
         return hidden
 

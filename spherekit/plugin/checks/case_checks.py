@@ -21,8 +21,6 @@ from spherekit.geometry.rotation import from_quaternion
 from spherekit.plugin.checks.case import ConformanceCase, Tables, fail_row
 from spherekit.plugin.checks.report import NotApplicableError
 from spherekit.plugin.checks.table_comparison import (
-    BLOCK_TOLERANCE,
-    VARIANT_TOLERANCE,
     describe_difference,
     match_rows,
     replace_words,
@@ -72,7 +70,9 @@ def check_reads(case: ConformanceCase) -> str:
         expected, _ = case.whole_results
     except SpherekitError:
         return ""  # another check reports it
-    tables, _ = case.compute_results(len(case.sampling), change_view=case.hide_undeclared)
+    tables, _ = case.compute_results(
+        len(case.sampling), change_read_motion=case.hide_undeclared
+    )
     _require_same(case, expected, tables, "where what was not declared is NaN")
     return ""
 
@@ -99,6 +99,7 @@ def check_tables(case: ConformanceCase) -> str:
     An empty text, as there is nothing to note in the report.
     """
     # `compute_tables` raises an error if columns or types are not those that were declared.
+    # All samples are computed in one batch.
     (batch,) = case.batches(len(case.sampling))
     computed = case.run_plan.compute_tables(case.analysis, batch)
     tables = case.run_plan.tables_of(case.analysis)
@@ -109,6 +110,7 @@ def check_tables(case: ConformanceCase) -> str:
         counts = Counter(zip(data[SAMPLE.name], data[ASSEMBLY_MODE.name], strict=True))
         required_rows = set(zip(batch.sample, batch.assembly_mode, strict=True))
         has_equal_counts = len(set(counts.values())) == 1
+        # An empty table (no `counts`) is allowed, unless it is the main table, see below.
         if counts and (set(counts) != required_rows or not has_equal_counts):
             raise PluginError(
                 f"table {table.name} has not the same number of rows for every sample of "
@@ -239,7 +241,7 @@ def check_names(case: ConformanceCase) -> str:
                 fault = matched
             else:
                 expected, compared = matched
-                fault = describe_difference(table, expected, compared, VARIANT_TOLERANCE)
+                fault = describe_difference(table, expected, compared, is_variant=True)
             if fault:
                 raise PluginError(f"with other names or numbers of links, {fault}")
     return ""
@@ -291,12 +293,13 @@ def _require_same(
     rotation
         (3, 3) rotation of the mechanism of `compared`, if it was rotated.
     """
-    # Tables of the same mechanism differ by the order of computations only. A rotated
-    # mechanism has other numbers throughout, whose rounding errors are larger.
-    tolerance = BLOCK_TOLERANCE if rotation is None else VARIANT_TOLERANCE
     for table in case.run_plan.tables_of(case.analysis):
         fault = describe_difference(
-            table, expected[table.name], compared[table.name], tolerance, rotation
+            table,
+            expected[table.name],
+            compared[table.name],
+            is_variant=rotation is not None,
+            rotation=rotation,
         )
         if fault:
             raise PluginError(f"{where}, {fault}")

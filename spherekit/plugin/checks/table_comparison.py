@@ -23,15 +23,13 @@ def describe_difference(
     table: Table,
     expected: TableArrays,
     compared: TableArrays,
-    tolerance: float = BLOCK_TOLERANCE,
+    is_variant: bool = False,
     rotation: Floats | None = None,
 ) -> str:
     """Return the first difference of two tables in words; an empty text if there is none.
 
-    Either both tables are of the same mechanism, or `compared` is of a variant: the
-    mechanism rotated as a whole, or with other names of links. Columns that describe the
-    computation, such as error bounds, may differ between variants, so they are not compared
-    then.
+    Both tables are of one mechanism, or `compared` is of a variant of it: the mechanism
+    rotated as a whole, or with other names of links.
 
     Parameters
     ----------
@@ -39,25 +37,26 @@ def describe_difference(
         The declaration of the table.
     expected, compared
         Its columns.
-    tolerance
-        `BLOCK_TOLERANCE` for the same mechanism, or `VARIANT_TOLERANCE` for a variant.
+    is_variant
+        Whether `compared` is of a variant. Its numbers differ more by rounding. Columns
+        that describe the computation, such as error bounds, are then not compared.
     rotation
         (3, 3) rotation of the mechanism of `compared`. Vectors of `expected` are rotated by
         it before they are compared. Columns that depend on axes in another way are left
         out. If such columns identify the rows, nothing is compared.
     """
-    is_variant = tolerance >= VARIANT_TOLERANCE
-    # `turns` states how a column changes if the mechanism is rotated. Collected are the
-    # kinds of the columns that depend on the ground axes, but not as vectors do.
-    axis_dependent = [
-        column.kind for column in table.columns if column.turns == "otherwise"
-    ]
-    # If rows belong to samples of assembly modes, they stay the same rows, and only such
-    # columns are left out. In other tables, or if such a column is a text that may identify
-    # the rows, a rotation may change which rows there are.
-    rows_depend_on_axes = not table.in_assembly_modes or "text" in axis_dependent
-    if rotation is not None and axis_dependent and rows_depend_on_axes:
-        return ""
+    tolerance = VARIANT_TOLERANCE if is_variant else BLOCK_TOLERANCE
+    if rotation is not None:
+        # Columns that a rotation of the mechanism changes in another way than vectors, such
+        # as the longitude of an axis. Their `kind` is number, text, and so on.
+        axis_dependent_kinds = [
+            column.kind for column in table.columns if column.turns == "otherwise"
+        ]
+        # A table over samples of assembly modes keeps its rows in a rotation. Other tables
+        # may get other rows, and so may a table whose rows a text names by their axes.
+        may_change_rows = not table.in_assembly_modes or "text" in axis_dependent_kinds
+        if axis_dependent_kinds and may_change_rows:
+            return ""
     expected_rows = row_count(expected)
     compared_rows = row_count(compared)
     if expected_rows != compared_rows:

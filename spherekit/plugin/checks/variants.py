@@ -92,6 +92,8 @@ def _rotate_profile(profile: Profile, rotation: Floats, pair: Pair) -> Profile:
 def rename_links(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanism:
     """Return a mechanism with other names and another order of links.
 
+    A check of an analysis compares its results for both, which have to be the same.
+
     Parameters
     ----------
     mechanism
@@ -101,13 +103,13 @@ def rename_links(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanism:
         links.
     """
     geometry = mechanism.geometry
-    # Sizes are listed by link. The other description, by a pose, has the axes by pair,
-    # whose names stay.
+    # The geometry is given by the sizes of each link, or by the axis of each pair in a
+    # pose. The axes stay as they are, because pairs keep their names.
     if isinstance(geometry, SizeGeometry):
         links = {names[link]: sizes for link, sizes in geometry.links.items()}
         geometry = replace(geometry, links=links)
-    # Pairs with more than one variable are contacts. Their variables are arc lengths, which
-    # are named by the pair and the link, also in expressions of loads.
+    # Only contacts can have more than one variable: an arc length along the profile of each
+    # link. Such a variable is named by its pair and link, also in expressions of loads.
     variable_names = {
         f"s_{pair.name}_{link}": f"s_{pair.name}_{names[link]}"
         for pair in mechanism.pairs
