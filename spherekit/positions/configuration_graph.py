@@ -293,15 +293,18 @@ class ConfigurationGraph:
             row of a sample that the sheet does not reach is NaN.
         """
         (sample,) = np.nonzero(np.all(np.isfinite(values), axis=1))
-        # `add` returns the present node of a configuration that is one already.
+        # `add` returns the present node of a configuration that is one already. New nodes
+        # get the numbers after those of all present nodes (`self.sample` has one entry per
+        # node).
         first_new_node = len(self.sample)
         nodes = self.add(sample, values[sample])
         # Edges between successive nodes put the whole sheet into one connected component
-        # of the graph. A component can have several nodes at a sample.
+        # of the graph. A component can have several nodes at a sample, if modes meet.
         self._edges.append((nodes[:-1], nodes[1:]))
-        # A piece is a part of a component with at most one node per sample. The new nodes
-        # are united to one piece first. Then the pieces of the other nodes of the sheet are
-        # united with it, unless they share a sample with it.
+        # A piece is a part of a component with at most one node per sample, as an assembly
+        # mode has. Pieces that share a sample cannot be united. The new nodes share none
+        # with each other, so they come first and are one piece in any case. Nodes that were
+        # present before may belong to pieces that share a sample with it.
         new = nodes[nodes >= first_new_node]
         order = np.concatenate([new, nodes[nodes < first_new_node]])
         for node in order[1:].tolist():
@@ -338,21 +341,22 @@ class ConfigurationGraph:
         nodes with at most one node per sample. Pieces are united, and become the assembly
         modes in the end.
 
-        First, paths from all nodes are followed along the last axis of the grid. Nodes that
-        they join become long pieces along this axis. Then paths are followed along the
-        other axes. A single path can join two long pieces that are side by side, so a few
-        paths from each piece are tried first, and more only if pieces remain to be joined.
+        First, paths from all nodes are followed to the previous sample along the last axis
+        of the grid. Nodes that they join become long pieces along this axis. Then paths are
+        followed along the other axes. A single path can join two long pieces that are side
+        by side, so a few paths from each piece are tried first, and more only if pieces
+        remain to be joined.
 
         At some samples configurations may be missing among the nodes. A path to such a
         sample can end at a new configuration, which becomes a node.
         """
         # Direction 2 a leads to the next sample along axis a, and 2 a + 1 to the previous
-        # one. The last direction leads to the previous sample along the last axis.
+        # one.
         axis_count = len(self._neighbours) // 2
-        last_direction = 2 * (axis_count - 1) + 1
-        self._join_along_paths(
-            np.flatnonzero(self._may_join_pieces(last_direction)), last_direction
-        )
+        back_along_last_axis = 2 * (axis_count - 1) + 1
+        # The nodes from which a path in this direction may join two pieces.
+        nodes = np.flatnonzero(self._may_join_pieces(back_along_last_axis))
+        self._join_along_paths(nodes, back_along_last_axis)
         # Paths to previous samples, from the last axis but one to the first axis.
         for axis in range(axis_count - 2, -1, -1):
             self._join_in_directions([2 * axis + 1])
@@ -398,26 +402,26 @@ class ConfigurationGraph:
         - the node is not singular, and its piece has no node at the target yet, and
         - a node at the target can be its end: it is not singular, the determinant of its
           closure Jacobian has the same sign, which a verified path cannot change, and no
-          path has reached it yet. This is not required at a target where configurations may
-          be missing, because the path can lead to a new node there.
+          other path in this direction ends at it. This is not required at a target where
+          configurations may be missing, because the path can lead to a new node there.
         """
         # `_is_regular` marks nodes that are not singular. The number -1 stands for no
-        # sample in `target`, for no node in `ends`, and for no path in `_partner`. As an
-        # index, -1 reads the last entry, which `is_node` excludes. Directions are numbered
-        # in pairs, so the opposite direction differs in the last bit.
-        opposite_direction = direction ^ 1
+        # sample in `target`, for no node in `ends`, and for no path in `_partner`.
+        # Directions are numbered in pairs, 2 a and 2 a + 1, of opposite directions.
+        opposite_direction = direction + 1 if direction % 2 == 0 else direction - 1
         target = self._neighbours[direction][self.sample]
         is_candidate = (target >= 0) & self._is_regular & ~self._is_tried[direction]
         for first in range(0, len(target), PATHS_AT_ONCE):
             rows = first + np.flatnonzero(is_candidate[first : first + PATHS_AT_ONCE])
-            # All nodes at the target of each row: (rows, nodes of a sample).
+            # All nodes at the target of each row: (rows, nodes of a sample). Where an entry
+            # is -1, the arrays below are read at their last entry, and `is_node` is False.
             ends = self._nodes_of_sample[target[rows]]
             is_node = ends >= 0
             can_be_end = is_node & self._is_regular[ends]
             signs = self._determinant_sign
             can_be_end &= signs[ends] == signs[rows, None]
-            # No path has reached it, from which its way back in the opposite direction
-            # would be known.
+            # If a path ended at it, this path backwards would have been noted as its path
+            # in the opposite direction.
             can_be_end &= self._partner[opposite_direction][ends] < 0
             is_in_piece = is_node & (self._piece[ends] == self._piece[rows, None])
             has_possible_end = np.any(can_be_end, axis=1)
@@ -597,10 +601,10 @@ class ConfigurationGraph:
         their first sample.
         """
         # A connected component consists of all nodes that are joined by edges, directly or
-        # through others. It may have several nodes at a sample, if modes meet. It was
-        # divided into pieces with at most one node per sample. Pieces of a component belong
-        # together, so those that share no sample become one mode: the largest piece comes
-        # first, and each further piece is put into the first mode with room for it.
+        # through others. If modes meet, it has several nodes at a sample, and was divided
+        # into pieces with at most one node per sample. A component gets as few modes as
+        # possible from its pieces. Each piece is put into the first mode that has no node
+        # at its samples, or becomes a mode. `_pieces` yields large pieces first.
         count = len(self.sample)
         starts = np.concatenate(
             [np.empty(0, np.intp), *(start for start, _ in self._edges)]
@@ -677,7 +681,9 @@ def _put_into_first_mode(
 def share_numbers(modes: Sequence[Indices]) -> list[Indices]:
     """Unite assembly modes that occur on separate parts of a path of samples.
 
-    United modes share one number, so that there are fewer of them.
+    United modes share one number, so that there are fewer of them. At least one sample
+    without a configuration separates the modes that are united. Successive samples of a
+    united mode therefore belong to the same one of its modes.
 
     Parameters
     ----------
@@ -687,14 +693,13 @@ def share_numbers(modes: Sequence[Indices]) -> list[Indices]:
 
     Returns
     -------
-    The united modes, as arrays of the same kind. Each mode is put into the first united
-    mode that has no node at its samples, or next to them. The order of `modes` decides,
-    therefore.
+    The united modes, as arrays of the same kind. The modes are taken in their order. Each
+    is put into the first united mode that has no node at its samples, or next to them.
     """
     united_modes: list[Indices] = []
     for mode in modes:
         is_occupied = mode >= 0
-        # A gap of at least one sample must remain between two modes that are united.
+        # The samples next to those of the mode must be free too.
         is_occupied = (
             is_occupied
             | np.append(is_occupied[1:], False)

@@ -195,17 +195,18 @@ class Configurations(NamedTuple):
     """The configuration curves that meet the range of an input.
 
     A configuration curve consists of all closed configurations that the mechanism reaches
-    from one of them. It does not depend on which pair is the input. The curves were
-    therefore searched at values of another pair, `drive`, if that was less work.
+    from one of them. It does not depend on which pair is the input. To search the curves,
+    configurations were computed at values of the pair `drive`. It is the input itself, or
+    another pair if that was less work.
 
     Attributes
     ----------
     curves
         The curves that were found.
     claim
-        What is guaranteed, with its reason: that no curve is missing; that none is missing
-        along which the pair `drive` turns by more than the width `claim.box`; or only that
-        these are what a search found.
+        What is guaranteed, with its reason. There are three cases: no curve is missing;
+        curves may be missing along which the pair `drive` turns by less than `claim.box`
+        (rad); or curves may be missing without any bound.
     drive
         Name of the pair at whose values the configurations were computed.
     inputs, counts
@@ -459,10 +460,10 @@ class _CurveSearch:
 
         Returns
         -------
-        How complete the curves are. Wheels that roll on each other can be put together in
-        infinitely many ways if the lengths along which they have rolled do not follow from
-        the input. Then no start is made, and only the curves of the given assembly modes
-        are complete (`Guarantee.COMPONENT`).
+        How complete the curves are. If wheels roll on each other and the input does not
+        determine how far they have rolled, infinitely many curves exist. Then no start is
+        made, and only the curves of the given assembly modes are complete
+        (`Guarantee.COMPONENT`).
         """
         gear_phases = self.solver.gear_phases
         if gear_phases is not None and not gear_phases.all_known:
@@ -473,7 +474,7 @@ class _CurveSearch:
         high = np.array([self.high])
         rounds = random_starts(self.solver, low, high, seed=SEED + 1)
         variable_count = len(self.solver.mechanism.variable_owners)
-        # The first `RANGE_ROUNDS` rounds of starts come together.
+        # The generator `rounds` yields the first `RANGE_ROUNDS` rounds of starts at once.
         statistics = SearchStatistics(variable_count, min_rounds=RANGE_ROUNDS)
         progress = ProgressReporter("searching the configuration curves")
         while statistics.needs_more_starts and len(self.curves) < MAX_CURVES:

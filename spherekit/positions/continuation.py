@@ -140,10 +140,11 @@ class CurveContinuation(ABC, Generic[Node]):
     def select_steps(
         self, rows: Indices, steps: Floats, new_nodes: Node, is_verified: Bools
     ) -> Bools:
-        """Return which verified steps (k,) are taken (abstract method).
+        """Return which steps (k,) are taken, all of them verified (abstract method).
 
-        A subclass does not take steps beyond its limits, such as the end of a profile. It
-        may also end curves that reach a limit, by setting `end_status`.
+        A subclass does not take steps beyond its limits, such as the end of the profile of
+        a contact. It may also end curves that reach a limit, by setting their status in
+        `end_status`.
 
         Parameters
         ----------
@@ -154,7 +155,7 @@ class CurveContinuation(ABC, Generic[Node]):
         new_nodes
             k nodes, at which the steps end.
         is_verified
-            (k,) which steps passed all tests of `step_tests`.
+            (k,) which steps passed all tests that a step leads to the same curve.
         """
 
     @abstractmethod
@@ -169,18 +170,20 @@ class CurveContinuation(ABC, Generic[Node]):
         """Return the start nodes of curves with variables moved by whole periods.
 
         A lap, which is one round of a closed curve, returns to the start, but angles may
-        have grown by whole periods. With the values of these grown angles the start is
-        compared with the end of the lap.
+        have grown by whole periods. The start with these grown angles is compared with the
+        end of the lap.
+
+        A subclass overrides this method if its curves have more unknowns than the pair
+        variables, such as the rates of the links on a curve of singularities. It compares
+        these further unknowns of `starts` and `nodes`. Where they differ it returns NaN, so
+        that the lap does not close.
 
         Parameters
         ----------
         starts
             First nodes of k curves.
         nodes
-            Last nodes, from which a step may lead to the start. Only subclasses use them. A
-            node of a subclass may have more unknowns than the pair variables, for example a
-            singular motion. Then the subclass compares these, and returns NaN for a start
-            at which they differ, so that the lap does not close.
+            Last nodes, from which a step may lead to the start.
         values
             (k, variables) variables of the first nodes, moved by whole periods (rad).
 
@@ -234,8 +237,8 @@ class CurveContinuation(ABC, Generic[Node]):
         Returns
         -------
         (k,) factors for the lengths of the next steps: between 0.5 and 2 after a step that
-        was taken. 0 marks a step that failed, after which half of it is tried. The factor
-        of a curve that has ended has no effect.
+        was taken. 0 marks a step that failed; the caller then halves it. Curves that have
+        ended without a further step get 1, which has no effect.
         """
         # All arrays have one entry for each of the k curves. A step is tried from the last
         # node of each.
@@ -257,9 +260,9 @@ class CurveContinuation(ABC, Generic[Node]):
         )
         self.append_nodes(rows[is_taken], tried_steps.nodes.rows(is_taken))
         # A step is verified only if its equations change by no more than the limit
-        # `step_tests.change`. The change grows with the length of the step. The next step
-        # therefore aims at a part of the limit, so that most steps are verified. The tiny
-        # number prevents a division by zero on straight curves.
+        # `step_tests.change`. The change is about proportional to the length of the step.
+        # The next step aims at a part of the limit, so that most steps are verified. The
+        # tiny number prevents a division by zero on straight curves.
         aimed_change = AIMED_CHANGE_RATIO * self.step_tests.change
         growth = np.clip(aimed_change / (tried_steps.changes + 1e-300), 0.5, 2.0)
         is_unfinished = self.end_status[rows] == UNFINISHED
@@ -350,27 +353,29 @@ class CurveContinuation(ABC, Generic[Node]):
     ) -> Bools:
         """Return which steps (k,) pass the last test, that both ends predict the middle.
 
-        The middle is interpolated between both ends with their first two derivatives, at
-        its projection on the chord, which is the straight line from start to end. The
-        interpolation must agree with the corrected middle within the limits of
-        `step_tests`.
+        A polynomial with the position and the first two derivatives at both ends is
+        evaluated at the middle, and must agree with it within the limits of `step_tests`.
+        Its parameter at the middle is the projection of the middle on the chord (the
+        straight line from start to end). It is near one half, but not exactly.
 
         Parameters
         ----------
         starts, stops
             (k) points at both ends of the steps.
         middles
-            (k, variables) corrected points in the middles of the steps (rad).
+            (k, variables) points of the curves near the middles of the steps (rad).
         distances
             (k,) lengths of the steps (rad).
         is_good
-            (2 k,) whether the middle and the end of each step passed the other tests, the
-            end of each step after its middle.
+            (2 k,) whether the middle and the end of each step passed the other tests. The
+            order is: middle and end of the first step, middle and end of the second step,
+            and so on.
         rounding
             (k,) rounding errors of the middles (rad).
         """
         chords = stops.values - starts.values
         with np.errstate(all="ignore"):  # Steps that failed can have chords of length 0.
+            # Projections of the middles on the chords, as parts of the chords.
             fractions = np.vecdot(middles - starts.values, chords)
             fractions = fractions / np.vecdot(chords, chords)
             predicted = interpolate_between(starts, stops, fractions)

@@ -90,10 +90,11 @@ class Crossing(NamedTuple):
         Whether second-order terms determine the number of curves. If not, `tangents` is
         empty.
     miss
-        How far the configuration is from a crossing. At an exact crossing the closure
-        residual is zero, and as many singular values of the velocity equations as there are
-        `freedoms`. `miss` is the largest of these numbers (rad). A mechanism whose sizes
-        miss a crossing by less than rounding cannot be distinguished from one that has it.
+        How far the configuration is from a crossing (rad). At an exact crossing the closure
+        residual is zero. The velocity equations then also have as many singular values of
+        zero as there are `freedoms`. `miss` is the largest of all these numbers. A
+        mechanism whose sizes miss a crossing by less than rounding cannot be distinguished
+        from one that has it.
     error
         Size (rad) of the last correction of `values`.
     """
@@ -123,10 +124,11 @@ def find_crossing(closure: Closure, values: Floats) -> Crossing | None:
 
 
 def find_outgoing_points(closure: Closure, values: Floats) -> Floats:
-    """Return closed configurations on all curves that leave a closed configuration.
+    """Return closed configurations on the curves that leave a closed configuration.
 
     The points are searched at a fixed distance from the configuration, by Newton's method
-    from start points that are spread over a sphere.
+    from `START_COUNT` start points that are spread over a sphere. A curve that none of them
+    leads to is missed.
 
     Parameters
     ----------
@@ -144,9 +146,10 @@ def find_outgoing_points(closure: Closure, values: Floats) -> Floats:
     _, singular_values, right_vectors = np.linalg.svd(
         closure.linearise(values[None]).jacobian[0]
     )
-    rank = int(
-        np.sum(singular_values >= MOTION_RATIO * max(singular_values[0], MOTION_RATIO))
-    )
+    # A Jacobian that is nearly zero has rank 0, although its singular values are not small
+    # relative to the largest one.
+    scale = max(singular_values[0], MOTION_RATIO)
+    rank = int(np.sum(singular_values >= MOTION_RATIO * scale))
     # Motions that keep the loops closed to first order. The curves are searched on a small
     # sphere in the space of these motions.
     motions = right_vectors[rank:]

@@ -157,9 +157,9 @@ def curve_points(
 ) -> tuple[CurvePoints, Linearisation]:
     """Return the tangents and second derivatives of the curves at closed configurations.
 
-    Both follow from the closure Jacobian J with a border row b (the bordered Jacobian): the
-    tangent t from J t = 0, the second derivative from J dt/ds + bias = 0, where the bias is
-    dJ/ds t.
+    Both follow from the closure Jacobian J with a further row b, its border: the tangent t
+    from J t = 0, the second derivative by the arc length s (the bend) from J dt/ds + bias =
+    0, where the bias is dJ/ds t.
 
     Parameters
     ----------
@@ -179,6 +179,8 @@ def curve_points(
         The closure at the configurations.
     """
     linearisation = closure.linearise(values)
+    # The matrix has more rows than columns if equations of the loops are redundant, so a
+    # left inverse is used.
     inverse = left_inverse(bordered(linearisation.jacobian, borders))
     # The last column solves J t = 0, border . t = 1.
     tangents = unit_rows(inverse[:, :, -1])

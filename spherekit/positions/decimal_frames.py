@@ -53,8 +53,9 @@ def _frames_from_pose(
 ) -> dict[int, Frames]:
     """Return the frames of pairs whose axes are given in a reference pose.
 
-    The frames have quad precision and follow from the decimal numbers of the file, not from
-    the nearest float64 numbers. The z axis of a frame is the pair axis.
+    The frames have quad precision. They follow from the decimal numbers of the file,
+    because the nearest float64 numbers already have errors of 1e-16. The z axis of a frame
+    is the pair axis.
 
     Parameters
     ----------
@@ -73,11 +74,12 @@ def _frames_from_pose(
     values = _angles_of_pairs(document, "value")
     frames: dict[int, Frames] = {}
     for name, axis in geometry.axes.items():
-        # In the reference pose both links of a pair have the same axes. The frames differ
-        # by the value of the variable there.
+        # In the reference pose both links have the same axes. With the variable v there,
+        # the frames satisfy first @ Z(v) = second, where Z is a rotation about z.
         exact_axis = normalize(_parse_decimals([repr(float(x)) for x in axis]))
-        # The frame without another axis as reference. The float64 axis only decides which
-        # coordinate axis the x axis is perpendicular to, as in float64 computations.
+        # The x axis of the frame is perpendicular to one of the coordinate axes. The
+        # float64 axis decides to which one, so that float64 computations have the same x
+        # axis.
         first = _frame_without_reference(exact_axis, np.array(axis, dtype=float))
         second = first
         if name in values:

@@ -23,14 +23,19 @@ Smaller: all pairs are tried more often.
 
 
 def choose_driving_pair(solver: PositionSolver) -> PositionSolver:
-    """Return a solver of the same mechanism with the driving pair that costs least.
+    """Return a solver of the same mechanism, with a driving pair of low cost.
 
-    The mechanism is driven at one pair. Assembly modes meet at certain values of this
-    input, where functions of the input, the mode coalescence, change their sign. The cost
-    is the time of one value of these functions. It is infinite if they are not known, or
-    take more than `ACCEPTABLE_COST_S`. The given solver is returned if its cost is
-    acceptable, if the functions are unknown for every driving pair, or if a group (a set of
-    bodies that are placed together) has contacts or redundant constraints.
+    The solver serves to search all curves of configurations. These curves do not depend on
+    the driving pair, so any pair may be chosen.
+
+    The search needs the inputs at which assembly modes meet. They are zeros of certain
+    functions of the input, the mode coalescence. The cost of a driving pair is the time of
+    one value of these functions. It is infinite if they are not known, or take more than
+    `ACCEPTABLE_COST_S`.
+
+    The given solver is returned if its cost is below `ACCEPTABLE_COST_S`, if the functions
+    are unknown for every driving pair, or if a group (a set of bodies that are placed
+    together) has contacts or redundant constraints. Otherwise the cheapest pair is chosen.
     """
     # `group.revolute` says that a group has R pairs only, so no contacts.
     if any(not group.revolute or group.redundant for group in solver.assembly.groups):

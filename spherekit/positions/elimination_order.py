@@ -124,15 +124,20 @@ def find_binary_links(group: Group) -> tuple[BinaryLink, ...]:
 def find_elimination_orders(group: Group) -> tuple[EliminationOrder, ...]:
     """Return the elimination orders with the fewest complex solutions.
 
-    A group is cut open by removing one link with two pairs for each of its loops, which
-    leaves a tree. Each removed link gives one equation in the angles of the tree. An
-    elimination order states which links are removed, in which sequence all angles but one
-    are eliminated, and in which sequence the equations are used. At most `MAX_ORDERS` are
-    returned, the same ones each time; none if the group has no elimination.
+    A group is a set of bodies and pairs that is rigid when the inputs are locked (an Assur
+    group). It is cut open by removing one link with two pairs for each of its loops, which
+    leaves a tree. Each removed link gives one equation in the angles of the tree. One after
+    another, all angles but the first are eliminated from these equations.
+
+    An elimination order states which links are removed, and the sequences of the angles and
+    of the equations. At most `MAX_ORDERS` are returned, the same ones each time; none if
+    the group has no elimination.
     """
     orders = []
+    # Binary links have two pairs, so they can be removed.
     for removed_links in combinations(find_binary_links(group), group.loops):
         removed_bodies = {link.body for link in removed_links}
+        # Any body that remains can be the one to which others are referred.
         base_body = min({*range(len(group.bodies))} - removed_bodies)
         tree_pairs = [
             pair for pair, ends in enumerate(group.ends) if removed_bodies.isdisjoint(ends)
@@ -151,8 +156,9 @@ def find_elimination_orders(group: Group) -> tuple[EliminationOrder, ...]:
         # All sequences of the unknown angles, and of the equations of the removed links.
         for ordered_pairs in permutations(tree_pairs):
             for ordered_links in permutations(removed_links):
-                # The last angle is eliminated from the last two equations together. Their
-                # sequence makes no difference, so one of the two is enough.
+                # The last angle of the sequence is eliminated from the last two equations
+                # together. Exchanging these two makes no difference, so one of both
+                # sequences is enough.
                 last_bodies = [link.body for link in ordered_links[-2:]]
                 if last_bodies != sorted(last_bodies):
                     continue

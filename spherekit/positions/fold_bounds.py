@@ -49,10 +49,11 @@ def bound_by_newton(sensitivity: Floats, gap: Floats, curvature: Floats) -> Floa
     """Return bounds (n,) in rad of the errors of variables by Kantorovich's theorem.
 
     J is the derivative of the loop residuals by the variables that are not inputs. With
-    sensitivity b, gap g and curvature k of J, the first step of Newton's method is at most
-    b g. If k b^2 g is at most 1/2, the solution is not farther away than 2 b g / (1 +
-    sqrt(1 - 2 k b^2 g)), which is at most twice the first step. Otherwise the theorem does
-    not apply, and the bound is infinite. Two roundings (`EPS`) are added for the variables.
+    sensitivity b, gap g and curvature k of J, the first step of Newton's method is taken to
+    be at most b g. If k b^2 g is at most 1/2, the solution is not farther away than
+    2 b g / (1 + sqrt(1 - 2 k b^2 g)), which is at most twice the first step. Otherwise the
+    theorem does not apply, and the bound is infinite. The rounding of the variables
+    themselves, 2 `EPS`, is added.
 
     Parameters
     ----------
@@ -92,8 +93,10 @@ def rounding_of_loops(linearisation: Linearisation) -> float:
 class FoldPlacement:
     """Configurations at n rows that are at a fold or near one.
 
-    At a fold two configurations of the mechanism meet at one input. Near it, the loops are
-    open by a quadratic function of the distance along one direction.
+    At a fold two configurations of the mechanism meet at one input. In the space of the
+    variables, there is one direction in which the loops hardly open. If a configuration is
+    moved by x in this direction, one component of the closure residual is a quadratic
+    function of x. Its roots are the two configurations.
 
     Attributes
     ----------
@@ -103,7 +106,8 @@ class FoldPlacement:
     error
         (n,) bounds (rad) of the errors of the variables; infinite if they are not known.
     is_out_of_reach
-        (n,) whether loops close for no input within the rounding of the input.
+        (n,) whether the loops do not close, not even if the input is changed by its
+        rounding error.
     """
 
     values: Floats
@@ -177,7 +181,7 @@ def place_at_folds(
     fold_error = fold.bound_errors(closure, gap + input_gap)
     # The quadratic function has no root if its extreme value has the sign of its curvature.
     # The loops then do not close, if this value is larger than all rounding.
-    extreme = fold.lowest_residual * np.sign(fold.curvature)
+    extreme = fold.extreme_residual * np.sign(fold.curvature)
     rounding = np.sqrt(equations) * (rounding_of_loops(linearisation) + input_gap)
     is_open = np.isfinite(fold_error) & (extreme > rounding)
     has_bound = np.isfinite(newton_error)
@@ -193,20 +197,22 @@ class _FoldModel:
     ----------
     sensitivity
         (n,) Frobenius norm of the left inverse of J.
-    slope, residual, curvature
-        (n,) s, e and h of the module docstring, where `residual` is at the configurations.
-    lowest_residual
-        (n,) the extreme value of f, at x = -s / h.
+    residual, slope, curvature
+        (n,) the coefficients e, s and h of f(x) = e + s x + h x^2 / 2.
+    extreme_residual
+        (n,) the value of f at its minimum or maximum, x = -s / h.
     """
 
     def __init__(self, linearisation: Linearisation, free: Indices) -> None:
         """Compute the coefficients of the quadratic f(x) = e + s x + h x^2 / 2.
 
-        J is the Jacobian of the closure residual F, by the variables that are not inputs.
-        Its smallest singular value s has the right singular vector v (`_direction`) and the
-        left one u (`_side`). If the variables move by the distance x along v, the component
-        u . F of the residual becomes f(x), up to terms of third order. e is this component
-        at the configuration, and h = u . D^2 F [v, v] with the second derivative D^2 F.
+        Error bounds of a configuration at a fold, where two configurations meet, follow
+        from f. J is the Jacobian of the closure residual F, by the variables that are not
+        inputs. Its smallest singular value s (`slope`) has the right singular vector v
+        (`_direction`) and the left one u (`_side`). If the variables move by the distance x
+        along v, the component u . F of the residual becomes f(x), up to terms of third
+        order. e (`residual`) is this component at the configuration. h (`curvature`) is
+        u . D^2 F [v, v] with the second derivative D^2 F.
 
         Parameters
         ----------
@@ -237,8 +243,9 @@ class _FoldModel:
         rates[:, free] = self._direction
         self.curvature = np.vecdot(self._side, linearisation.bias(rates))
         self.residual = np.vecdot(self._side, linearisation.residual)
+        # The minimum or maximum of f. If it has the sign of h, f has no root.
         with np.errstate(divide="ignore", invalid="ignore"):
-            self.lowest_residual = self.residual - 0.5 * self.slope**2 / self.curvature
+            self.extreme_residual = self.residual - 0.5 * self.slope**2 / self.curvature
 
     def _close_other_equations(self, residual: Floats) -> Floats:
         """Return the step (n, free) that closes the loops in all directions but u.
