@@ -252,9 +252,11 @@ class InverseKinematics:
         base = self.wrist.base  # the link that the output is seen from
         if has_only_r_pairs and DyadChain.can_place(self._assembly, base):
             # The link that is placed by the pose. An orientation places the output link
-            # itself. A direction places only the last virtual link (`carrier`), on which
-            # the output link can turn.
-            posed_link = self.wrist.carrier if self.wrist.points else self.wrist.link
+            # itself. A direction places only the last virtual link, on which the output
+            # link can turn.
+            posed_link = (
+                self.wrist.last_virtual_link if self.wrist.points else self.wrist.link
+            )
             self.dyads = DyadChain(self.mechanism, joints, self._assembly, base, posed_link)
         else:
             self._closing_link = find_closing_link(self.wrist, self.solver)

@@ -266,11 +266,14 @@ class TargetDeviation:
 
         Imagine a torsional spring of unit stiffness between the output link and its target.
         The remaining rotation d (rotation vector from the link to the target) is its moment
-        on the link. The nearest configuration is its equilibrium: G^T d + J^T m = 0, with
-        the Jacobian G of the output link, the Jacobian J of the loops, and the reactions m
-        of the pairs that close the loops. Row v says that the moment f_v has no component
-        along the axis of the variable, about which its pair turns freely. All moments are
-        zero if the link is on the target.
+        on the link. The pairs transmit this moment and the reactions m by which the loops
+        stay closed.
+
+        In the nearest configuration the spring is in equilibrium: G^T d + J^T m = 0, with
+        the Jacobian G of the output link and the Jacobian J of the loops. Row v is
+        a_v . f_v = 0 with the axis a_v of the variable: its pair turns freely about this
+        axis and transmits no moment along it. All f_v are zero if the link is on the
+        target.
         """
         moments = self._moments_at_pairs(
             output_moment=self.remaining_rotation,
@@ -279,24 +282,29 @@ class TargetDeviation:
         return np.where(self._is_off_target[:, None, None], moments, 0.0)
 
     def _moments_at_pairs(self, output_moment: Floats, force: Floats) -> Floats:
-        """Return the moments (n, variables, 3) that the pairs of the variables transmit.
+        """Return the moment (n, variables, 3) that the pair of each variable transmits.
 
-        A moment acts on the output link. The pairs on the path from body 0 to this link
-        transmit it. Each loop is closed by one pair, a chord, whose reaction is a moment
-        too. All pairs of the loop transmit this reaction. The sum of both is returned for
-        each variable. Signs say in which direction path and loop pass a pair.
+        It is the sum of two moments:
 
-        The reactions balance generalised forces at the variables: J^T m + force = 0, with
-        the Jacobian J of the loops. The solution is m = -(J^+)^T force, with the
-        pseudo-inverse J^+, and has three components for each loop.
+        - A moment acts on the output link. The pairs on the path from body 0 to this link
+          transmit it.
+        - Each loop is closed by one pair, a chord, whose reaction is a moment too. All
+          pairs of the loop transmit it.
+
+        The reactions m have three components for each loop. They balance generalised forces
+        at the variables: J^T m + force = 0, with the Jacobian J of the loops. The solution
+        is m = -(J^+)^T force, with the pseudo-inverse J^+.
 
         Parameters
         ----------
         output_moment
             (n, 3) moment on the output link.
         force
-            (n, variables) generalised forces that the reactions balance.
+            (n, variables) generalised forces that the reactions balance: those of the
+            moment on the output link, or their rates.
         """
+        # Signs 1 and -1 say in which direction a path or loop passes a pair; 0 if it does
+        # not.
         tree = self.linearisation.tree
         reactions = -np.vecmat(force, self._jacobian_split.pseudo_inverse)
         reactions = reactions.reshape(len(force), len(tree.chords), 3)
@@ -316,9 +324,11 @@ class TargetDeviation:
 
         The axis a of a pair is fixed in a body with the angular velocity w and the angular
         acceleration w': a'' = w' x a + w x a'. The result is NaN for contact pairs, which
-        would need a further derivative of their profiles. If the output link is on the
-        target, the result is zero, so that it is not NaN: it is only multiplied by the
-        moments at the pairs, which are zero there.
+        would need a further derivative of their profiles.
+
+        The result is only multiplied by `_pair_moments`. These are zero if the output link
+        is on the target. The result is then set to zero, because a product of zero and NaN
+        would be NaN.
 
         Parameters
         ----------
@@ -328,7 +338,7 @@ class TargetDeviation:
             (n, variables, 3) first derivatives of the vectors at these rates.
         """
         tree = self.linearisation.tree
-        # For each variable the first body of its pair, which carries the axis.
+        # For each variable the first body of its pair, in which the axis is fixed.
         first_bodies = tree.first_bodies[list(tree.pair_of_variable)]
         # The angular velocity of a body is the sum of rate times vector over the variables
         # on its path. The rates are constant, so only the vectors change.
@@ -385,25 +395,32 @@ class TargetDeviation:
         """Return the motion (n, variables) that closes the loops and balances a force.
 
         A torsional spring of unit stiffness between the output link and its target exerts
-        generalised forces on the variables. The motion is the sum of two parts. The first
-        part closes the loops. The second part keeps them closed, and is that by which the
-        stiffness balances the force, less the part that the first motion has balanced.
+        generalised forces on the variables. The motion x satisfies
+
+            J x = closure_change,        N^T K x = N^T force.
+
+        J is the Jacobian of the loops. The columns of N are the motions that keep the loops
+        closed. K x is the change of the gradient of the spring's energy. The solution is
+        the sum of J^+ closure_change, which closes the loops, and of N y, which keeps them
+        closed.
 
         Parameters
         ----------
         force
             (n, variables) generalised forces G^T d of the spring, with the Jacobian G of
-            the output link and the rotation d that is left to the target; or the change of
-            these forces. Only the part along motions that keep the loops closed matters,
-            since reactions in the loops balance the rest.
+            the output link and the rotation d that is left to the target. If derivatives of
+            a motion are computed, it is a derivative of these forces. The part that is not
+            along N is balanced by reactions in the loops.
         closure_change
             (n, equations) required change of the closure residuals.
         stiffness
-            (n, degrees of freedom, degrees of freedom) second derivatives of the energy of
-            the spring by motions that keep the loops closed.
+            (n, degrees of freedom, degrees of freedom) N^T K N, the second derivatives of
+            the energy of the spring by motions that keep the loops closed.
         """
         split = self._jacobian_split
         closing_motion = np.matvec(split.pseudo_inverse, closure_change)
+        # N^T K N y = N^T (force - K x) with the first part x. `left_inverse` gives NaN for
+        # a stiffness that is exactly singular, where `np.linalg.inv` would raise an error.
         remaining_force = force - self._gradient_rates(closing_motion)
         free_motion = np.matvec(
             left_inverse(stiffness), np.vecmat(remaining_force, split.null_space)
@@ -419,9 +436,9 @@ class TargetDeviation:
         Parameters
         ----------
         can_follow
-            Whether the mechanism can reach the target. The orientation is then one more
-            equation. With it the links are determined even in configurations in which the
-            loops lose their rank and do not determine them for locked inputs.
+            Whether the mechanism can reach the target. Three equations for the orientation
+            of the output link are then solved together with those of the loops. They can
+            determine the step even where the equations of the loops lose their rank.
         """
         if can_follow:
             # Close the loops, and turn the output link by the remaining rotation.
@@ -432,17 +449,18 @@ class TargetDeviation:
         # The stiffness is the second derivative of a^2 / 2 by motions that keep the loops
         # closed. Where its smallest eigenvalue is not clearly positive, a^2 / 2 is not
         # convex, and a full Newton step could increase the angle. The Gauss-Newton matrix
-        # has the angular velocities of the output link only, without the curvature of the
-        # configurations. It is never negative, so its step always decreases the angle. The
-        # square of the smallest singular value of these velocities is its smallest
-        # eigenvalue, with which that of the stiffness is compared.
+        # W^T W is used there, with the angular velocities W of the output link. It leaves
+        # out the curvature of the configurations. Its eigenvalues are never negative, so
+        # its step decreases the angle if it is short enough.
         gauss_newton = transpose(self.free_output_rates) @ self.free_output_rates
+        least_gauss_newton_eigenvalue = self.output_singular_value**2
         is_convex = (
-            self.least_eigenvalue > MIN_CONVEXITY_RATIO * self.output_singular_value**2
+            self.least_eigenvalue > MIN_CONVEXITY_RATIO * least_gauss_newton_eigenvalue
         )
         stiffness = np.where(is_convex[:, None, None], self.stiffness, gauss_newton)
-        # G^T d is minus the gradient of a^2 / 2, with the Jacobian G of the output link:
-        # the angle becomes smaller when the link turns by the remaining rotation d.
+        # The step closes the loops and makes the gradient of a^2 / 2 zero. G^T d is minus
+        # this gradient, with the Jacobian G of the output link: the angle becomes smaller
+        # when the link turns by the remaining rotation d.
         return self._solve_motion(
             force=np.vecmat(self.remaining_rotation, self.output_jacobian),
             closure_change=-self.linearisation.residual,
@@ -454,12 +472,15 @@ class TargetDeviation:
 
         The error is the larger one of two numbers. The first one is the closure residual.
         The second one is the remaining rotation to the target if the mechanism can reach it
-        (`can_follow`). Otherwise it is the gradient of a^2 / 2 along the configurations,
-        where a is the angle to the target.
+        (`can_follow`, one flag for all targets). Otherwise it is the gradient of a^2 / 2
+        along the configurations, where a is the angle to the target.
         """
         if can_follow:
             output_error = self.remaining_rotation
         else:
+            # The remaining rotation d is a rotation vector of the length a. If the link has
+            # the angular velocity w, the rate of a^2 / 2 is -d . w. `free_output_rates` has
+            # w for each motion that keeps the loops closed.
             output_error = np.vecmat(self.remaining_rotation, self.free_output_rates)
         return np.maximum(
             self.linearisation.closure_residual, max_abs(output_error, axis=1)
@@ -481,11 +502,14 @@ class TargetDeviation:
         ----------
         axis
             (3,) unit vector in the axes of body 0, the link from which the output is seen.
-            The configurations have to be nearest ones.
+
+        Notes
+        -----
+        The configurations of this object must be nearest ones already.
         """
         # 1. Velocity equations: the loops stay closed, and the output link turns at 1
-        # rad per rad of theta about the axis. The pseudo-inverse gives the rates with the
-        # smallest misfit.
+        # rad per rad of theta about the axis, which are the last three equations. The
+        # pseudo-inverse gives the rates with the smallest misfit.
         velocity_right = np.zeros(self.system.shape[:2])
         velocity_right[:, -3:] = axis
         first = np.matvec(self.system_inverse, velocity_right)
@@ -497,15 +521,15 @@ class TargetDeviation:
         acceleration_right = -np.concatenate([loop_bias, output_bias], axis=1)
         second = np.matvec(self.system_inverse, acceleration_right)
         acceleration_misfit = np.matvec(self.system, second) - acceleration_right
-        # Accelerations can be large near singular configurations. Their misfit is therefore
-        # divided by 1 + their size, which makes it absolute for small accelerations and
-        # relative for large ones.
+        # Both sides of these equations can be large near singular configurations, and their
+        # rounding errors with them. The misfit is therefore divided by 1 + the size of the
+        # right side.
         acceleration_misfit /= 1.0 + max_abs(acceleration_right, axis=1)[:, None]
 
         # 3. The output link follows the target if it is on it and both equations have a
-        # solution. The misfits are per rad and rad^2 of theta, so the tolerance is that of
-        # a link which has left the target after 1 rad. Elsewhere the derivatives are those
-        # of the nearest configurations.
+        # solution. A misfit is the angle (rad) by which the link would leave the target
+        # while it turns by 1 rad, so it has the tolerance of such an angle. Otherwise the
+        # derivatives are those of the nearest configurations.
         misfit = max_abs(np.hstack([velocity_misfit, acceleration_misfit]), axis=1)
         follows = ~self._is_off_target & (misfit < ON_TARGET_RAD)
         if not np.all(follows):
@@ -536,9 +560,9 @@ class TargetDeviation:
         remaining rotation d to the target is the moment of the spring, G is the Jacobian of
         the output link, J that of the loops, and m are the reactions in the loops.
 
-        This equation is differentiated once and twice by theta. Each derivative is the
-        motion by which the stiffness of the spring balances a change of the forces. The
-        derivatives are valid on and off the target.
+        This equation is differentiated once and twice by theta. In each derivative, the
+        terms with the unknown rates of the variables are the stiffness of the spring times
+        these rates. `_solve_motion` solves for them; its `force` has all other terms.
         """
         d = self.remaining_rotation
 
@@ -554,24 +578,27 @@ class TargetDeviation:
         # 2. Changes of all quantities in the equation at these rates.
         vector_rates = self._vector_rates(first)
         w = np.matvec(self.output_jacobian, first)  # angular velocity of the output link
-        # Change of d if the target and the output link turn.
+        # Change of d. If the target turns, d changes by `target_rate`. If the output link
+        # turns, -d changes likewise: it is the rotation from the target to the link.
         d_rate = target_rate - log_rate(-d, w)
-        # Row v of the equation is (vector of variable v) . (moment at its pair). Both
-        # change. Reactions balance the change of the forces by the vectors and by d.
+        # Row v of the equation is a_v . f_v, with the axis vector a_v of variable v and the
+        # moment f_v at its pair. Both change. The reactions change so that they balance the
+        # changes of the forces by a_v and d.
         force_rate = np.vecdot(vector_rates, self._pair_moments)
         force_rate = force_rate + np.vecmat(d_rate, self.output_jacobian)
         moment_rates = self._moments_at_pairs(output_moment=d_rate, force=force_rate)
         # Changes of J and G, times the first derivatives of the variables.
         loop_bias, output_bias = self._velocity_biases(first, vector_rates)
 
-        # 3. Second derivatives. `d_bias` is the part of the second derivative of d without
-        # the second derivatives of the variables.
+        # 3. Second derivatives. `d_bias` is the second derivative of d for constant angular
+        # velocities of target and link: the change of both terms of `d_rate`. That of the
+        # link also changes by `output_bias`, even without accelerations of the variables.
         d_bias = log_rate_change(d, d_rate, axis)
         d_bias -= log_rate_change(-d, -d_rate, w)
 
         vector_accelerations = self._vector_accelerations(first, vector_rates)
-        # The second derivative of each product in the equation (product rule), without the
-        # terms that contain the second derivatives of the variables.
+        # The second derivative of each product (a_v . f_v)'' = a_v'' . f_v + 2 a_v' . f_v'
+        # + a_v . f_v'', without terms that contain second derivatives of the variables.
         force = np.vecdot(vector_accelerations, self._pair_moments)
         force += np.vecmat(d_bias - log_rate(-d, output_bias), self.output_jacobian)
         force += 2.0 * np.vecdot(vector_rates, moment_rates)

@@ -36,14 +36,16 @@ COORDINATES = (2, 3)
 
 @dataclass(frozen=True)
 class VirtualOutputChain:
-    """A mechanism with two virtual links between the links of one of its outputs.
+    """A mechanism with two virtual links, which prescribe the pose of one of its outputs.
 
     Two virtual links and three R pairs in series lead from the link that the output is seen
-    from to the output link. Their angles are the coordinates of the pose. All three are
-    driven if the output is an orientation. If it is a direction, the first two are driven
-    and the third, about the direction itself, turns freely. The inputs of the mechanism
-    itself are no longer driven, so that its position analysis gives the inputs of a pose.
-    The numbers of virtual links and pairs come after those of the mechanism itself.
+    from to the output link. The angles of these pairs are the coordinates of the pose. All
+    three pairs are driven if the output is an orientation. If it is a direction, the first
+    two are driven and the third, about the direction itself, turns freely.
+
+    The inputs of the original mechanism are no longer driven. The position analysis of the
+    extended mechanism therefore gives the values of these inputs for a pose. The numbers of
+    virtual links and pairs come after those of the original mechanism.
 
     Attributes
     ----------
@@ -66,7 +68,10 @@ class VirtualOutputChain:
 
     @property
     def points(self) -> bool:
-        """Whether the pose of the output is a direction, which has two coordinates."""
+        """Whether the output points in a direction, so that its pose has two coordinates.
+
+        Otherwise the pose is an orientation, with three coordinates.
+        """
         return len(self.mechanism.inputs) == 2
 
     @property
@@ -75,8 +80,8 @@ class VirtualOutputChain:
         return self.mechanism.link_number[self.output.relative_to]
 
     @property
-    def carrier(self) -> int:
-        """Number of the last virtual link, whose second pair joins it to the output link.
+    def last_virtual_link(self) -> int:
+        """Number of the virtual link that the third virtual pair joins to the output link.
 
         The axis of this pair is the direction of a pointing output.
         """
@@ -230,13 +235,15 @@ def _add_to_sizes(
 ) -> SizeGeometry:
     """Return the sizes of all links with the three virtual pairs added.
 
-    The virtual pairs and two virtual links lead in series from the base to the output link,
-    so that the pair angles are the coordinates of the pose: Euler angles about z, y and z
-    of an orientation, or azimuth, tilt and turn of a direction.
+    The virtual pairs and two virtual links lead in series from the base to the output link.
+    They can prescribe the pose of the output, because the angles of the virtual pairs are
+    its coordinates: Euler angles about z, y and z of an orientation, or azimuth, tilt and
+    turn of a direction.
 
-    A pair has a frame in each of its two links: the third column is its axis, from the
-    first one its angle is counted. Frames of the virtual pairs are added to those of the
-    other pairs. New sizes of the links are computed from all frames.
+    A pair has a frame in each of its two links. The columns are unit vectors in link axes:
+    x, from which the angle is counted, y, and the pair axis z. Frames of the virtual pairs
+    are added to those of the other pairs. New sizes of the links are computed from all
+    frames.
 
     Parameters
     ----------
@@ -250,17 +257,21 @@ def _add_to_sizes(
         Direction of the output in the axes of its link; z for an orientation, whose third
         Euler angle is about z.
     """
+    # The frames (3, 3) by the name of the pair, in the first and in the second links.
     first_frames, second_frames = pair_frames(mechanism)
-    # The second pair rotates about y of the virtual links, and the angle is counted from z:
-    # the columns of its frame are z, x, y. The first and the third pair rotate about z.
+    # The first and the third pair rotate about z of their links. The second pair rotates
+    # about y of both virtual links, and its angle is counted from z. The three columns of
+    # its frame are therefore the unit vectors z, x and y of these links.
     tilt_frame = np.eye(3)[:, [2, 0, 1]]
     # In the output link, the frame of the last pair has its axis along the direction: it is
     # Z(azimuth) Y(tilt).
     pointing_angles = np.append(azimuth_tilt(np.array([direction])), [[0.0]], axis=1)
     pointing_frame = from_euler_zyz(pointing_angles)[0]
     names = [pair.name for pair in virtual_pairs]
-    first_frames |= zip(names, (np.eye(3), tilt_frame, np.eye(3)), strict=True)
-    second_frames |= zip(names, (np.eye(3), tilt_frame, pointing_frame), strict=True)
+    virtual_first_frames = (np.eye(3), tilt_frame, np.eye(3))
+    virtual_second_frames = (np.eye(3), tilt_frame, pointing_frame)
+    first_frames.update(zip(names, virtual_first_frames, strict=True))
+    second_frames.update(zip(names, virtual_second_frames, strict=True))
     # Only links with a virtual pair get new sizes.
     changed_links = {link for pair in virtual_pairs for link in pair.links}
     unchanged_sizes = {

@@ -41,13 +41,15 @@ def find_assembled_configuration(
 
     If the output is held, the mechanism also closes with wheels that mesh in other teeth.
     The rolled length of each contact is the arc (rad) that one wheel has rolled on the
-    other. From the assembly in the file, it is a linear function of the inputs, over any
+    other. In the assembly of the file it is a linear function of the inputs, over any
     number of revolutions. Therefore:
 
-    1. The rolled lengths are changed by whole revolutions of the wheels in all ways.
+    1. The rolled lengths are changed by whole revolutions of the wheels. Many combinations
+       of such changes are tried, up to a fixed number.
     2. The loops are closed again with each set of lengths.
-    3. Whole revolutions are added to the inputs, so that the linear functions give these
-       lengths. If that is impossible, the wheels mesh in other teeth than in the file.
+    3. Closed loops give each input up to whole revolutions. Revolutions are chosen with
+       which the linear functions of the inputs give this set of lengths. If there are none,
+       the wheels mesh in other teeth than in the file, and the set is dropped.
 
     Parameters
     ----------
@@ -89,10 +91,14 @@ def find_assembled_configuration(
         q = _find_input_revolutions(
             gear_phases, wrap(configuration[driven]), configuration[rolled]
         )
-        if q is not None and np.sum(np.abs(q)) < least_sum - SAME_ROLLED_LENGTH_RAD:
+        if q is None:
+            continue
+        input_sum = np.sum(np.abs(q))
+        # Sums that differ by less than this tolerance count as equal.
+        if input_sum < least_sum - SAME_ROLLED_LENGTH_RAD:
             best_configuration = configuration.copy()
             best_configuration[driven] = q
-            least_sum = np.sum(np.abs(q))
+            least_sum = input_sum
     return best_configuration
 
 
@@ -122,16 +128,20 @@ def _list_possible_lengths(
     most `MAX_TRIED_ASSEMBLIES`, since the loops have to be closed for each of them.
     """
     tree = held_solver.closure.tree
-    # The contacts whose rolled lengths these are. `owners` has the pair of each variable.
+    # The contacts whose rolled lengths these are.
     contacts = [tree.pair_of_variable[v] for v in gear_phases.variables]
     joints = [held_solver.closure.joints[contact] for contact in contacts]
-    # For each contact the lengths that differ by whole revolutions, then combinations of
-    # one length for each contact.
-    choices = map(list_equivalent_lengths, joints, map(float, lengths))
+    # For each contact the lengths that differ by whole revolutions, the smallest absolute
+    # values first. Then combinations of one length for each contact. Their number is
+    # limited, so in a mechanism with many contacts the right one may not be among them.
+    choices = [
+        list_equivalent_lengths(joint, float(length))
+        for joint, length in zip(joints, lengths, strict=True)
+    ]
     combinations = np.array(list(islice(product(*choices), MAX_LENGTH_COMBINATIONS)))
-    # At the inputs `anchor` of the gear phases the wheels have rolled `reference_lengths`.
-    # From there, the inputs change the lengths by ratios @ (change of the inputs). A change
-    # is possible if its projection onto the range of the matrix `ratios` does not alter it.
+    # In the configuration of the mechanism file, the wheels have rolled the reference
+    # lengths. Inputs change the lengths by ratios @ (change of the inputs). A change is
+    # possible if its projection onto the range of the matrix `ratios` does not alter it.
     reference_lengths = gear_phases.lengths
     ratios = gear_phases.ratios
     projection = ratios @ np.linalg.pinv(ratios)
@@ -158,11 +168,12 @@ def _find_input_revolutions(
 
     Returns
     -------
-    (inputs,) rad, with the smallest sum of absolute values; None if none rolls the lengths.
+    (inputs,) rad, with the smallest sum of absolute values. None if no inputs up to
+    `MAX_INPUT_REVOLUTIONS` away roll the lengths; inputs farther away are not recognised.
     """
-    # Inputs that roll no wheel remain as they are. The period of another input is the
-    # growth after which all wheels are in the same phase again, so larger differences are
-    # not needed. All whole revolutions up to half a period in both directions are tried.
+    # Inputs that roll no wheel remain as they are. After one period of an input (rad), all
+    # wheels are in the same phase again. Half a period in both directions therefore covers
+    # all phases. All whole revolutions within this range are tried.
     rolls = max_abs(gear_phases.ratios, axis=0) > GEAR_RATIO_TOLERANCE
     half_period = np.ceil(0.5 * np.asarray(gear_phases.periods) / TURN)
     limits = np.where(rolls, np.minimum(MAX_INPUT_REVOLUTIONS, half_period), 0)

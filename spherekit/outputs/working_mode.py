@@ -51,11 +51,12 @@ class RateFraction:
 class ClosingLinkState:
     """The state of the closing link of a mechanism at n poses.
 
-    An output that points in a direction can turn about this direction. If the direction and
-    the turn are given, dyads (two links with three pairs) place all links but one. This
-    *closing link* joins two of them, and its arc is an equation for the turn. The residual
-    of this equation is the cosine of the angle between the axes of both pairs of the
-    closing link, less the cosine of its arc.
+    An output that points in a direction can turn about this direction. Once its direction
+    and its turn are given, all links but one are placed one after another: two at a time,
+    as a dyad (two links with three pairs) between two placed links. The last one, the
+    *closing link*, joins two placed links by two pairs. The angle between the axes of these
+    pairs must be the arc of the closing link, which is an equation for the turn. The
+    residual is the cosine of this angle less the cosine of the arc.
 
     Attributes
     ----------
@@ -65,7 +66,8 @@ class ClosingLinkState:
     directions
         (3, n) directions of the output.
     status
-        (n,) codes of `Status`: OK only if the closing link and all dyads close.
+        (n,) codes of `Status`: OK only if the closing link fits and all dyads can be
+        assembled.
     """
 
     residual_rate: RateFraction
@@ -133,8 +135,8 @@ def _shared_between_modes(method: Callable[..., Result]) -> Callable[..., Result
     A working mode is a sign for each dyad, which says in which of two ways its two links
     are placed. Many quantities depend on the signs of some dyads only, and are computed
     once for all modes in which these signs are equal. The first time that the method runs
-    with some arguments, the mode notes in `read_signs` the dyads whose signs are read. No
-    method reads other signs in other modes.
+    with some arguments, the mode notes in `read_signs` the dyads whose signs are read. A
+    decorated method must therefore read the signs of the same dyads in all modes.
 
     All modes of the same poses share one store, `shared_results`, in which the key of a
     result is the name of the method, its arguments and these signs. The arguments must be
@@ -145,12 +147,12 @@ def _shared_between_modes(method: Callable[..., Result]) -> Callable[..., Result
     @wraps(method)
     def shared_method(mode: "WorkingMode", *arguments: Hashable) -> Result:
         """Return the stored result for the signs of a mode, computed if it is missing."""
-        # By quantity: the dyads on whose signs it depends. They are known after the first
-        # computation. The mapping belongs to the mechanism and is kept for other poses.
+        # For each quantity, the dyads on whose signs it depends. The mapping belongs to the
+        # mechanism. The store `shared_results` belongs to the poses.
         sign_dependencies = mode.chain.sign_dependencies
         quantity = (name, *arguments)
-        # The quantity is missing in the mapping before its first computation. The key then
-        # has no signs. The store has no result with this key, so the quantity is computed.
+        # Before the first computation of a quantity, the mapping does not have it. The
+        # store then has no result either, so it does not matter that the key has no signs.
         signs = (mode.signs[dyad] for dyad in sign_dependencies.get(quantity, ()))
         key = (quantity, *signs)
         if key not in mode.shared_results:
@@ -293,9 +295,10 @@ class WorkingMode:
             is_obtuse = sum_square < difference_square
             angle = np.where(is_obtuse, np.pi - 2.0 * half, 2.0 * half)
             margins.append(np.minimum(angle - dyad.shortest, dyad.longest - angle))
-            # The absolute value of the triple product of the three axes is the product of
-            # the sines of both arcs and of the angle at the middle pair. That sine is 0
-            # where the dyad is stretched or folded.
+            # `triple_product` is an absolute value: the product of the sines of both arcs
+            # and of the angle at the middle pair. That sine is 0 where the dyad is
+            # stretched or folded. If it is smaller than `SINGULAR_DYAD_SINE`, half of the
+            # digits of the configuration are lost.
             least_product = SINGULAR_DYAD_SINE * np.prod(np.sin(dyad.arcs))
             is_regular.append(triangle.triple_product >= least_product)
         # The least margin of all dyads, NaN ignored, and the first dyad that has it.
@@ -428,12 +431,14 @@ class WorkingMode:
     def angle(self, pair: int) -> Floats:
         """Return the variable (n,) of a pair in (-pi, pi] rad, NaN out of reach.
 
-        Take a vector of each link that is not parallel to the axis. The variable is the
-        angle about the axis from the vector of the first link to that of the second link,
-        less the same angle in the position where the variable is 0. The difference of both
-        angles is computed from their cosines and sines, by the addition theorem.
+        Take one vector in each link of the pair, not parallel to its axis. The variable is
+        the angle about the axis from the vector of the first link to that of the second
+        link, less the same angle in the position where the variable is 0. The difference of
+        both angles is computed from their cosines and sines, by the addition theorem.
         """
         first_link, second_link = self.chain.ends[pair]
+        # Each vector in base axes (3, n), and its components (3,) in the frame of the pair
+        # in its link. z of this frame is the axis of the pair.
         first_vector, first_components = self._vector_off_axis(pair, first_link)
         second_vector, second_components = self._vector_off_axis(pair, second_link)
         # Cosine and sine of the angle between the vectors, times their distances from the
@@ -443,8 +448,8 @@ class WorkingMode:
         sine = dot_columns(
             self.axis(pair, second_link), cross_columns(first_vector, second_vector)
         )
-        # The same at the variable 0, where the x axes of both frames of the pair coincide,
-        # so that the components are in the same axes. z is the axis of the pair.
+        # The same at the variable 0, where the frames of the pair in both links coincide,
+        # so that the components are in the same axes.
         zero_cosine = (
             second_components[0] * first_components[0]
             + second_components[1] * first_components[1]
@@ -467,18 +472,21 @@ class WorkingMode:
         Returns
         -------
         vector
-            (3, n) or (3, 1) in base axes.
+            (3, n) in base axes at n poses; (3, 1) if it is the same at all poses, because
+            it is fixed in the base.
         components
             (3,) the same vector in the frame of the pair in this link.
         """
         chain = self.chain
         frame = chain.frame_in(pair, link)
-        # The orientations of the base and of the posed link are given.
+        # The posed link is the one whose orientation the poses give. Its x axis and that of
+        # the base are known.
         if link in (chain.base, chain.posed_link):
             return self.vector(link, frame[:, 0]), np.array([1.0, 0.0, 0.0])
-        # A link of a dyad has an outer pair, at a link placed before, and the middle pair
-        # of the dyad. The poses and the placed links determine both axes. The vector is the
-        # axis of the middle pair, or of the outer pair if the middle one is parallel.
+        # Any other link belongs to a dyad. It has the middle pair of the dyad, and an outer
+        # pair at a link placed before. The axes of both are known in base axes. The vector
+        # is the axis of the middle pair, or of the outer pair if the middle one is
+        # parallel.
         other_pair = chain.dyads[chain.dyad_of_link[link]].middle_pair
         if pair == other_pair or chain.is_coaxial(pair, other_pair, link):
             other_pair, _ = chain.support_of(link)
@@ -512,14 +520,16 @@ class WorkingMode:
             C = (b x a) . (w_far - w_near) / -t.
 
         A and C are the rates of the links of the dyad relative to their supports, B is that
-        of the far link relative to the near link.
+        of the far link relative to the near link. The vector product is at right angles to
+        its two axes.
         """
         dyad_number = self.chain.dyad_of_pair[pair]
         dyad = self.chain.dyads[dyad_number]
         a, c = self._outer_axes(dyad_number)
         b, triple_product = self.signed_middle_axis(dyad_number)
-        # `normal` is the vector product of the axes whose rates drop out. The rate is that
-        # of `link` relative to the other link of the pair.
+        # `normal` is the vector product in the formula for this pair. The rate is that of
+        # `link` relative to the other link of the pair. The sign of the triple product is
+        # that of the working mode.
         if pair == dyad.near_pair:
             normal = cross_columns(b, c)
             link = dyad.near_link
@@ -529,13 +539,13 @@ class WorkingMode:
         else:
             normal = cross_columns(b, a)
             link = dyad.far_link
-        # The normal is at right angles to the axis of an outer pair, unless it is the rate
-        # of this pair that is computed. This shortens the computation below, because rates
-        # about such an axis do not contribute.
-        far_normal_pair = None if pair == dyad.far_pair else dyad.far_pair
-        near_normal_pair = None if pair == dyad.near_pair else dyad.near_pair
-        far_rate = self.angular_velocity_along(normal, dyad.far_support, far_normal_pair)
-        near_rate = self.angular_velocity_along(normal, dyad.near_support, near_normal_pair)
+        # Rates about an axis at right angles to the normal do not contribute, so they need
+        # not be computed. The axis of the far pair is such an axis, except for the rate of
+        # the far pair itself. The same is true of the near pair.
+        normal_far_pair = None if pair == dyad.far_pair else dyad.far_pair
+        normal_near_pair = None if pair == dyad.near_pair else dyad.near_pair
+        far_rate = self.angular_velocity_along(normal, dyad.far_support, normal_far_pair)
+        near_rate = self.angular_velocity_along(normal, dyad.near_support, normal_near_pair)
         rate = far_rate - near_rate
         # The variable of a pair is counted from its first to its second link.
         is_second_link = self.chain.ends[pair][1] == link
@@ -641,19 +651,21 @@ class WorkingMode:
         `output_speed` is the speed of the output per unit rate of the input `pair`, an
         outer pair of a dyad. If the dyad joins the base to the output's link, it is
         ``|b . (a x c)| / sin(arc)`` with the axes a, b, c of the dyad and the arc of its
-        other link, which the input does not join. The formula for the square of the triple
-        product is valid out of reach of the dyad too, and negative there. It continues the
-        speed smoothly through 0.
+        other link, which the input does not join. If the dyad does not reach, there is no
+        b. The square of the triple product, a function of a and c, is then negative, and
+        continues the square of the speed smoothly through 0.
         """
         dyad_number = self.chain.dyad_of_pair[pair]
         square = self.output_speed(pair) ** 2
         dyad = self.chain.dyads[dyad_number]
         other_arc = dyad.arcs[1 if pair == dyad.near_pair else 0]
         triangle = self._triangle(dyad_number)
+        # |a + c|^2 and |a - c|^2 stand for a . c. They lose no digits near 0 and pi.
         triple_product_square = triple_square(
             *dyad.half_arcs, triangle.sum_square, triangle.difference_square
         )
-        # If this dyad reaches, another one does not. The continuation is then 0.
+        # The speed is NaN if any dyad does not reach. If that is another dyad than this
+        # one, the square is positive or NaN, and the continuation is 0.
         continuation = np.fmin(triple_product_square / np.sin(other_arc) ** 2, 0.0)
         return np.where(np.isnan(square), continuation, square)
 
