@@ -103,18 +103,19 @@ class ModeSearch:
     ) -> None:
         """Search the assembly modes of a mechanism at the samples of its inputs.
 
-        The links are placed group by group: dyads in closed form, larger groups by Newton's
-        method. If all groups are dyads or trains of wheels, a mode is a combination of
-        their signs. Otherwise modes are followed: over the range of a single input, or from
-        sample to sample of several inputs. `search` says whether to search for modes other
-        than that of the reference pose, and `independent` whether the samples are unrelated
-        to each other, not a motion.
+        The links are placed group by group. A dyad (two links) closes in two ways, which
+        its sign (1 or -1) distinguishes. A train of wheels has one way, and the sign 0. If
+        there are no other groups, a mode is a combination of signs. Otherwise modes are
+        followed by Newton's method: over the range of a single input, or from sample to
+        sample of several inputs. `search` says whether to search for modes other than that
+        of the reference pose, and `independent` whether the samples are unrelated to each
+        other, not a motion.
         """
         self.solver = solver
         self.input_grid = input_grid
-        # Results. `claim` states how complete the modes are, `methods` how the modes of
-        # each group were found, and `probes` at how many inputs they were searched.
-        # `crossings` are configurations at which curves of configurations cross.
+        # Results. `claim` states how complete the modes are, and `methods` how the modes of
+        # each group were found. `probes` is the number of values of the inputs at which
+        # modes were searched. At `crossings` curves of configurations cross.
         self.claim = REFERENCE_ONLY
         self.groups = solver.assembly.groups
         self.assembly_modes: list[AssemblyMode] = []
@@ -127,7 +128,9 @@ class ModeSearch:
             self._find_modes_over_samples(search, independent)
         else:
             self._find_modes_over_range(search)
-        # Independent samples without a configuration become failed rows of an empty mode.
+        # The mechanism can be assembled at no sample. This is an error for a motion. For
+        # independent samples a mode without configurations is returned, so that each sample
+        # has a row, with the status that it has no configuration.
         if not self.assembly_modes:
             if not independent:
                 raise SolveError(_explain_failure(solver, input_grid))
@@ -152,8 +155,9 @@ class ModeSearch:
         search
             Whether to search for modes other than that of the reference pose.
         independent
-            Whether the samples are unrelated to each other, and not a motion. Modes with
-            the same signs of dyads then share a number, although no path joins them.
+            Whether the samples are unrelated to each other, and not a motion. Modes in
+            which every dyad has the same sign (it closes in the same of its two ways) then
+            share a number, although no path joins them.
 
         Raises
         ------
@@ -169,14 +173,16 @@ class ModeSearch:
         self.methods = modes.methods
         self.claim = modes.claim
         self.probes = modes.probes
-        # Mobilities by rank at the starts of the search. They are computed only if a group
-        # has redundant constraints. The first one is that of the reference pose, if there
-        # is one.
+        # Numbers of degrees of freedom at the starts of the search, from the rank of the
+        # velocity equations. They are computed only if a group has redundant constraints,
+        # because counting links and pairs then gives another number. The first one is that
+        # of the reference pose, if there is one.
         mobilities = modes.mobilities
         if mobilities:
-            # A wrong mobility is the likely reason if there is no mode, or if the first
-            # start has too few degrees of freedom. Singular configurations have a larger
-            # mobility than the mechanism, so the least one counts.
+            # If there is no mode, or if the first start has fewer degrees of freedom than
+            # there are inputs, the number of inputs in the file may be wrong. This check
+            # then raises an error. A singular configuration has more degrees of freedom
+            # than the mechanism, so the least number is compared.
             first_is_immobile = mobilities[0] < len(self.solver.driven)
             if not modes.assembly_modes or first_is_immobile:
                 check_mobility(self.solver, min(mobilities))
@@ -291,8 +297,8 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
         f"{pair} in [{low:.6g}, {high:.6g}] deg"
         for pair, low, high in zip(inputs, lows, highs, strict=True)
     )
-    # Place the first groups as long as they are dyads, at some of the samples. Which sign a
-    # dyad has does not matter for the question whether it closes.
+    # Place the first groups as long as they are dyads, at up to `PROBED_RANGE_INPUTS`
+    # samples. A dyad that closes does so in two ways. The sign 1 chooses one of them.
     state = solver.start(input_grid.q[spread_rows(len(input_grid), PROBED_RANGE_INPUTS)])
     with np.errstate(invalid="ignore", divide="ignore"):
         for group in solver.assembly.groups:
@@ -300,12 +306,14 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
             if not group.is_dyad:
                 break
             place_dyad(state, group, sign=1)
+            # `is_open` marks the samples at which the dyad does not close.
             if np.all(state.is_open):
                 return (
                     f"{name}: arcs cannot close: the {group.kind} of pairs {pairs} "
                     f"reaches nowhere for inputs {degrees}; change the arcs of its "
                     "links or the range"
                 )
+    # What the user can change. A file with a reference pose has no arcs.
     cure = "its arcs, profiles or the range, or give a reference pose"
     if isinstance(solver.mechanism.geometry, PoseGeometry):
         cure = "the axes of its pose, profiles or the range"

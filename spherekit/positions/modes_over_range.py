@@ -138,10 +138,10 @@ class ModesOverRange:
     def __init__(self, solver: PositionSolver, input_grid: InputGrid, search: bool) -> None:
         """Search the assembly modes of a mechanism over the range of its input.
 
-        An assembly mode is one of the ways to assemble the mechanism: a curve of
-        configurations on which the input rises. The mode of the reference pose is followed
-        first. All others are searched if `search` asks for them, if there is no reference
-        pose, or if its mode is not in the range.
+        An assembly mode is one of the ways to assemble the mechanism. Its configurations
+        at increasing values of the input form a curve. The mode of the reference pose is
+        followed first. All others are searched if `search` asks for them, if there is no
+        reference pose, or if its mode is not in the range.
         """
         self.solver = solver
         self.input_grid = input_grid
@@ -166,17 +166,21 @@ class ModesOverRange:
         # links and pairs then gives a wrong number. Otherwise the list stays empty.
         self._mobilities: list[int] = []
         self._steps_along_modes = 0
-        # Number of modes whose curves were followed beyond the ends of the mode.
+        # Number of the first modes (in `assembly_modes`) whose curves were followed beyond
+        # the ends of the mode already.
         self._extended_modes = 0
         self._progress = ProgressReporter("searching the assembly modes")
 
         self._add_reference()
         if search or not self.assembly_modes:
             self.claim = self._search_all_modes()
-        # If there is no mode, the reason may be that the mobility is not 1 at a start. An
-        # error then says so. If no mobility was computed, it is 1 by counting.
+        # A configuration from which a curve is followed must have one degree of freedom. If
+        # there is no mode, the reason may be another number of them. An error then says so.
+        # The least number is compared, because singular configurations have more. If no
+        # number was computed, it is 1 by counting.
         if not self.assembly_modes:
             check_mobility(solver, min(self._mobilities, default=1))
+        # Enough: the limit of modes, or of steps along them, is reached.
         if self._has_enough_modes:
             reason = (
                 f"stopped at {counted(len(self.assembly_modes), 'mode')} after "
@@ -203,8 +207,8 @@ class ModesOverRange:
         Raises
         ------
         PlanError
-            If the reference pose cannot move, by the rank of its velocity equations. The
-            search for other modes, which would take long, is not begun.
+            If the reference pose cannot move, by the rank of its velocity equations. Other
+            modes, whose search would take long, are then not searched.
         """
         solver = self.solver
         if solver.reference is None:
@@ -221,13 +225,15 @@ class ModesOverRange:
         ((closed_values, curve),) = self._follow_configurations(values)
         self._add_mode(closed_values, curve)
         # If the input of the pose is not in the range, its mode may end before the range
-        # begins. With rolling contacts (`gear_phases`) the input may be impossible to
-        # shift. The whole curve through the pose is then followed, beyond the turning
-        # points of the input at which the mode ends. Other modes on it may reach the range.
+        # begins. In a mechanism with wheels (`gear_phases`) the input can have no period by
+        # which it could be shifted. The whole curve through the pose is then followed,
+        # beyond the turning points of the input at which the mode ends. Other modes on it
+        # may reach the range.
         if not self.assembly_modes and solver.gear_phases is not None:
             self._add_modes_on_curve(values[0])
-        # `_mobilities` is empty without redundant constraints. Its first number is that of
-        # the pose. `check_mobility` raises the error.
+        # `_mobilities` has the degrees of freedom of all configurations that were followed,
+        # first that of the pose. It is empty without redundant constraints. If the pose
+        # cannot move, it was not followed above. `check_mobility` raises the error.
         if self._mobilities and self._mobilities[0] < 1:
             check_mobility(solver, self._mobilities[0])
 
@@ -323,13 +329,16 @@ class ModesOverRange:
 
         Elimination reduces the closure equations of a group of links to one polynomial,
         which gives all configurations of the group at an input. It is used if it applies to
-        all groups. Otherwise modes are searched from random starts. If wheels have rolled
-        lengths that do not follow from the input, they can be put together in infinitely
-        many ways, and only one curve is followed.
+        all groups. Otherwise modes are searched from random starts.
+
+        Wheels can have free positions: the input does not determine how far they have
+        rolled. There are then infinitely many modes, and only one curve of configurations
+        is followed.
         """
         solver = self.solver
         q = self.input_grid.q
         # Mechanisms with rolling contacts have gear phases: how far wheels have rolled.
+        # They are all known if the input determines them.
         if solver.gear_phases is not None:
             if not self.assembly_modes:
                 self._compute_modes_at(q[:1])
@@ -345,11 +354,16 @@ class ModesOverRange:
             claim = self._find_by_elimination()
             if claim is not None:
                 return claim
-        # Methods of groups that elimination has solved at some inputs are kept.
-        self.methods = [
-            CLOSED_FORM if group.is_dyad else method or RANDOM_SEARCH
-            for group, method in zip(self.groups, self.methods, strict=True)
-        ]
+        # The method of each group. A group that elimination has solved at some inputs has a
+        # method already.
+        methods: list[SolutionMethod | None] = []
+        for group, method in zip(self.groups, self.methods, strict=True):
+            if group.is_dyad:
+                method = CLOSED_FORM
+            elif method is None:
+                method = RANDOM_SEARCH
+            methods.append(method)
+        self.methods = methods
         statistics = self._search_from_random_starts()
         if not self.assembly_modes:
             # Configurations near a dead centre are left out of the random search.
@@ -360,9 +374,9 @@ class ModesOverRange:
     def _find_on_one_curve(self) -> Completeness:
         """Find the modes on one curve, if wheels can be put together in any position.
 
-        The rolled length of a contact is the arc over which a wheel has rolled there. If it
-        does not follow from the input, the wheels can be put together with any rolled
-        length, so there are infinitely many curves of configurations. Only one is followed:
+        The input does not determine how far the wheels have rolled. Each position in which
+        they can be put together has its own curve of configurations, so there are
+        infinitely many curves. Only one is followed:
 
         - If the reference pose has a mode in the range, it is in `assembly_modes` already.
           Its curve is followed beyond the ends of the mode.
@@ -371,8 +385,8 @@ class ModesOverRange:
 
         Returns
         -------
-        How complete the modes are: in the first case all modes on the curve, in the second
-        case those that the examined inputs led to.
+        How complete the modes are. In the first case (`AS_ASSEMBLED`) all modes on the
+        curve are known, in the second case those that the examined inputs led to.
         """
         q = self.input_grid.q
         # A few samples spread over the range, in rising order.
@@ -405,21 +419,23 @@ class ModesOverRange:
             self.solver, low, high, max_cost_s=RUN_COST_S, max_time_s=RUN_TIME_S
         )
         self.crossings = turning_points.crossings
-        # Where turning points may have been missed, inputs are examined at this distance.
+        # Turning points may be missed in parts of the range. There inputs are examined at
+        # this distance from each other.
         step = (high - low) / PROBED_INTERVALS
         self._compute_modes_at(turning_points.probes(step)[:, None])
         if not all_complete(self.methods):
             return None
-        # The claim says how complete the modes at these inputs are. A gap is the width of
-        # the widest interval between them in which a mode may be missing; 0 if there is
-        # none.
+        # The claim states how complete the modes are. The gap is the width of the widest
+        # interval in which turning points may have been missed, 0 if there is none.
         claim = turning_points.claim(step)
         if not turning_points.gap(step):
             return claim
-        # Modes that exist only in gaps may lie on the same curves as known modes, or be
-        # reached from random starts.
+        # A mode that begins and ends between two examined inputs has not been found. Two
+        # searches may find it: along the curves of the known modes, whose parts are modes,
+        # and from random starts.
         self._follow_modes_beyond_their_ends()
         statistics = self._search_from_random_starts()
+        # A component is a connected curve of configurations.
         reason = f"{claim.reason}; between them {statistics.describe('components')}"
         return replace(claim, reason=reason)
 
@@ -454,9 +470,9 @@ class ModesOverRange:
     ) -> Indices:
         """Add the modes of configurations that are on no known mode.
 
-        A configuration is followed over the range of the input, which gives its mode. Other
-        configurations can be on the same mode. A family is the set of modes that are on one
-        configuration curve.
+        A mode is the curve of configurations that are reached if the input is moved over
+        its range. It is followed from one of its configurations. A family is the set of
+        modes that one configuration curve joins, through turning points of the input.
 
         Parameters
         ----------
@@ -471,18 +487,19 @@ class ModesOverRange:
 
         Returns
         -------
-        (n,) number of the family of each configuration; -1 if its mode is not in the range.
+        (n,) number of the family of each configuration, -1 if it is on no mode that was
+        added: its mode is not in the range, it cannot move, or there are enough modes.
         """
-        # The number -1 marks a configuration that is on no mode so far. Some of these are
-        # followed together, which is faster. Their results are used one by one: after each
-        # new mode, the configurations that are on it get its family, and their own results
-        # are not used.
+        # Configurations with the number -1 are on no mode so far. Some of them are followed
+        # together, which is faster. Their curves are used one by one: after each new mode,
+        # the configurations that are on it get its family, and their curves are not needed.
         families = self._find_families(values, first_mode=0)
         followed: dict[int, tuple[Floats, ModeCurve | None]] = {}
         for row in np.flatnonzero(families < 0).tolist():
             if families[row] >= 0 or self._has_enough_modes:
                 continue
             if row not in followed:
+                # All rows in `followed` are before this one, so they are not needed again.
                 unknown = np.flatnonzero(families < 0)
                 rows = unknown[unknown >= row][:together]
                 results = self._follow_configurations(values[rows])
@@ -549,14 +566,14 @@ class ModesOverRange:
         """Add the modes that are on the same curves as modes that end inside the range.
 
         Where a mode ends, for example because the input turns back, its configuration curve
-        continues as another mode. The whole curve is followed, and all modes on it are
-        added to the family of the first one. Only modes that were added since the last call
-        are considered.
+        continues as another mode. The whole curve is followed. All modes on it form a
+        family, and get the number of the family of the first one. Only modes that were
+        added since the last call are considered.
         """
         for assembly_mode in self.assembly_modes[self._extended_modes :]:
             self._extended_modes += 1
-            # The guide of a mode are its verified configurations over the input. Both ends
-            # have the status OK if they cover the whole range.
+            # The guide of a mode is the curve of its verified configurations over the
+            # input. Both ends have the status OK if the mode covers the whole range.
             guide = assembly_mode.guide
             if not isinstance(guide, ModeCurve) or guide.ends == (Status.OK, Status.OK):
                 continue
@@ -584,18 +601,17 @@ class ModesOverRange:
         values
             (variables,) the configuration (rad). Nothing is added if it is singular.
         family
-            Number of the family, as which all modes on one curve count. None for a new
-            family.
+            Number of the family (the set of all modes on one curve) to which the modes are
+            added. None for a new family.
         """
-        # The rolled length of a contact is the arc over which a wheel has rolled there.
-        # Wheels are free if these lengths do not follow from the input. The curve then need
-        # not close, so that only a limited length is followed.
+        # Wheels are free if the input does not determine how far they have rolled. The
+        # curve then need not close: it can go on for ever. A shorter part is followed.
         gear_phases = self.solver.gear_phases
         has_free_wheels = gear_phases is not None and not gear_phases.all_known
         longest = MAX_ROLLED_CURVE_LENGTH_RAD if has_free_wheels else MAX_CURVE_LENGTH_RAD
         try:
             curve = follow_arc(self.solver.closure, values, longest=longest)
-        except SolveError:
+        except SolveError:  # a curve cannot be followed from a singular configuration
             return
         self._curves.append(curve)
         # The input rises or falls on each piece of the curve, so each piece is one mode. It

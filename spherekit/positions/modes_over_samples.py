@@ -103,38 +103,41 @@ class SampledModes:
         An assembly mode is one of the ways to assemble the mechanism. Configurations are
         the nodes of a graph, and verified paths between neighbouring samples join them to
         modes. A sheet is the set of nodes that such paths reach from one start. `search`
-        says whether to look for modes other than that of the reference pose. If
+        says whether to look for modes other than that of the reference pose.
+
+        Every group of links has a sign in a mode, that of a determinant. If
         `shares_numbers` is true, modes with the same signs that occur on separate parts of
         a path of samples count as one mode, so that there are fewer of them.
         """
         self.solver = solver
         self.input_grid = input_grid
-        # Results. `claim` states how complete the modes are, `methods` by which method the
-        # configurations of each group of links were computed, and `probes` at how many
-        # samples. `mobilities` are numbers of degrees of freedom at starts of sheets.
+        # Results. `claim` states how complete the modes are. `methods` has the method by
+        # which the configurations of each group of links were computed. `probes` is the
+        # number of samples at which they were computed, plus the number of random starts.
+        # `mobilities` are numbers of degrees of freedom at starts of sheets.
         self.claim = REFERENCE_ONLY
         self.groups = solver.assembly.groups
         self.methods: list[SolutionMethod | None] = [None] * len(self.groups)
         self.probes = 0
         self.mobilities: list[int] = []
         self._graph = ConfigurationGraph(solver, input_grid)
-        # (nodes of the graph,) number of the sheet that reached each node first. The
-        # statistics of random starts count how often each number is reached. Nodes that
-        # were computed without a start are counted, too: each gets a number of its own
-        # (`_number_nodes`). `_sheet_count` is the count of all numbers, `_numbered_count`
-        # of those of single nodes.
+        # (nodes of the graph,) number of the sheet that reached each node first. A search
+        # from random starts counts how often each number is reached, and ends if all are
+        # reached often enough. `_number_nodes` also gives a number to each node that was
+        # computed without a start. `_sheet_count` is the count of all numbers,
+        # `_numbered_count` the count of numbers of single nodes.
         self._sheet_of_node = np.empty(0, dtype=np.intp)
         self._sheet_count = 0
         self._numbered_count = 0
         self._progress = ProgressReporter("searching the assembly modes")
 
-        # Without a search, only the sheet of the reference pose is followed. If it reaches
-        # no sample, the other modes are searched all the same.
+        # 1. Without a search, only the sheet of the reference pose is followed.
         reference_node = None
         if not search:
             reference_node = self._reach_reference(is_enumerated=False)
+        # 2. Search other modes, also if the reference pose reaches no sample. Either all
+        # configurations at all samples are computed, or some are found by chance.
         if search or reference_node is None:
-            # Either compute all configurations at all samples, or search some by chance.
             is_enumerated = self._can_enumerate
             if is_enumerated:
                 self._enumerate()  # sets `claim`
@@ -150,8 +153,8 @@ class SampledModes:
 
         The closure equations of each group of links are then solved in closed form, or by
         elimination, which reduces them to a polynomial. This is impossible for groups with
-        redundant equations. Wheels must not have rolled lengths that do not follow from the
-        inputs, because they can then be put together in infinitely many ways.
+        redundant equations. It is also impossible for free wheels: if the inputs do not
+        determine how far wheels have rolled, there are infinitely many configurations.
         """
         solver = self.solver
         gear_phases = solver.gear_phases
@@ -159,12 +162,11 @@ class SampledModes:
         has_redundant_equations = any(group.redundant for group in self.groups)
         if not can_enumerate(solver) or has_redundant_equations or has_free_wheels:
             return False
-        # If a link has an arc of 0 or 180 deg, an elimination fails at every sample, so a
-        # few samples show it. If it fails at some samples only, random starts are made at
-        # these in addition.
+        # Try it at a few samples. If a link has an arc of 0 or 180 deg, an elimination
+        # fails at every sample. Failures at some samples are no obstacle.
         rows = spread_rows(len(self.input_grid), MAX_SEARCHED_SAMPLES)
-        probes = enumerate_configurations(solver, self.input_grid.q[rows])
-        return bool(np.any(probes.is_complete))
+        tried_configurations = enumerate_configurations(solver, self.input_grid.q[rows])
+        return bool(np.any(tried_configurations.is_complete))
 
     def _enumerate(self) -> None:
         """Compute all configurations at all samples, add them to the graph, and join them.
@@ -184,15 +186,18 @@ class SampledModes:
             if group.is_dyad or position in self.solver.wheel_trains:
                 self.methods.append(CLOSED_FORM)
             else:
+                # The first order of elimination is the one that is used.
                 root_count = find_elimination_orders(group)[0].root_count
                 self.methods.append(
                     SolutionMethod(f"elimination: all {root_count} complex roots")
                 )
         self._graph.add(configurations.sample, configurations.values)
         # The determinant of the velocity equations with locked inputs has a sign in each
-        # configuration. These signs have the sum zero at every sample: modes appear and
-        # vanish in pairs with opposite signs, and for some arcs there are none at all.
-        # Another sum shows that a configuration is missing.
+        # configuration. The signs of all configurations at a sample have the sum zero. The
+        # sum depends neither on the inputs nor on the arcs of the links, because two
+        # configurations that appear or vanish together have opposite signs. It is zero
+        # because there are arcs for which no configuration exists. Another sum shows that a
+        # configuration is missing.
         is_unbalanced = self._graph.find_unbalanced()
         is_complete = configurations.is_complete & ~is_unbalanced
         problem = configurations.problem or "the signs of their determinants do not cancel"
@@ -204,7 +209,8 @@ class SampledModes:
             searched_samples = incomplete[
                 spread_rows(len(incomplete), MAX_SEARCHED_SAMPLES)
             ]
-            # The statistics also count the configurations that are known at these samples.
+            # The statistics of the search count how often each configuration is reached,
+            # also each that is known already. For this it needs a number.
             self._number_nodes(searched_samples)
             statistics = self._search(searched_samples)
             words += (
@@ -251,9 +257,9 @@ class SampledModes:
         if reference is None:
             return None
         inputs = reference[list(solver.driven)]
-        # An input of the pose that is outside the range of the samples is moved by whole
-        # periods, as near to the middle of the range as they allow. `whole_laps` rounds the
-        # distance to the middle to whole periods.
+        # An input of the pose that is outside the range of the samples is moved towards the
+        # middle of the range by whole periods, after which the configuration is the same.
+        # `whole_laps` rounds the distance to the middle to whole periods.
         range_middle = 0.5 * (np.min(q, axis=0) + np.max(q, axis=0))
         distance_to_middle = range_middle - inputs
         is_outside = np.abs(distance_to_middle) > 0.5 * np.ptp(q, axis=0)
@@ -264,6 +270,8 @@ class SampledModes:
         sheet = self._follow_sheet(values)
         if sheet is None:
             return None
+        # The samples that the sheet reaches. If all configurations were computed before,
+        # some of the sheet may still be missing in the graph, so all samples are looked up.
         (samples,) = np.nonzero(sheet.status == Status.OK)
         if not is_enumerated:
             self._add_sheet(sheet)
@@ -369,17 +377,17 @@ class SampledModes:
         Random starts are made at all samples. Each configuration that closes gives a sheet:
         the set of configurations that verified steps reach from it.
 
-        Mechanisms with rolling contacts have gear phases, which are the lengths that wheels
-        have rolled. Without a sheet of the reference pose, all groups of links are solved
-        at one sample before the random starts. If some of the lengths do not follow from
-        the inputs, the wheels can be put together in infinitely many ways, and random
-        starts are not made. Then the sheet of the reference pose is the only one, or those
-        of the first of up to `MAX_SEARCHED_SAMPLES` samples at which configurations exist.
+        In a mechanism with wheels, all groups of links are solved at one sample before,
+        unless there is a sheet of the reference pose. If the inputs do not determine how
+        far the wheels have rolled, there are infinitely many sheets. Only the sheet of the
+        reference pose is then used. Without it, up to `MAX_SEARCHED_SAMPLES` samples are
+        solved, until one of them has configurations.
 
         Returns
         -------
         How complete the modes are.
         """
+        # How far wheels have rolled; None without wheels.
         gear_phases = self.solver.gear_phases
         if gear_phases is not None:
             if not self._sheet_count:
@@ -408,7 +416,7 @@ class SampledModes:
             # groups at one sample includes them.
             self._search_sample(len(self.input_grid) // 2)
         reason = statistics.describe("modes")
-        if self._has_most_sheets:
+        if self._has_most_sheets:  # the largest number of sheets that are followed
             reason += f"; stopped at {self._sheet_count} modes, there may be more"
         return Completeness(Guarantee.SAMPLED, reason)
 
@@ -464,9 +472,10 @@ class SampledModes:
     ) -> list[AssemblyMode]:
         """Return the assembly modes, from the modes of the graph.
 
-        A mode of the graph lists its node (configuration) at each sample, or -1. If there
-        are more modes than `_mode_limit`, those with the most samples are kept. The
-        attribute `claim`, which states how complete the modes are, then says so.
+        A mode of the graph is a list: the number of its node (configuration) at each
+        sample, or -1. If there are more modes than `_mode_limit`, those with the most
+        samples are kept. The attribute `claim`, which states how complete the modes are,
+        then says so.
 
         Parameters
         ----------
@@ -474,8 +483,9 @@ class SampledModes:
             A node of the mode of the reference pose, which becomes mode 0. None without
             one.
         shares_numbers
-            Whether modes with the same signs that occur on separate parts of a path of
-            samples become one mode with one number, so that there are fewer modes.
+            Whether modes that occur on separate parts of a path of samples become one mode
+            if all groups of links have the same signs in them (signs of determinants).
+            There are then fewer modes.
         """
         graph = self._graph
         # The largest modes come first.
@@ -537,7 +547,8 @@ class SampledModes:
         Parameters
         ----------
         modes
-            Node (n,) of each mode at each sample of a path, or -1.
+            (n,) for each mode. A mode has the number of its node (a configuration) at each
+            sample of a path, or -1.
 
         Returns
         -------
@@ -550,7 +561,8 @@ class SampledModes:
         united_modes = []
         for modes_of_signs in modes_by_signs.values():
             # `share_numbers` unites modes that have no nodes at the same or at neighbouring
-            # samples.
+            # samples. At neighbouring samples, the united mode would seem continuous from
+            # one to the other, although no verified step joins them.
             united_modes += share_numbers(
                 sorted(modes_of_signs, key=self._graph.first_node)
             )
@@ -570,15 +582,17 @@ class SampledModes:
             (n,) node at each sample, or -1. The values at samples without a node are NaN,
             and their status is OUT_OF_REACH.
         signs
-            (groups,) for each group of links the sign of the determinant that distinguishes
-            its modes, in a configuration that is not singular.
+            (groups,) for each group of links the sign of a determinant, in a configuration
+            that is not singular: of the matrix of the three axes of a dyad (two links and
+            three R pairs), or of the velocity equations of another group.
         """
         has_node = mode >= 0
         values = nans((len(mode), self._graph.values.shape[1]))
         values[has_node] = self._graph.values[mode[has_node]]
         status = np.where(has_node, Status.OK, Status.OUT_OF_REACH).astype(np.int8)
-        # The sign of a dyad (two links and three R pairs) selects one of its two closed
-        # forms, so it must not be 0. Other groups have no closed form, and get 0.
+        # The sign of a dyad selects one of its two closed forms. At a determinant of 0 both
+        # forms coincide, so either sign is right. Other groups have no closed form, and
+        # get 0.
         dyad_signs = [
             (1 if sign >= 0 else -1) if group.is_dyad else 0
             for group, sign in zip(self.groups, signs.tolist(), strict=True)

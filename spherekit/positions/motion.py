@@ -270,15 +270,15 @@ class Motion(ArrayRows):
 
 
 def make_motion(solver: PositionSolver, values: Floats) -> Motion:
-    """Return closed configurations as a motion of one nameless assembly mode.
+    """Return closed configurations as a motion, without determining their assembly modes.
 
     Parameters
     ----------
     solver
         The mechanism with its inputs.
     values
-        (n, variables) configurations (rad). All rows have the status OK, also singular
-        ones.
+        (n, variables) configurations (rad), which need not be neighbours. All rows have the
+        status OK, also singular ones.
     """
     linearisation = solver.closure.linearise(values)
     configurations = ModeConfigurations(
@@ -286,11 +286,12 @@ def make_motion(solver: PositionSolver, values: Floats) -> Motion:
         rotations=linearisation.rotations,
         status=np.full(len(values), Status.OK, dtype=np.int8),
         residual=linearisation.closure_residual,
-        singular_error=nans(len(values)),  # not computed
+        # Bounds of the errors of the variables near dead centres are not computed.
+        singular_error=nans(len(values)),
     )
     return arrange_rows(
         solver,
-        assembly_modes=(),
+        assembly_modes=(),  # not determined
         q=values[:, list(solver.driven)],
         sample=np.arange(len(values)),
         configurations=configurations,
@@ -316,16 +317,17 @@ def arrange_rows(
     solver
         The mechanism with its inputs.
     assembly_modes
-        The modes. If their modes were not determined, it is empty. All rows then have the
-        number 0 of a mode.
+        The modes. The tuple is empty if the modes of the configurations were not
+        determined. The rows then have 0 as the number of their mode.
     q
         (samples, inputs) values of the inputs (rad).
     sample
         (samples,) numbers of the samples.
     configurations
         The configurations in the order of the rows: mode after mode, in each the samples in
-        order. They have the pair variables, the rotations of all links, the status, the
-        closure residual, and bounds of the errors near dead centres (`singular_error`).
+        order. They have the pair variables, the rotations of all links, the status and the
+        closure residual. `singular_error` has bounds of the errors of the variables in rows
+        near dead centres.
     is_path
         Whether successive samples are neighbours.
     """
