@@ -112,14 +112,16 @@ def list_rolling_variables(joints: Sequence[Joint]) -> list[tuple[int, Joint]]:
 
 
 class JointsOfKind(NamedTuple):
-    """The pairs of one kind in a list of joints.
+    """The pairs of one kind in a list of pairs.
+
+    A joint is the geometry of a pair: its axis, or the profiles of a contact.
 
     Attributes
     ----------
     kind
-        Their class, for example `Revolute`.
+        The class of their joints, for example `Revolute`.
     joints
-        Their joints.
+        The joint of each of these pairs.
     pairs, variables
         Indices of the pairs among all pairs, and of their variables among all variables.
     """
@@ -197,12 +199,12 @@ def evaluate_pair_states(joints: tuple[Joint, ...], values: Floats) -> PairState
 def has_penetration(joints: Sequence[Joint], states: PairStates) -> Bools:
     """Return (n,) whether the profiles of any contact enter each other.
 
-    Two profiles touch at a point with a common tangent. Their geodesic curvatures there
-    decide whether they enter each other next to this point. A curvature is positive if the
-    profile turns to the left of the tangent, where the body of the first profile is. The
-    profiles are apart if the first curvature is greater than the second. The result is also
-    True if it is greater by less than `EQUAL_CURVATURE`, because such profiles do not
-    determine the motion.
+    Two profiles touch at a point with a common tangent. The first body is on the left of
+    this tangent, the second one on the right. A geodesic curvature is positive if a profile
+    turns to the left. The bodies enter each other next to the contact point if the first
+    profile turns less to the left than the second. The result is also True if both
+    curvatures are equal up to `EQUAL_CURVATURE`, because such profiles do not determine the
+    motion.
 
     Parameters
     ----------

@@ -128,11 +128,13 @@ class PositionAnalysis:
 
         An assembly mode is one of the ways in which the mechanism can be put together at
         given inputs. `crossings` is "end" or "pass": what modes do where curves of
-        configurations cross. Other parameters: see the class.
+        configurations cross. Without `follow` no modes are searched. `independent` says
+        that the samples are unrelated and no motion. Other parameters: see the class.
         """
         self._follow = follow
         self._independent = independent
         self.crossings = crossings
+        # NaN until curves are followed through crossings: only they need such an input.
         self.numbering_input = np.nan
         self.mechanism = driven_at(mechanism, input_pair)
         self.input_grid = make_input_grid(
@@ -153,7 +155,8 @@ class PositionAnalysis:
                 # The user sees the error of the count, which names links and pairs.
                 raise count_error from None
         # The signs of the groups distinguish modes. In a mode that passes crossings of
-        # curves they change, so the modes without such changes are kept, too.
+        # curves they change. The modes without such changes are still needed, to find the
+        # crossings and to number the smooth curves.
         self._modes_with_constant_signs = self.assembly_modes
         if crossings == "pass" and follow:
             self._pass_crossings()
@@ -188,8 +191,8 @@ class PositionAnalysis:
         """Plan the assembly, search its modes and return them.
 
         The mobility is counted on the graph of links and pairs, or with `by_rank` follows
-        from the rank of the velocity equations. If modes are not to be searched at all
-        (`follow` of the class), only the plan is made.
+        from the rank of the velocity equations. If `follow` of the constructor was False,
+        no modes are searched and only the plan is made.
 
         Parameters
         ----------
@@ -205,6 +208,7 @@ class PositionAnalysis:
         self.solver = PositionSolver(self.mechanism, self.assembly)
         if not self._follow:
             return ()
+        # `independent`: the samples are unrelated to each other, and are no motion.
         mode_search = ModeSearch(
             self.solver, self.input_grid, search=search, independent=self._independent
         )
@@ -215,8 +219,8 @@ class PositionAnalysis:
         self.claim = mode_search.claim
         self._probe_count = mode_search.probes
         self._crossings = mode_search.crossings
-        # Crossings are singular: what the solver computes near one has half the digits. If
-        # a result is near a crossing at the same inputs, the solver returns the crossing.
+        # At the inputs of a crossing, the solver computes a configuration with half the
+        # digits only, because crossings are singular. It returns the crossing instead.
         self.solver.exact_configurations += [
             crossing.values for crossing in mode_search.crossings
         ]
@@ -364,8 +368,7 @@ class PositionAnalysis:
             (k, inputs) inputs (rad).
         rows
             (k,) numbers of the samples that have these inputs, None if they are not
-            samples. With several inputs, configurations of some modes are known at samples
-            only, from which they are computed.
+            samples. With several inputs, some modes can only be computed at samples.
 
         Returns
         -------
@@ -382,6 +385,7 @@ class PositionAnalysis:
             self.solver,
             self.assembly_modes,
             q=q,
+            # Inputs that are no samples are numbered as they are given.
             sample=np.arange(len(q)) if rows is None else rows,
             configurations=configurations,
             is_path=self.input_grid.is_path,

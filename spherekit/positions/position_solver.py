@@ -126,13 +126,14 @@ class PositionSolver:
         for pair in assembly.inputs:
             driven += mechanism.variables_of(pair)
         self.driven = tuple(driven)
-        # Inputs at which the angles of passive pairs are in (-pi, pi]. From there they are
-        # counted over full revolutions. They are those of the reference pose, if the file
-        # has one.
+        # At the anchor inputs, all passive angles are in (-pi, pi]. At other inputs,
+        # passive angles are continued from there over full revolutions. The anchor inputs
+        # are those of the reference pose, if the file has one.
         self.anchor_inputs = np.zeros(len(self.driven))
         # Configurations that are known up to rounding: the reference pose, and crossings of
-        # configuration curves, which callers add. They are singular or may be. Near such a
-        # configuration a computed result has half the digits, and is replaced by it.
+        # configuration curves, which callers add. Crossings are singular, and the reference
+        # pose can be. Near a singular configuration a computed result has half the digits,
+        # and is replaced by the exact one.
         self.exact_configurations: list[Floats] = []
         if self.reference is not None:
             self.anchor_inputs = self.reference[list(self.driven)]
@@ -264,7 +265,8 @@ class PositionSolver:
         Returns
         -------
         Linearisation
-            The closure of the group, from which the caller reads whether it is closed.
+            The loop equations of the group at the result. Their residual tells the caller
+            whether the group is closed.
         """
         group = self.assembly.groups[position]
         rotations = place_train_bodies(
@@ -275,10 +277,10 @@ class PositionSolver:
             angles=self.gear_train_angles(q),
         )
         rotations = [np.broadcast_to(rotation, (len(q), 3, 3)) for rotation in rotations]
-        # The ratios give the angles of as many R pairs as are needed to place all bodies.
-        # On a copy of the state, the angles of the other pairs are read from the
-        # orientations of the bodies. If there are rolling contacts, `gear_phases` states
-        # how far their wheels have rolled. Newton's method starts from these values.
+        # The bodies are placed by the gear ratios. Newton's method starts from their pair
+        # variables and closes the loops of the train. The variables are read on a copy,
+        # because `place_group` merges the bodies into `state`. If there are rolling
+        # contacts, `gear_phases` states how far their wheels have rolled.
         predicted = state.copy()
         predicted.merge(group, np.stack(rotations, axis=1))
         predicted.read_values(group)

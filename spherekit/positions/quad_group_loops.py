@@ -100,12 +100,14 @@ class GroupFold:
     is_known: Bools
 
     def estimate_root(self, loops: "GroupLoops", start: Array, determinant: float) -> Array:
-        """Estimate the root of f that belongs to an assembly mode.
+        """Estimate the configuration that belongs to an assembly mode near a fold.
 
-        f(x) = e + h x^2 / 2 is the closure residual at the distance x from the fold. Its
-        two roots, x = +- sqrt(-2 e / h), belong to two modes, with opposite signs of the
-        determinant of the Jacobian. In rows without a fold (`is_known`) the result has no
-        meaning and may be NaN.
+        At a fold two configurations of the group meet. If the variables are moved from the
+        fold by x (rad) along the unit vector `direction`, the loops open by
+        f(x) = e + h x^2 / 2 (rad), with e = `residual` and h = `curvature`. The roots
+        x = +- sqrt(-2 e / h) belong to two modes, with opposite signs of the determinant of
+        the Jacobian. In rows without a fold (`is_known`) the result has no meaning and may
+        be NaN.
 
         Parameters
         ----------
@@ -121,6 +123,7 @@ class GroupFold:
         -------
         (n, pairs) variables (rad) in quad precision; those of the fold if f has no root.
         """
+        # Without a root the maximum is 0, and both roots become the fold.
         distance = np.sqrt(np.maximum(-2.0 * self.residual / self.curvature, 0.0))
         roots = [
             self.values + ((side * distance)[:, None] * self.direction).astype(quad())

@@ -504,7 +504,7 @@ def _dyad_error(error: Floats, triple: Floats, sines: Sequence[Floats]) -> Float
     - sqrt(2 e) / s: at the dead centre t is zero, and the triangle is flat. If its angles
       change by x, an arc changes by s^2 x^2 / 2 at least. So x is at most sqrt(2 e) / s.
 
-    The factor 4 enlarges the bound; it is not derived from these formulas.
+    The factor 4 is a safety factor.
 
     Parameters
     ----------
@@ -519,12 +519,12 @@ def _dyad_error(error: Floats, triple: Floats, sines: Sequence[Floats]) -> Float
     Returns
     -------
     (n,) bound (rad). It is infinite if neither part gives a bound. This is so at a dead
-    centre if s is not much larger than sqrt(2 e): two axes coincide nearly, so the dyad may
+    centre if s is less than 10 times sqrt(2 e): two axes coincide nearly, so the dyad may
     turn about them.
     """
     smallest_sine = np.minimum.reduce(sines)
     flat_error = np.where(smallest_sine > 0.0, np.sqrt(2.0 * error) / smallest_sine, np.inf)
-    # The formula of the flat triangle is only valid for small errors.
+    # The formula of the flat triangle is only valid for small errors, up to 0.1 rad.
     flat_error = np.where(flat_error < LARGEST_FLAT_DYAD_ERROR_RAD, flat_error, np.inf)
     regular_error = np.where(triple > 0.0, error / triple, np.inf)
     # `fmin` takes the other one if one of them is NaN.

@@ -109,6 +109,8 @@ class SearchStatistics:
             have been reached by no random start: their count is 0.
         """
         self.starts += starts
+        # `update` of a `Counter` adds to its counts. Adding 0 makes an entry for each
+        # solution, also for those that no start has reached.
         self.counts.update(dict.fromkeys(range(total), 0))
         self.counts.update(hits[hits >= 0].tolist())
 
@@ -138,11 +140,11 @@ class SearchStatistics:
         return 1.0 - MISS_PROBABILITY ** (1.0 / max(self.starts, 1))
 
     def describe(self, things: str) -> str:
-        """Return a sentence about what the search is worth.
+        """Return a sentence about how surely the search has met all solutions.
 
-        The sentence ends with the share p of starts that a solution must attract so that
-        the search has met it with the probability 1 - `MISS_PROBABILITY`. `things` is the
-        word for solutions, in the plural.
+        The sentence ends with a share of starts (`missed_share`). A solution to which so
+        many starts lead was met with the probability 1 - `MISS_PROBABILITY`. `things` is
+        the word for solutions, in the plural.
         """
         result = f"{self.starts} random starts"
         if not self.closed_starts:
@@ -156,8 +158,9 @@ class SearchStatistics:
                 result += f"each at least {min(counts)} times"
             else:
                 # Good's estimate: the probability that the next closing start leads to a
-                # new solution is the share of starts that led to solutions reached once.
-                # Solutions that no random start has reached do not enter it.
+                # new solution is the share of starts that led to solutions reached once. A
+                # count is 0 if a solution is known from elsewhere, so that no random start
+                # has reached it. Such solutions do not enter the estimate.
                 rare_count = sum(count <= 1 for count in counts)
                 new_probability = counts.count(1) / self.closed_starts
                 result += (
@@ -280,10 +283,10 @@ class DistinctConfigurations:
         singular_values = np.linalg.svd(linearisation.jacobian, compute_uv=False)
         smallest = singular_values[:, -1]
         is_singular = smallest < SINGULAR_MODE_RATIO * singular_values[:, 0]
-        # First-order error of a solution. Two computed copies of one solution may differ by
-        # some errors. The tolerance is limited: it must not be smaller than rounding
-        # errors, and at a dead centre, where the error is largest, not so large that other
-        # configurations count as copies.
+        # Two computed copies of one solution may differ by several times the first-order
+        # error. The tolerance for copies is at least SAME_MODE, because of rounding. At a
+        # dead centre, where the error is largest, it is at most SAME_DEAD_CENTRE, so that
+        # different configurations do not count as copies.
         error = np.maximum(linearisation.closure_residual, EPS) / np.maximum(smallest, EPS)
         tolerance = np.clip(ERROR_SPREAD * error, SAME_MODE, SAME_DEAD_CENTRE)
         rolled_sum = np.sum(np.abs(values[:, self._rolling_variables]), axis=1)
@@ -326,7 +329,8 @@ class DistinctConfigurations:
         -------
         (k,) largest difference of a component of the rotation matrices. Configurations
         whose rolled lengths differ by whole revolutions of wheels count as the same: their
-        distance is 0, whatever the orientations are.
+        distance is 0, whatever the orientations are. Small differences of angles (rad), of
+        revolutions and of components of rotation matrices are all judged by `SAME_MODE`.
         """
         kept_rotations = np.array(self._rotations).reshape(-1, *rotations.shape)
         kept_values = np.array(self.values).reshape(-1, len(values))
@@ -336,12 +340,13 @@ class DistinctConfigurations:
         for variable, joint in self._rolling:
             # `closed_lengths` are the circumferences of the wheels with a closed profile.
             # The difference in revolutions of each of them: axes are wheel, configuration.
-            # It is enough that one wheel has made whole revolutions.
+            # Only one of both wheels has to be back after whole revolutions. The other one
+            # may then be turned, which is not compared.
             revolutions = differences[:, variable] / np.array(joint.closed_lengths)[:, None]
             off_whole = np.abs(revolutions - np.round(revolutions))
             off_whole = np.min(off_whole, axis=0, initial=np.inf)
-            # Without a closed profile there are no revolutions, and the initial value is
-            # infinite. No difference at all is a repetition in this case, too.
+            # Without a closed profile there are no revolutions, and the minimum is
+            # infinite. Then only equal rolled lengths count as a repetition.
             off_whole = np.minimum(off_whole, differences[:, variable])
             is_repetition &= off_whole <= SAME_MODE
         has_rolled = np.any(differences[:, self._rolling_variables] > SAME_MODE, axis=1)
@@ -356,8 +361,8 @@ def search_group(
     """Search the closed configurations of a group at one sample from random starts.
 
     A group is a set of bodies that are placed together by closing their loops. The search
-    ends when each configuration was reached often enough, when the number of starts is
-    limited by time, or when there are `MAX_MODES` configurations.
+    ends when each configuration was reached often enough, after a number of starts that
+    depends on the number of variables, or when there are `MAX_MODES` configurations.
 
     Parameters
     ----------

@@ -108,20 +108,23 @@ def enumerate_configurations(solver: PositionSolver, q: Floats) -> SampleConfigu
     Parameters
     ----------
     solver
-        The mechanism, for which `can_enumerate` must be True.
+        The mechanism. Each of its groups must be a dyad, a train of wheels, or a group
+        whose equations can be solved by elimination (see `can_enumerate`).
     q
         (n, inputs) values of the inputs (rad) at each sample.
 
     Returns
     -------
-    The configurations. The order within a sample is that of
-    `spherekit.positions.assembly_enumeration.enumerate_assemblies`.
+    The configurations. For each sample they also state whether some may be missing
+    (`is_complete`), and for one of these samples why (`problem`). The order within a sample
+    is that of `spherekit.positions.assembly_enumeration.enumerate_assemblies`.
     """
     batches = []
     for first in range(0, len(q), SAMPLES_AT_ONCE):
         batch = _enumerate_batch(solver, q[first : first + SAMPLES_AT_ONCE])
         batches.append((first, batch))
     problems = [batch.problem for _, batch in batches if batch.problem]
+    # One more Newton step of all loops together removes most of the remaining error.
     values = _polish(solver, np.concatenate([batch.values for _, batch in batches]))
     return SampleConfigurations(
         sample=np.concatenate([first + batch.sample for first, batch in batches]),
@@ -169,8 +172,8 @@ def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
     """
     # A row is a partial configuration of one sample, in which the groups up to the current
     # one are placed. `sample` has the sample of each row, and `state` the placed bodies.
-    # When a group is placed, a row can become no, one or several rows. `parent` is the old
-    # row of each new row.
+    # When a group is placed, each of its configurations gives a new row. A row in which the
+    # group cannot be closed disappears. `parent` is the old row of each new row.
     is_complete = np.ones(len(q), dtype=bool)
     sample = np.arange(len(q))
     problem = ""
@@ -184,8 +187,9 @@ def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
                 parent = np.flatnonzero(train.closure_residual < CLOSURE_TOLERANCE)
                 state = state.rows(parent)
             else:
-                # The equations of the group are written for each row. `solutions.sample`
-                # is therefore the row of each solution.
+                # The equations of the group are written for each row. Rows of one sample
+                # can have equal equations, which are solved once. In `solutions` the rows
+                # take the place of samples: `solutions.sample` is the row of each solution.
                 closure = group_closure(state, group)
                 solutions = _eliminate_distinct_rows(group, closure, sample)
                 is_complete[sample[~solutions.is_complete]] = False
@@ -242,7 +246,7 @@ def _place_both_modes(state: AssemblyState, group: Group) -> tuple[AssemblyState
 def _eliminate_distinct_rows(
     group: Group, closure: Closure, sample: Indices
 ) -> SampleConfigurations:
-    """Return the configurations of one group at all rows of its closure.
+    """Return the configurations of one group at all rows, and solve equal rows once.
 
     A row is one configuration of the groups before, so a sample can have several rows. If
     the position of this group does not depend on those groups, its equations are the same
@@ -259,8 +263,8 @@ def _eliminate_distinct_rows(
 
     Returns
     -------
-    The configurations at the k rows. The field `sample` of this result has the row of each
-    configuration, and `is_complete` one value per row.
+    The configurations. In this result the k rows take the place of samples: the field
+    `sample` has the row of each configuration, and `is_complete` one value per row.
     """
     # `first` is the first row of the sample of each row. A row needs no solution of its own
     # if the rotations from links to bodies, and therefore the pair frames, are those of
@@ -274,15 +278,19 @@ def _eliminate_distinct_rows(
     ]
     equals_first = np.maximum(*differences) < SAME_FRAME_TOLERANCE
     solved_rows = np.flatnonzero(~equals_first | (first == all_rows))
+    # The result counts rows by their positions in `solved_rows`. If all rows are solved,
+    # these are the rows themselves.
     solutions = _eliminate_samples(group, closure.select_rows(solved_rows))
     if len(solved_rows) == len(sample):
         return solutions
     # Position in `solved_rows` of the row whose solutions each row takes.
     source_position = np.searchsorted(solved_rows, np.where(equals_first, first, all_rows))
-    # Index in `solutions` of the first solution of each solved row, and their number.
+    # Index in `solutions` of the first solution of each solved row, and the number of
+    # solutions that each row takes.
     first_solutions = np.searchsorted(solutions.sample, np.arange(len(solved_rows) + 1))
     counts = np.diff(first_solutions)[source_position]
-    # One entry for each configuration: its row, and its position among those of this row.
+    # One entry for each configuration of the result: its row, and its position among the
+    # configurations of this row. `cumsum - counts` is the first entry of each row.
     rows = np.repeat(np.arange(len(sample)), counts)
     position_in_row = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
     # Index in `solutions` of each configuration.

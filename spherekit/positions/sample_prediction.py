@@ -36,8 +36,8 @@ NODES_PER_BLOCK = 1024
 class ModeSpline(NamedTuple):
     """A spline through successive nodes of one assembly mode.
 
-    Nodes are the samples, one of several, that are solved. The spline interpolates the
-    samples between them.
+    Every n-th sample is solved and is called a node. The spline interpolates the samples
+    between the nodes.
 
     Attributes
     ----------
@@ -90,25 +90,29 @@ def make_sample_predictor(
     is_angle = np.isin(passive, position_analysis.solver.angles)
 
     @cache
-    def fit_once() -> list[ModeSpline]:
-        """Solve the nodes and return the splines. Later calls return the same splines."""
+    def get_splines() -> list[ModeSpline]:
+        """Return the splines. The nodes are solved in the first call only."""
         splines = _fit_splines(
             position_analysis, samples_per_node, passive=passive, is_angle=is_angle
         )
         return list(splines)
 
     def predict_samples(start: int, stop: int, out: Floats) -> None:
-        """Write the samples from start up to stop into out (variables, modes, samples)."""
+        """Write the samples from start up to stop into out (variables, modes, samples).
+
+        The inputs q of the samples are the driven variables. The passive variables are
+        predicted by splines between samples that are solved (nodes).
+        """
         out[:] = np.nan
         out[driven] = q[start:stop].T[:, None]
-        for spline in fit_once():
+        for spline in get_splines():
             # The part of the samples that the spline covers.
             low = max(start, spline.first)
             high = min(stop, spline.last + 1)
             if low < high:
                 values = spline.evaluate(np.arange(low, high, dtype=float)).T
-                # Only the few angles outside (-pi, pi) are reduced, which saves time. The
-                # negated comparison includes both ends, so that -pi becomes pi.
+                # Only the few angles outside (-pi, pi) are reduced, which saves time. By
+                # `<` an angle of -pi is among them, and becomes pi.
                 angles = values[is_angle]
                 is_outside = ~(np.abs(angles) < np.pi)
                 angles[is_outside] -= TURN * np.ceil((angles[is_outside] - np.pi) / TURN)
@@ -124,7 +128,10 @@ def _fit_splines(
     passive: Indices,
     is_angle: Bools,
 ) -> Iterator[ModeSpline]:
-    """Solve the nodes, and yield a spline for each row of nodes of a mode that are OK.
+    """Solve the nodes, and yield splines through them.
+
+    A node is a sample at which all variables are computed. A mode has one spline for each
+    run of successive nodes with the status OK.
 
     Parameters
     ----------
@@ -133,7 +140,7 @@ def _fit_splines(
     samples_per_node
         Every so many samples there is a node. The last sample is a node too.
     passive
-        Numbers of the variables that are predicted.
+        Numbers of the variables that are no inputs.
     is_angle
         (passive,) whether a variable is an angle, which has to be made continuous.
     """
