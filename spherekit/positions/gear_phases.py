@@ -68,9 +68,13 @@ class GearPhases(NamedTuple):
         (m, inputs) derivatives of the rolled lengths by the inputs.
     periods
         (inputs,) growth (rad) of each input after which the same configurations return.
-        Infinite if they never return, or if a rolled length does not follow from the inputs
-        although others do. NaN if no rolled length follows from the inputs. In these cases
-        the period is not known from gear ratios, but a configuration curve shows it
+
+        - Infinite if they never return by the gear ratios, or if only some of the rolled
+          lengths follow from the inputs.
+        - NaN if no rolled length follows from the inputs, so that there are no gear ratios.
+
+        Inputs are reduced by whole periods only if these are finite. In the other cases a
+        configuration curve shows whether configurations return
         (`spherekit.positions.configuration_curve.ArcCurve.returns_after`).
     all_known
         Whether the rolled lengths of all contacts follow from the inputs.
@@ -101,6 +105,7 @@ def make_gear_phases(
 ) -> GearPhases | None:
     """Return how far wheels have rolled on each other, as linear functions of the inputs.
 
+    A rolled length is how far two wheels have rolled on each other, as an arc length.
     Wheels that are put together one tooth further also close the loops. Which assembly is
     meant is fixed at one value of the inputs, the anchor, by the rolled lengths there.
 
@@ -116,7 +121,9 @@ def make_gear_phases(
     Returns
     -------
     The rolled lengths with the periods of the inputs, after which the same configurations
-    return. None if the mechanism has no rolling contact.
+    return. A period is NaN if no rolled length follows from the inputs. It is infinite if
+    only some lengths do, or if the wheels never return together. None if the mechanism has
+    no rolling contact.
     """
     # Variables that count how far two wheels have rolled on each other. The second element
     # is the joint of the variable.
@@ -124,7 +131,7 @@ def make_gear_phases(
     if not rolling:
         return None
     if train is None:
-        # No rolled length follows from the inputs, and nothing is known of the periods.
+        # No rolled length follows from the inputs, so the periods are not known (NaN).
         no_ratios = np.zeros((0, len(anchor)))
         return GearPhases(
             variables=(),
@@ -137,8 +144,9 @@ def make_gear_phases(
     # The rolled lengths of the contacts in the train.
     variables = [v for v in rolling if closure.tree.pair_of_variable[v] in train.contacts]
     ratios = train.length_ratios
+    # Whether the rolled lengths of all contacts follow from the inputs. If not, the periods
+    # stay infinite, which means that inputs are never reduced by whole periods.
     all_known = len(variables) == len(rolling)
-    # Without a known finite period the inputs are never reduced by whole periods.
     periods = np.full(len(anchor), np.inf)
     if all_known:
         # A contact is the same again after this rolled length.
@@ -161,8 +169,9 @@ def list_equivalent_lengths(joint: Joint, length: float) -> list[float]:
     """Return rolled lengths of one contact that belong to the same position of the wheels.
 
     A rolled length is how far both wheels have rolled on each other, as an arc length. If
-    only one of the two wheels is turned by a whole revolution, it looks the same, but the
-    rolled length differs by the circumference of this wheel.
+    one wheel is turned by whole revolutions, it is in the same position, but the rolled
+    length differs by as many circumferences of this wheel. Lengths that need revolutions of
+    both wheels are not listed.
 
     Parameters
     ----------
@@ -173,9 +182,9 @@ def list_equivalent_lengths(joint: Joint, length: float) -> list[float]:
 
     Returns
     -------
-    The length itself, and the lengths that differ from it by revolutions of the first or of
-    the second wheel, not of both. They are between about plus and minus half of the longer
-    circumference. The smallest absolute values come first, at most
+    The length itself, and lengths that differ from it by revolutions of the first wheel or
+    of the second wheel. They cover the range from minus to plus half of the longer
+    circumference, with a few beyond. The smallest absolute values come first, at most
     `MAX_LENGTHS_PER_CONTACT`.
     """
     # Keys are rounded lengths, so that equal lengths occur once.
@@ -200,8 +209,8 @@ def _find_input_period(lap_lengths: Floats, ratios: Floats) -> float:
     Parameters
     ----------
     lap_lengths
-        (m,) rolled length (rad) after which each contact is the same, which may be
-        infinite.
+        (m,) growth of each rolled length (rad) after which both wheels of the contact are
+        in their first positions again. Infinite if they never are.
     ratios
         (m,) derivatives of the rolled lengths by the input.
 
@@ -213,8 +222,11 @@ def _find_input_period(lap_lengths: Floats, ratios: Floats) -> float:
     if np.any(never_returns):
         return np.inf
     # If a contact makes p / q laps in one revolution of the input, it needs q revolutions.
+    # The ratio zero of a contact at rest gives 0 / 1 laps, also for an infinite lap length.
     revolutions = 1
     for laps_per_revolution in TURN * ratios / lap_lengths:
+        # Ratios of wheels are ratios of numbers of teeth. Every number is close to some
+        # fraction with a huge denominator, so the denominator is limited.
         fraction = Fraction(float(laps_per_revolution)).limit_denominator(MAX_TEETH)
         if abs(fraction - laps_per_revolution) > GEAR_RATIO_TOLERANCE:
             return np.inf

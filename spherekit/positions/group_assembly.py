@@ -86,8 +86,9 @@ class AssemblyState:
         values = nans((n, len(mechanism.variable_owners)))
         for input_pair, input_values in zip(assembly.inputs, q.T, strict=True):
             values[:, variables[input_pair][0]] = input_values
-        # An input joins its two links to one body. The axes of a body are those of one of
-        # its links, from which a tree of inputs leads to all others.
+        # An input joins its two links to one body. `assembly.bodies` has one link of each
+        # body, whose axes are those of the body. From it, a tree of inputs leads to all
+        # other links of the body.
         branches = find_spanning_tree(
             mechanism.ends, start=assembly.bodies, pairs=assembly.inputs
         )
@@ -107,9 +108,13 @@ class AssemblyState:
             variables=variables,
             body_from_link=body_from_link,
             values=values,
+            # No group is placed yet, so none has failed to close.
             is_open=np.zeros(n, dtype=bool),
-            # The axes have rounding errors only, and no dyad is placed yet.
+            # Angle (rad) by which the triangle of a dyad (two links that close a triangle)
+            # may miss closing. It begins with rounding errors; dyads enlarge it.
             slack=np.full(n, REACH_SLACK),
+            # Least ratio of the smallest to the largest side (sine) of the triangles that
+            # dyads have closed. It begins with 1, the largest ratio.
             slenderness=np.ones(n),
         )
 

@@ -43,14 +43,18 @@ converged to the configuration of another root without notice.
 class SolutionMethod(NamedTuple):
     """The method by which the modes of one group were found.
 
+    A group is a set of bodies that are placed together by closing their loops. A mode is
+    one way to assemble it.
+
     Attributes
     ----------
     description
         The method in words, for messages and summaries.
     doubt
-        0 if no real mode can be missing at the inputs that were examined. Methods with a
-        larger value are less complete; for a random search it is the share of starts that a
-        missed mode may attract.
+        A number from 0 to 1, by which methods are compared: 0 if no real mode can be
+        missing at the inputs that were examined, and larger if one may be. A random search
+        from many starts can miss a mode to which few starts lead. Its doubt is the largest
+        share of all starts that may lead to such a mode.
     """
 
     description: str
@@ -76,7 +80,7 @@ def find_group_configurations(
     Parameters
     ----------
     group
-        A group of any pairs, of which no part can be closed alone (irreducible).
+        The group, with any kinds of pairs. No part of it can be closed alone (irreducible).
     closure
         The loop equations of this group, with a single sample.
     start_values
@@ -99,6 +103,7 @@ def find_group_configurations(
     else:
         distinct, problem = find_distinct_by_elimination(group, closure)
         if not problem:
+            # All elimination orders of a group have the same number of roots.
             first_order = find_elimination_orders(group)[0]
             root_count = first_order.root_count
             description = f"elimination: all {root_count} complex roots"
@@ -118,7 +123,8 @@ def find_group_configurations(
     if distinct.is_truncated or len(distinct.values) >= MAX_MODES:
         description += f"; the first {len(distinct.values)} are kept, there may be more"
     configurations = sorted(distinct.values, key=mode_sort_key)
-    # The doubt is the share of random starts that a missed configuration may attract.
+    # A missed configuration is one to which few random starts lead. The doubt is the
+    # largest share of starts that may lead to it.
     return configurations, SolutionMethod(description, statistics.missed_share)
 
 

@@ -79,9 +79,16 @@ def solve_least_norm(matrices: Floats, right_sides: Floats) -> Floats:
         (n, rows, columns) the matrices A.
     right_sides
         (n, rows) the right-hand sides b.
+
+    Returns
+    -------
+    (n, columns) solutions x. They can be very large next to a singular matrix.
     """
+    # Square regular matrices have exact solutions, which `solve` computes fastest. It fails
+    # for all n if the matrices are not square or one of them is exactly singular. The
+    # pseudoinverse then solves all n. Matrices that are only nearly singular do not fail.
     try:
         return np.asarray(np.linalg.solve(matrices, right_sides[..., None])[..., 0])
-    except np.linalg.LinAlgError:  # The matrices are not square, or one is singular.
+    except np.linalg.LinAlgError:
         inverses = np.linalg.pinv(matrices, rcond=REDUNDANT_EQUATION_RATIO)
         return np.einsum("nij,nj->ni", inverses, right_sides)

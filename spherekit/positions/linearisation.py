@@ -82,7 +82,9 @@ class Linearisation:
         # is a pair, a body that is placed (parent), and a body that it places (child).
         rotations = np.empty((len(self.values), self.tree.count, 3, 3))
         rotations[:, 0] = _IDENTITY
-        # Rotation from the axes of the second body of each pair to those of the first.
+        # `states` has the frame of each pair in the axes of its first and second body. Both
+        # frames coincide in space. So the second frame, transposed, leads from the second
+        # body to the common frame, and the first frame from there to the first body.
         first_from_second = self.states.first @ transpose(self.states.second)
         for pair, parent, child in self.tree.placements:
             is_forward = self.tree.ends[pair][0] == parent

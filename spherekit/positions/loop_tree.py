@@ -142,7 +142,9 @@ class LoopTree:
         """Return the matrix of the velocity equations of all loops.
 
         The angular velocities of the pairs around each loop add up to zero. These are three
-        equations for each loop.
+        equations for each loop. A pair counts with the sign +1 if the loop passes it from
+        its first to its second body, with -1 in the opposite sense, and with 0 if it is not
+        in the loop (`signs`).
 
         Parameters
         ----------
@@ -157,7 +159,8 @@ class LoopTree:
         n, variables, _ = vectors.shape
         # Axes: sample, loop, component of the vector, variable.
         blocks = self.signs[None, :, None, :] * np.swapaxes(vectors, 1, 2)[:, None]
-        return np.ascontiguousarray(blocks.reshape(n, 3 * len(self.chords), variables))
+        loop_count = len(self.chords)  # each pair outside of the tree closes one loop
+        return np.ascontiguousarray(blocks.reshape(n, 3 * loop_count, variables))
 
     def body_rates(self, vectors: Floats, rates: Floats) -> Floats:
         """Return the angular velocities (n, bodies, 3) of all bodies relative to body 0.

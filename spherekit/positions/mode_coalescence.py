@@ -66,22 +66,29 @@ def make_mode_coalescence(
     The functions; None if they are not known or take too long.
     """
     groups = solver.assembly.groups
-    # Elimination orders of each group but trains of wheels: ways to solve its equations.
-    # `COSTS_S` has the numbers of loops for which they are known.
+    if len(solver.driven) != 1:
+        return None
+    # Elimination orders of each group but trains of wheels: ways to solve its equations,
+    # each with the same number of solutions (roots).
     orders_by_group = []
     for position, group in enumerate(groups):
-        if position not in solver.wheel_trains:
-            is_solvable = group.revolute and group.loops in COSTS_S
-            orders_by_group.append(find_elimination_orders(group) if is_solvable else ())
-    if len(solver.driven) != 1 or not all(orders_by_group):
-        return None
+        if position in solver.wheel_trains:
+            continue
+        # `COSTS_S` has the numbers of loops for which elimination is tried.
+        can_have_orders = group.revolute and group.loops in COSTS_S
+        orders = find_elimination_orders(group) if can_have_orders else ()
+        if not orders:
+            return None
+        orders_by_group.append(orders)
     # A mode of the mechanism combines one root of each group.
     mode_count = prod(orders[0].root_count for orders in orders_by_group)
     if mode_count > MAX_COMPLEX_MODES:
         return None
-    # One binary link is removed for each loop of a group. A group of three loops beside
-    # others would have to be solved in each mode of the others, which takes too long.
-    max_loops = max((len(orders[0].removed_links) for orders in orders_by_group), default=0)
+    # Elimination removes one link for each loop, so that their number is that of the loops.
+    loop_counts = [len(orders[0].removed_links) for orders in orders_by_group]
+    max_loops = max(loop_counts, default=0)
+    # A group of three loops beside others would have to be solved in each mode of the
+    # others, which takes too long.
     takes_too_long = len(groups) > 1 or COSTS_S.get(max_loops, 0.0) > max_cost_s
     if max_loops > MAX_LOOPS_IN_CHAIN and takes_too_long:
         return None
@@ -91,7 +98,8 @@ def make_mode_coalescence(
 class ModeCoalescence:
     """The real analytic functions of the inputs whose signs change where modes meet.
 
-    There is one function for each group. A group whose position does not depend on the
+    There is one function for each group: the product, over all modes, of the determinant of
+    the group's equations. A group whose position does not depend on the
     modes of an earlier group has the same determinant in all of these. They are then left
     out of the product, which otherwise would only be a power of the function.
 
@@ -112,12 +120,17 @@ class ModeCoalescence:
         """Choose an elimination order for each group, and find on which groups it depends.
 
         A group is a set of bodies that are placed together, by equations for the unknown
-        angles. Its elimination order states in which order the angles are eliminated. A
-        mode is one solution of the equations, and has a determinant: that of their
-        derivatives by the angles. The first order whose determinants are finite at some
-        test inputs is used. If there is none, the last one is used, and the functions are
-        NaN. The position of a group, and so its determinants, may differ between the modes
-        of earlier groups.
+        angles. A mode is one solution of these equations. Its determinant is that of the
+        derivatives of the equations by the angles. An instance computes, for each group,
+        the product of the determinants of all modes. As a function of the input, this
+        product changes its sign where two modes coincide.
+
+        An elimination order states in which order the angles are eliminated. The first
+        order whose determinants are finite at some test inputs is used. If there is none,
+        the last one is used, and the products are NaN.
+
+        The position of a group, and so its determinants, may differ between the modes of
+        groups that are placed earlier.
         """
         self.solver = solver
         self.groups = solver.assembly.groups
@@ -141,15 +154,16 @@ class ModeCoalescence:
                 if all_finite(determinants):
                     break
             self._dependences[position] = self._find_dependence(position, determinants)
-        # Approximate time (s) of one value of all functions. Each group is solved once in
-        # each mode of the groups on which it depends. A train of wheels with a number of
-        # loops that is not in the table counts as two loops.
+        # Approximate time (s) to compute the products of all groups at one input. Each
+        # group is solved once in each mode of the groups on which it depends. A train of
+        # wheels with a number of loops that is not in the table counts as two loops.
         self.cost = sum(
             COSTS_S.get(group.loops, COSTS_S[2]) * prod(map(self._count_modes, dependence))
             for group, dependence in zip(self.groups, self._dependences, strict=True)
         )
-        # The method `configurations` places all groups. For it the number of groups is the
-        # position of a group behind the last one, which depends on the modes of all.
+        # `_place_links` places all groups before a position, in the modes on which the
+        # group at this position depends. The method `configurations` places all groups in
+        # all modes. For it there is one more position behind the last group.
         self._dependences.append(all_groups)
 
     def _count_modes(self, position: int) -> int:
@@ -168,6 +182,10 @@ class ModeCoalescence:
         its equations. The function is the product of the determinants of these equations in
         all modes, real and complex.
 
+        The product of two real modes that are about to meet is negative, because their
+        determinants have opposite signs. Beyond the meeting both modes are complex and
+        conjugate, so their product is positive.
+
         Parameters
         ----------
         position
@@ -177,7 +195,7 @@ class ModeCoalescence:
 
         Returns
         -------
-        (n,) values. NaN if a complex mode is missing, infinite, or one of infinitely many,
+        (n,) values. NaN if not all modes were computed, as when there are infinitely many,
         or if the product exceeds float64.
         """
         with np.errstate(over="ignore", invalid="ignore"):
@@ -189,6 +207,9 @@ class ModeCoalescence:
     def configurations(self, q: Floats) -> Complexes:
         """Return the pair angles of all complex modes of a mechanism of R pairs.
 
+        A mode is a solution of the equations of all groups. Complex ones have no
+        configuration, but can become real if sizes or inputs change.
+
         Parameters
         ----------
         q
@@ -196,12 +217,13 @@ class ModeCoalescence:
 
         Returns
         -------
-        (modes, pairs) complex angles (rad). NaN for a mode that is missing, infinite, or
-        one of infinitely many.
+        (modes, pairs) complex angles (rad). NaN for modes that were not computed, as when
+        there are infinitely many.
         """
         with np.errstate(all="ignore"):
-            # Place all links in all complex modes, at a single sample of the inputs.
-            body_from_link = self._place_links(len(self.groups), q[None])
+            # Place the links of all groups in all complex modes, at a single sample.
+            group_count = len(self.groups)
+            body_from_link = self._place_links(group_count, q[None])
             pairs = range(len(self.solver.joints))
             first_frames, second_frames = self._pair_frames(pairs, body_from_link)
             # (pairs, modes, 3, 3) frames of each pair in common axes. The x axis x2 of the
@@ -215,8 +237,9 @@ class ModeCoalescence:
     def _compute_determinants(self, position: int, q: Floats) -> Complexes:
         """Return the determinants of a group's equations in all complex modes.
 
-        A mode is one real or complex solution of the equations. Its determinant is that of
-        the derivatives of the equations by the unknown angles.
+        A group is a set of bodies that are placed together. A mode is one real or complex
+        solution of its equations. Its determinant is that of the derivatives of the
+        equations by the unknown angles.
 
         Parameters
         ----------
@@ -234,6 +257,7 @@ class ModeCoalescence:
         # The order in which the angles are eliminated; None for a train of wheels.
         order = self._orders[position]
         group = self.groups[position]
+        # Modes that could not be computed are NaN, which is no reason for a warning.
         with np.errstate(all="ignore"):
             # Rotations of the links in all modes of the earlier groups: (n, modes, 3, 3)
             # for each link.
@@ -242,6 +266,8 @@ class ModeCoalescence:
                 mode_count = body_from_link[0].shape[1]
                 return np.ones((len(q), mode_count), dtype=complex)
             geometry = GroupGeometry(group, self._pair_frames(group.pairs, body_from_link))
+            # The determinants (n * modes of earlier groups, modes of the group) become
+            # (n, modes).
             _, determinants = geometry.solve_equations(order)
             return determinants.reshape(len(q), -1)
 

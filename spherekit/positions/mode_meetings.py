@@ -172,14 +172,19 @@ class ModeMeeting:
     def describe(self, input_pair: str, passed: bool) -> str:
         """Return a sentence about the meeting, for reports and error messages.
 
+        At a meeting, configuration curves of assembly modes cross. A smooth curve through
+        it can belong to one mode below the input and to another mode above it.
+        `successors` maps the number of the former mode to that of the latter. The meeting
+        is `resolved` if it is known which modes continue each other.
+
         Parameters
         ----------
         input_pair
             Name of the input pair.
         passed
-            Whether assembly modes follow their smooth curves through crossings (crossings
-            "pass"). Otherwise (crossings "end") a mode keeps the signs of its dyads, and
-            the smooth curve through a crossing can lead to a mode with other signs.
+            Whether assembly modes follow their smooth curves through crossings (option
+            "pass"). Otherwise (option "end") a mode keeps the signs of its dyads, and is
+            not continued by a mode with other signs.
         """
         # Modes that meet at one configuration, such as "0 and 1". Each set occurs once.
         meeting_modes = [
@@ -195,7 +200,8 @@ class ModeMeeting:
             return f"{event}; which of them continue each other is not known"
         if passed:
             return f"{event}; each follows its smooth curve through it"
-        # Without successors no smooth curve changes to another mode.
+        # `successors` has only modes that change. Without any, each smooth curve belongs to
+        # the same mode below and above the input.
         if not self.successors:
             return f"{event}; each stays on its smooth curve"
         changes = listing(
@@ -387,17 +393,18 @@ def follow_smooth_curves(
 ) -> tuple[AssemblyMode, ...]:
     """Return assembly modes that follow smooth curves through all crossings.
 
-    An assembly mode has constant signs of its dyads. Where curves of two modes cross, the
-    smooth curve of a mode belongs to the other mode afterwards. A smooth curve is therefore
-    composed of pieces of several modes, and gets the number of one of them.
+    An assembly mode has constant signs of its dyads. At a meeting, the configuration curves
+    of two modes cross, and the smooth curve of one mode can belong to the other one
+    afterwards. A smooth curve is therefore composed of pieces of several modes, and gets
+    the number of one of them.
 
     Parameters
     ----------
     assembly_modes
         All modes over the range of the input.
     meetings
-        The inputs at which curves cross, rising. For each of them it must be known which
-        modes continue each other (`resolved`).
+        The inputs at which curves cross, rising. All must be `resolved`: it is known which
+        modes continue each other.
     start
         The input (rad) that decides about numbers: each smooth curve gets the number of the
         mode to which it belongs there.
@@ -405,11 +412,11 @@ def follow_smooth_curves(
     Returns
     -------
     Modes with the numbers and labels of `assembly_modes`. A mode that changes has `pieces`:
-    the mode that lies on its curve between each two meetings.
+    the mode to which its curve belongs between each two meetings.
 
-    A mode that begins at a meeting, where the curve of another mode continues in it, has no
-    configuration at `start`. It is left out, because its configurations belong to the curve
-    of the other mode.
+    Some modes have no configuration at `start`, because they begin at a meeting as the
+    continuation of another mode. They are left out. Their configurations are pieces of the
+    curve of the other mode.
     """
     mode_by_number = {mode.number: mode for mode in assembly_modes}
     # The meetings divide the range into intervals, one more than there are meetings.

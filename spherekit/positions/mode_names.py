@@ -49,7 +49,8 @@ def assign_mode_names(
 
     In the file a name has one configuration: values of all inputs and of some other pairs.
     The name is given to the mode that is nearest to this configuration at these inputs.
-    A name that does not state all inputs is ignored.
+    If the user drives other pairs than the file does, a name may not state all inputs. It
+    has no meaning for these inputs and is left out without a message.
 
     Parameters
     ----------
@@ -67,8 +68,9 @@ def assign_mode_names(
     for name, angles_by_pair in solver.mechanism.modes.items():
         if not set(inputs) <= angles_by_pair.keys():
             continue
+        # `reason` states why no mode has the name. It is empty if one has it.
         index, reason = _find_named_mode(solver, assembly_modes, angles_by_pair)
-        if index in names:
+        if not reason and index in names:
             reason = f"it is mode {assembly_modes[index].number}, as {names[index]} is"
         if reason:
             unused_names.append(f"modes.{name}: {reason}; no mode has this name")
@@ -88,7 +90,10 @@ def _find_named_mode(
     assembly_modes: Sequence[AssemblyMode],
     angles_by_pair: Mapping[str, float],
 ) -> tuple[int, str]:
-    """Find the mode that has given angles, and is clearly nearer to them than the others.
+    """Find the mode that a name in the mechanism file means.
+
+    The file states angles of the mode. The mode must be near to them, and clearly nearer
+    than all other modes.
 
     Parameters
     ----------
@@ -104,10 +109,11 @@ def _find_named_mode(
     index
         Index of the mode in `assembly_modes`, or -1.
     reason
-        Why no mode has these angles; empty if one has them.
+        Why no mode has these angles, for a message on the name; empty if one has them.
     """
-    # The guide of a mode has its verified configurations. If they are known at the samples
-    # of a grid only, the mode cannot be evaluated at the stated inputs.
+    # `guide` has verified configurations of a mode, from which others are computed. If they
+    # are known at the samples of a grid only, the mode cannot be evaluated at the stated
+    # inputs.
     if any(isinstance(mode.guide, ModeOverGrid) for mode in assembly_modes):
         return -1, "modes followed over samples of several inputs have no names"
     inputs = solver.mechanism.input_pairs

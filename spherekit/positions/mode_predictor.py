@@ -33,10 +33,15 @@ from spherekit.status import Status
 DEAD_CENTRE_RATIO = 1e-9
 """Configurations of a smaller relative singular value are dead centres of the input.
 
-The singular values are those of the closure Jacobian with locked input. The same number is
-the change of the input (rad) below which a curve that leaves a dead centre does not move
-the input. Larger: more modes begin with the slower search for outgoing curves. Smaller:
-slopes at the nodes are rounding errors.
+The singular values are those of the closure Jacobian with locked input. Larger: more modes
+begin with the slower search for outgoing curves. Smaller: slopes at the nodes are rounding
+errors.
+"""
+MIN_INPUT_CHANGE_RAD = 1e-9
+"""A curve that leaves a dead centre with a smaller change of the input does not move it.
+
+Larger: curves along which the input moves slowly are left out. Smaller: rounding errors
+count as a motion of the input.
 """
 DEAD_CENTRE_END_RAD = 1e-4
 """A curve whose end is nearer to a dead centre has this dead centre as its end.
@@ -200,7 +205,7 @@ def follow_each(
     -------
     The curve of each configuration, as far as its mode reaches.
     """
-    start_nodes = _nodes_with_rising_input(closure, driven, values)
+    start_nodes = _evaluate_nodes(closure, driven, values)
     is_regular = ~is_nearly_singular(closure.linearise(values), [driven], DEAD_CENTRE_RATIO)
     is_regular &= all_finite(start_nodes.slope, 1)
     # All regular configurations are followed together, which is faster. At a dead centre,
@@ -248,19 +253,20 @@ def _follow_from_dead_centre(
     the dead centre itself.
     """
     # (k, variables) points near the dead centre, one on each branch of a curve through it.
-    # On a curve along which the input rests, it changes by rounding errors only. The
-    # constant, a ratio elsewhere, is used here as an angle in rad.
+    # There may be curves along which the input does not move. They belong to no mode and
+    # are left out.
     points = find_outgoing_points(closure, values)
     input_changes = points[:, driven] - values[driven]
-    points = points[np.abs(input_changes) > DEAD_CENTRE_RATIO]
+    points = points[np.abs(input_changes) > MIN_INPUT_CHANGE_RAD]
     # Points with larger values of the first variables come first, after rounding. The
     # first curve that comes back to the dead centre is returned. The order makes it the
     # same one in each run, whatever the rounding errors are.
     ordered = sorted(points, key=lambda point: tuple(np.round(values - point, 6)))
     # The last start is the dead centre itself. Its derivatives by the input are infinite or
     # inaccurate, so its curve is the result only if no other one reaches the dead centre.
-    starts = _nodes_with_rising_input(closure, driven, np.array([*ordered, values]))
+    starts = _evaluate_nodes(closure, driven, np.array([*ordered, values]))
     curves = _follow_from_nodes(closure, driven, starts=starts, low=low, high=high)
+    # The result states how many steps were tried on all these curves.
     tried_steps = sum(curve.tried_steps for curve in curves)
     for curve in curves[:-1]:
         # The node at an end of the curve, and the index at which the dead centre would be
@@ -282,9 +288,7 @@ def _follow_from_dead_centre(
     return replace(curves[-1], tried_steps=tried_steps)
 
 
-def _nodes_with_rising_input(
-    closure: Closure, driven: int, values: Floats
-) -> InputPathNodes:
+def _evaluate_nodes(closure: Closure, driven: int, values: Floats) -> InputPathNodes:
     """Return the nodes at configurations (n, variables), with derivatives by the input."""
     return nodes_at(closure.linearise(values), [driven], np.ones((len(values), 1)))
 
