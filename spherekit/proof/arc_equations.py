@@ -166,12 +166,13 @@ class ArcEquations:
         self.variable_count = len(construction.pairs)
         self.degrees = construction.degrees
         self.pair_frames = decimal_mechanism.pair_frames()
-        # Followers are pairs that wheels drive. Either each is a variable of its own and is
-        # listed in `follower_pairs`, or all share the variable of the only input. Then the
-        # angle of a follower is a multiple of this variable plus an offset, its angle at
-        # the input 0.
+        # Followers are pairs whose angles follow from the inputs through toothed wheels. A
+        # construction can have a variable for each of them (`follower_pairs`). Otherwise
+        # there is one input, and its angle and those of the followers are multiples of one
+        # variable. The angle of a follower then has an offset, its angle at the input 0.
         self.follower_offsets: dict[int, Ball] = {}
         if not construction.follower_pairs:
+            # The angle of the input comes first, then those of the followers.
             _input, *angles = decimal_mechanism.known_angles([exact_ball(0.0)])
             followers = decimal_mechanism.structure.followers
             self.follower_offsets = dict(zip(followers, angles, strict=True))
@@ -199,9 +200,8 @@ class ArcEquations:
         Returns
         -------
         (3, 3, 3) matrices T such that T[0] + cos(x) T[1] + sin(x) T[2] rotates from link
-        axes to the axes of the parent. The angle x is the variable, which is the angle of
-        the pair. Wheels can share one variable: then x is `step.angle_factor` times this
-        variable, and an offset is added to it.
+        axes to the axes of the parent. Here x is the angle of the pair less its offset. The
+        offset is zero unless toothed wheels drive the pair. It is contained in T.
         """
         (pair,) = step.pairs
         terms = revolute_rotation_terms(*self.pair_frames[pair])
@@ -209,7 +209,7 @@ class ArcEquations:
             # Against the direction of the pair the rotation is the transpose.
             terms = terms.swapaxes(1, 2)
         if pair in self.follower_offsets:
-            # The pair angle is x plus the offset; expand the cosine and sine of the sum.
+            # The cosine and sine of x + offset are expanded, so that T belongs to x.
             sine, cosine = self.follower_offsets[pair].sin_cos()
             constant, cosine_term, sine_term = terms
             terms = np.array(
@@ -413,14 +413,14 @@ class ArcEquations:
 
             abs(derivative of f by the variables j1 to jk) <= C d_j1 ... d_jk
 
-        The equation is f = U . W - cos(arc). U and W are unit axes of two links. The
-        orientations of links, one multiplied by the other, rotate them to common axes. The
-        norm of a product is at most the product of the norms, and derivatives do not depend
-        on the constant. C is therefore the product of the norms of all these orientations.
+        The equation is f = U . W - cos(arc). U and W are unit axes of two links, multiplied
+        by the orientations of links along two paths. The norm of a product is at most the
+        product of the norms. C is therefore the product of the norms of all these
+        orientations. The constant cos(arc) has no derivatives.
         """
-        # By link: a bound of the norm of its orientation relative to its reference link. It
-        # also bounds the derivatives of the orientation, divided by the degrees. A rotation
-        # about a fixed axis has norm 1, as have its derivatives by the angle.
+        # By link: a bound of the norm of its orientation relative to its reference link. A
+        # rotation about a fixed axis has norm 1. So has its derivative by the angle, and
+        # one by a variable is larger by its degree, which the property leaves out.
         norms = dict.fromkeys(self._rotation_terms, 1.0)
         bounds = []
         for step in self.construction.equation_steps:
@@ -429,9 +429,9 @@ class ArcEquations:
             second = prod(norms[link] for link in paths.second)
             # The orientation of a link on two axes is U a^T + W b^T + (U x W) n^T. The
             # vectors a, b, n are the dual basis of the two pair axes of the link and of
-            # their cross product. Their lengths are at most 1 / sine(arc). Each sum,
-            # product and quotient rounds by one unit roundoff. There are fewer of them than
-            # the factors 16 and 64 allow for.
+            # their cross product, with lengths of at most 1 / sine(arc). Each float64
+            # operation rounds by at most one unit roundoff. The factors with 16 and 64
+            # round up by more than all operations together.
             sum_of_norms = (first + second + first * second) * (1 + 16 * UNIT_ROUNDOFF)
             norms[step.link] = sum_of_norms / self._dyad_placements[step.link].arc_sine
             bounds.append(first * second)
@@ -462,8 +462,9 @@ def _rotation_jet(
     variables
         Balls (rad) of all variables.
     step
-        How the link is placed: x is the variable number `step.variable` times
-        `step.angle_factor`.
+        How the link is placed: x is the variable number `step.variable` times the whole
+        number `step.angle_factor`. This is 1 unless toothed wheels drive the pair and
+        several wheels share one variable.
 
     Returns
     -------

@@ -96,21 +96,21 @@ def make_ball_curve(profile: Profile, backwards: bool = False) -> Curve:
         Whether the curve is run in the opposite sense: an open one from its end, a closed
         one from its start.
     """
-    curve, length = _make_curve(profile, precision_bits())
+    curve, end = _make_curve(profile, precision_bits())
     if not backwards:
         return curve
 
     def reversed_curve(s: Array) -> Array:
         """Return the frames (n, 3, 3) at arc lengths (n,) from the other end."""
         # Tangent and normal change their signs, the point does not.
-        return curve(length - s) * [-1, -1, 1]
+        return curve(end - s) * [-1, -1, 1]
 
     return reversed_curve
 
 
 @lru_cache(maxsize=MAX_CACHED_CURVES)
 def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
-    """Return the curve of a profile, and its length (0 if it is closed).
+    """Return the curve of a profile in ball arithmetic, and its length.
 
     The curve is a function that returns at arc lengths (n,) the frames (n, 3, 3), whose
     columns are tangent, normal and point. All numbers are balls: a ball has a centre and a
@@ -123,11 +123,16 @@ def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
         The profile in the axes of its link: a circle, a spline through points, or a Fourier
         sum, which gives the angle from the profile's centre at each azimuth about it.
     _precision_bits
-        Bits of ball centres. They are an argument only because results are cached.
+        Present number of bits of ball centres. Results are cached by the arguments, and
+        they differ from precision to precision.
 
     Returns
     -------
-    The curve as a function of its arc length, and its length (rad); 0 if it is closed.
+    curve
+        The frames as a function of the arc length.
+    end
+        The arc length (rad) from which a reversed curve starts: the length of an open
+        curve, 0 for a closed one.
     """
     if profile.kind == "points":
         spline, _table = spline_through(np.array(profile.points), profile.closed)
@@ -141,14 +146,15 @@ def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
         )
         return _by_arc_length(path, exact_balls([0.0, 2.0]) * pi_ball(), True)
     # A circle about z with the angular radius r: point = z cos(r) + (x cos(a) + y sin(a))
-    # sin(r), where the azimuth a is the arc length over sin(r). The frame is therefore a
-    # linear function of 1, cos(a) and sin(a). Each list has the factors in the tangent, the
-    # normal and the point.
+    # sin(r), where the azimuth a is the arc length over sin(r).
     x, y, z = axes
-    # A great circle, the only other kind, has a radius of 90 degrees.
-    sine, cosine = exact_balls([1.0, 0.0])
     if profile.kind == "circle":
         sine, cosine = exact_ball(profile.radius or 0.0).sin_cos()
+    else:
+        # The only other kind is a great circle, with r = 90 degrees.
+        sine, cosine = exact_balls([1.0, 0.0])
+    # Tangent, normal and point of the frame are linear functions of 1, cos(a) and sin(a).
+    # Each list has the factors of one of these: in the tangent, the normal and the point.
     constant = [0 * z, sine * z, cosine * z]
     cosine_term = [y, -cosine * x, sine * x]
     sine_term = [-x, -cosine * y, sine * y]
@@ -175,8 +181,11 @@ def _by_arc_length(path: Path, knots: Array, closed: bool) -> tuple[Curve, Ball]
 
     Returns
     -------
-    The curve, which returns frames (n, 3, 3) at arc lengths (n,): columns are tangent,
-    normal and point. Then its length (rad) if it is open, else 0.
+    curve
+        Returns frames (n, 3, 3) at arc lengths (n,); columns are tangent, normal and point.
+    end
+        The arc length (rad) from which a reversed curve starts: the length of an open
+        curve, 0 for a closed one.
 
     Raises
     ------
@@ -315,9 +324,10 @@ def _make_spline(spline_path: SplinePath) -> Path:
     with a centre and a radius, which bounds their error. Its float64 knots and control
     points count as exact.
 
-    Between two knots the spline is a polynomial. A ball that contains a knot is evaluated
-    with the polynomial at its centre for the whole ball. Up to the fourth derivative the
-    neighbouring polynomial is the same at a simple knot.
+    Between two knots the spline is a polynomial, and the one at the centre of a ball is
+    used for the whole ball. If the ball contains a knot u_k, the polynomial beyond the knot
+    differs by a multiple of (u - u_k)^5, because derivatives up to the fourth agree at the
+    knot. This difference is neglected.
 
     Returns
     -------
@@ -329,15 +339,17 @@ def _make_spline(spline_path: SplinePath) -> Path:
     spline_knots: Floats = spline_path.spline.t
 
     def path(parameter: Array) -> tuple[Array, Array]:
-        """Return projected points (n, 3) and their derivatives by the parameter (n,).
+        """Return points (n, 3) on the unit sphere and their derivatives by the parameter.
 
-        The parameter is an array of balls (intervals with a centre and a radius), or of
-        power series with such coefficients. The results are of the same kind.
+        The spline is a curve in space, which is projected from the centre of the sphere.
+        The parameter (n,) is an array of balls (intervals with a centre and a radius), or
+        of power series with such coefficients. The results are of the same kind.
         """
         # The first and the last degree + 1 knots are the ends of the spline.
         inner_knots = spline_knots[degree + 1 : len(control_points)]
-        # The interval between knots is chosen by the centre of the ball. Of a power series
-        # it is that of the constant coefficient.
+        # The interval between knots is chosen by the centre of the ball; for a power
+        # series by the centre of its constant coefficient. A ball that contains a knot
+        # is evaluated with one of two polynomials, which hardly differ within the ball.
         parameter_floats = centre_floats(series_coefficient(parameter, 0))
         # Number of the interval between knots in which each parameter is.
         first = np.searchsorted(inner_knots, parameter_floats, side="right")
@@ -347,19 +359,19 @@ def _make_spline(spline_path: SplinePath) -> Path:
         knots = exact_balls(
             spline_knots[first + np.arange(1, 2 * degree + 1)[:, None], None]
         )
-        # Each level interpolates between neighbouring points, from a knot `low` to a knot
-        # `high`, until one point is left. The slope of the last level, times the degree, is
-        # the derivative of the spline.
+        # De Boor's algorithm: each level interpolates between neighbouring points, from a
+        # knot `low` to a knot `high`, until one point is left. The slope of the last level,
+        # times the degree, is the derivative of the spline.
         for level in range(degree):
             low = knots[level:degree]
             high = knots[degree : 2 * degree - level]
             slope = np.diff(points, axis=0) / (high - low)
             points = points[:-1] + (parameter[:, None] - low) * slope
-        (x,) = points
+        (spline_point,) = points
         (derivative,) = degree * slope
         # Projection: the part of the derivative across the radius, over the radius.
-        size = vector_lengths(x)[:, None]
-        point = x / size
+        size = vector_lengths(spline_point)[:, None]
+        point = spline_point / size
         radial_rate = np.sum(point * derivative, axis=1, keepdims=True)
         return point, (derivative - radial_rate * point) / size
 

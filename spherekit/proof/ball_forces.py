@@ -13,7 +13,13 @@ def exact_inertia(rows: ExactRows) -> tuple[Array, Array]:
     """Return the equivalent inertia and its derivative by the only input that moves.
 
     The equivalent inertia is twice the kinetic energy at unit rate of the input (Di
-    Gregorio 2024, eqs. (14), (15)). Inertia tensors count as exact float64 numbers.
+    Gregorio 2024, eqs. (14), (15)). It is computed in balls: numbers with a bound of their
+    error. The inertia tensors of the file are taken as exact.
+
+    Parameters
+    ----------
+    rows
+        n configurations with the rotations and angular velocities of all links, in balls.
 
     Returns
     -------
@@ -27,6 +33,8 @@ def exact_inertia(rows: ExactRows) -> tuple[Array, Array]:
     ValueError
         If the rows were computed with order 1, without derivatives.
     """
+    # `slopes` are the derivatives of the angular velocities w by the input. Reading them
+    # raises the ValueError.
     with rows.arithmetic.within():
         return equivalent_inertia(rows.mechanism, rows.rotations, rows.w, rows.slopes)
 
@@ -76,7 +84,8 @@ def interpolate_table(table: TorqueTable, t: Array, time_inside: float) -> Array
 
     A table is piecewise linear in time, with a kink at each listed time. Here all times are
     evaluated on the straight line that is valid at `time_inside`, so that the result has no
-    kink. A periodic table repeats from its last time on.
+    kink. A periodic table repeats before and after its listed times. Balls are numbers with
+    a bound of their error.
 
     Parameters
     ----------
@@ -89,12 +98,13 @@ def interpolate_table(table: TorqueTable, t: Array, time_inside: float) -> Array
 
     Returns
     -------
-    (n,) torques (N m).
+    (n,) balls of torques (N m).
     """
     times = exact_balls(table.times)
     torques = exact_balls(table.torques)
     period = times[-1] - times[0]
-    # The line belongs to the first period, shifted by whole periods.
+    # The line belongs to the first period, shifted by whole periods. Which line it is, is
+    # decided in float64; the torque on it is computed in balls.
     if table.periodic:
         periods_passed = np.floor((time_inside - table.times[0]) / float(period))
     else:

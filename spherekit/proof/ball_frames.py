@@ -75,15 +75,20 @@ def revolute_rotation_terms(first: Frame, second: Frame) -> Array:
     axes of the second link to those of the first.
     """
     zero_direction, side, axis = first
-    zero = 0 * zero_direction
-    # Factors of 1, cos(x) and sin(x) in the images of the second frame's zero direction,
-    # side and axis: z cos(x) + s sin(x), s cos(x) - z sin(x), axis.
-    images = [
-        [zero, zero, axis],
-        [zero_direction, side, zero],
-        [side, -zero_direction, zero],
-    ]
-    return np.array(images).swapaxes(1, 2) @ second
+    zero = 0 * zero_direction  # a vector of balls, as the others
+    # The rotation maps the second frame to zero_direction cos(x) + side sin(x),
+    # side cos(x) - zero_direction sin(x) and axis. The rows have the factors of 1, cos(x)
+    # and sin(x) in these three vectors.
+    images = np.array(
+        [
+            [zero, zero, axis],
+            [zero_direction, side, zero],
+            [side, -zero_direction, zero],
+        ]
+    )
+    # Each factor is the sum of (image) (vector of the second frame)^T over the three
+    # vectors, that is (images as columns) times (second frame as rows).
+    return images.swapaxes(1, 2) @ second
 
 
 def azimuth_frame(centre: Vector) -> Frame:
@@ -166,7 +171,8 @@ def frames_from_pose(
     ----------
     geometry
         The axes in float64. The zero direction of a pair is at right angles to its axis and
-        to a coordinate axis: the one that is farthest from this float64 axis.
+        to the coordinate axis that is farthest from it. The float64 axis decides which
+        coordinate axis that is, because balls that overlap have no order.
     axes
         By pair: its unit axis in the reference pose, as balls.
     values

@@ -69,6 +69,8 @@ def modes_certificate(modes: CertifiedModes) -> dict[str, Any]:
       solutions of parts of the equations ("systems"), or from boxes that exclude the rest
       of space.
     - "undecided_rad" are boxes that may contain further real roots.
+
+    "construction" is the order in which the proof places the links one after another.
     """
     decimal_mechanism = modes.decimal_mechanism
     construction = modes.construction
@@ -80,6 +82,7 @@ def modes_certificate(modes: CertifiedModes) -> dict[str, Any]:
         "bound": modes.mode_bound,
         "complete": modes.is_complete,
         "counted": modes.is_counted,
+        # Undecided boxes that touch each other are joined to one box, a cluster.
         "undecided_rad": [
             {"centre": centre.tolist(), "half": half_widths.tolist()}
             for centre, half_widths in modes.clusters
@@ -245,11 +248,10 @@ def _round_balls(balls: Sequence[Ball]) -> RoundedBalls:
 def _wheel_tables(
     decimal_mechanism: DecimalMechanism, construction: Construction
 ) -> list[dict[str, Any]]:
-    """Return the rotation of each wheel as a function of the shared variable.
+    """Return the rotation of each wheel as a function of one variable.
 
-    The angles of the input and of all wheels are whole multiples of one variable, plus a
-    constant. The variable makes one turn while the input and all wheels return to their
-    initial angles.
+    The variable makes one turn while the input and all wheels return to their initial
+    angles. The angle of each wheel is a whole multiple of the variable plus a constant.
 
     Parameters
     ----------
@@ -258,7 +260,7 @@ def _wheel_tables(
         input through wheels in mesh.
     construction
         The order in which the links are placed. Each step has the pairs by which a link is
-        placed, and the quotient of the pair angle and the variable.
+        placed, and the multiple (`angle_factor`).
 
     Returns
     -------
@@ -267,16 +269,16 @@ def _wheel_tables(
     ("off").
     """
     structure = decimal_mechanism.structure
-    # A wheel is placed by a single pair, whose angle is this factor times the variable.
+    # A wheel is placed by a single pair.
     factor_by_pair = {
         step.pairs[0]: step.angle_factor
         for step in construction.steps
         if len(step.pairs) == 1
     }
     with working_precision(WHEEL_PRECISION_BITS):
-        # The angles of the input and of its followers if the input angle is 0. The variable
-        # is 0 as well.
-        _, *wheel_angles = decimal_mechanism.known_angles([exact_ball(0.0)])
+        # The angle of the input, then those of the followers in their order, if the input
+        # angle is 0. The variable is 0 as well.
+        _input_angle, *wheel_angles = decimal_mechanism.known_angles([exact_ball(0.0)])
         angles = _round_balls(wheel_angles)
     return [
         {
@@ -292,13 +294,17 @@ def _wheel_tables(
 
 
 def map_certificate(input_map: InputMap) -> dict[str, Any]:
-    """Return the certificate of boxes of several inputs, each with its proven kind.
+    """Return the certificate of a map of assembly modes over several inputs.
 
-    A certificate is a table for a JSON file, from which a checker can repeat the proof. A
-    box is regular if no configuration in it is singular with locked inputs (type II). The
-    number of assembly modes is then the same everywhere in the box. The shares are parts of
-    the area of the input ranges.
+    A certificate is a table for a JSON file, from which a checker can repeat the proof. The
+    map divides the ranges of the inputs into boxes. A box is regular if no configuration in
+    it is singular with locked inputs (type II). The number of assembly modes is then the
+    same everywhere in the box. The shares are parts of the area of the input ranges.
+
+    "construction" is the order in which the proof places the links, "systems" are the
+    systems of loop equations that it solves one after another.
     """
+    # The mechanism with the decimal numbers of its file, to which the proof applies.
     decimal_mechanism = input_map.decimal_mechanism
     construction = input_map.construction
     input_names = decimal_mechanism.structure.names_of(construction.input_pairs)
@@ -433,19 +439,18 @@ def _system_tables(
     """Return systems of equations with approximations of all their solutions, as tables.
 
     A system is a smallest set of equations that can be solved by itself if the systems
-    before it are solved. A solution lists for each unknown e^(i angle), or the inverse of
-    it if its entry in "inverse" is true. The inverse of a root at infinity is 0.
+    before it are solved. All its other variables then have given values. It is solved for
+    several choices of these. A solution lists for each unknown z = e^(i angle), or 1 / z if
+    its entry in "inverse" is true. So a root at infinity is listed as 0.
 
     Parameters
     ----------
     decimal_mechanism
         The mechanism, for the names.
     construction
-        Its order of placing links, which numbers equations and variables.
+        The order of placing its links, in which equations and variables are numbered.
     systems
-        The systems in the order in which they are solved. The given variables of a system
-        are all that are not its unknowns. They are chosen several times, and a system has
-        the solutions for each choice.
+        The systems in the order in which they are solved.
     """
     structure = decimal_mechanism.structure
     names = structure.names_of(construction.pairs)

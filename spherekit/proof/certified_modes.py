@@ -170,8 +170,8 @@ class CertifiedModes:
             )
         else:
             widths = [2.0 * np.max(half_widths) for _, half_widths in self.clusters]
-            # Without clusters nothing was excluded, so a mode may be missing anywhere in
-            # a full turn of each angle.
+            # If no exclusion was tried (`undecided_boxes` is None), there are no clusters.
+            # A mode may then be missing anywhere in a full turn of each angle.
             return Completeness(
                 Guarantee.TO_BOX,
                 f"{statement}; undecided in {len(widths)} clusters, nothing else outside; "
@@ -357,14 +357,14 @@ class _RootSearch:
     ) -> Sequence[EquationSystem]:
         """Try to prove the roots that homotopies find.
 
-        A root is a choice of the unknown angles, real or complex, that solves the equations
-        of the mechanism. A homotopy follows approximate roots from a system with known
-        roots to these equations. Up to `HOMOTOPY_SEEDS` homotopies with different random
-        numbers are tried, until
+        A root consists of values of the unknown angles, real or complex, that solve the
+        equations of the mechanism. A homotopy follows approximate roots from a system with
+        known roots to these equations. Up to `HOMOTOPY_SEEDS` homotopies with different
+        random numbers are tried, until
 
         - as many roots are proven as there can be, or
-        - as many finite roots are approximated as there can be, so that further homotopies
-          would find no others (more bits may still prove them), or
+        - as many finite roots are approximated as there can be. Further homotopies would
+          find no others. A proof may still fail here and succeed with more bits. Or
         - the real roots are proven to be complete.
 
         For the last case the equations are divided into small systems, which are solved one
@@ -384,19 +384,21 @@ class _RootSearch:
         # The largest possible number of complex roots, by the degrees of the equations.
         bound = self.equations.construction.mode_bound
         for seed in range(HOMOTOPY_SEEDS):
-            modes = approximate_modes(self.equations, self.circle_points, seed)
+            # (roots, unknowns) complex angles (rad). `circle_points` are the cosines and
+            # sines of the angles that are not unknown.
+            roots = approximate_modes(self.equations, self.circle_points, seed)
             # The conjugate of a root is a root.
             candidates = [
-                angles.tolist() for mode in modes for angles in (mode, mode.conj())
+                angles.tolist() for root in roots for angles in (root, root.conj())
             ]
             for candidate in candidates:
                 self.add_root(candidate)
             approximations += candidates
-            is_finite = np.all(np.abs(modes.imag) < FINITE_ROOT_IMAGINARY_RAD, axis=1)
+            is_finite = np.all(np.abs(roots.imag) < FINITE_ROOT_IMAGINARY_RAD, axis=1)
             if max(len(self.roots), np.sum(is_finite)) >= bound:
                 break
             # After a homotopy without any result, only the next seed is tried.
-            if len(modes):
+            if len(roots):
                 # The number of real roots by the systems. If they do not prove it, it is
                 # -1, which differs from any number of roots.
                 real_count, systems = self.real_roots_by_systems
@@ -426,9 +428,9 @@ class _RootSearch:
         """Divide the space of the unknown angles into boxes, and exclude other real roots.
 
         A box is done if an equation cannot vanish in it, or if it is inside the
-        neighbourhood of a proven root, where no other root is possible. A real root that is
-        approximated near one of the other boxes is proven and added to `roots`. Boxes that
-        are not done are halved.
+        neighbourhood of a proven root, where no other root is possible. Near each of the
+        other boxes a real root is searched. If there is a new one, it is proven and added
+        to `roots`. Boxes that are not done are halved.
 
         Returns
         -------
@@ -436,9 +438,9 @@ class _RootSearch:
         """
         unknown_count = self.equations.unknown_count
         no_width = [exact_ball(0.0)] * len(self.known_angles)
-        # Unknown angles range over a full turn, given angles have one value. The turn
-        # starts at an angle that special geometries do not have, so that no root is on the
-        # side of a box.
+        # Unknown angles range over a full turn, given angles have one value. Roots of
+        # special geometry are at simple fractions of a turn. The turn starts at -2.4 rad,
+        # so that none of these is on the side of a box.
         ranges = VariableRanges(
             low=[exact_ball(FIRST_ANGLE_RAD)] * unknown_count + self.known_angles,
             width=[2 * pi_ball()] * unknown_count + no_width,

@@ -73,11 +73,12 @@ class Chain:
     Attributes
     ----------
     pieces
-        The arcs in order. The box of each one contains the centre of the next one.
+        Boxes in the space of the variables, in order. Each one is proven to contain exactly
+        one arc of the curve, and contains the centre of the next box.
     closed
-        Whether the box of the last arc contains the centre of the first, modulo turns.
-        Otherwise both ends are beyond the range, or on one of the four branches ("arms") of
-        a place where curves cross or nearly do.
+        Whether the last box contains the centre of the first, modulo turns. Otherwise each
+        end is beyond the range, or on a branch (arm) that leads to a place where curves
+        cross or nearly do.
     problem
         Why the chain ends elsewhere, or "".
     """
@@ -88,9 +89,9 @@ class Chain:
 
     @property
     def links(self) -> list[tuple[CertifiedArc, CertifiedArc]]:
-        """Each arc together with the next one, whose centre its box contains.
+        """Each piece together with the next one, whose centre it contains.
 
-        In a closed chain the last arc is followed by the first.
+        In a closed chain the last piece is followed by the first.
         """
         pieces = [*self.pieces]
         if self.closed:
@@ -99,15 +100,17 @@ class Chain:
 
     def may_repeat_start(self) -> bool:
         """Return whether the chain may pass through its start a second time."""
-        # Does the start lie between the centre of an arc and the next centre, near the axis
-        # of the arc? Coordinate 0 is along the arc, the others are across it. The first
-        # step from arc to arc begins at the start. The last one of a closed chain, which
-        # has the index `len(self.pieces) - 1`, ends there. Both are left out.
+        # A piece is a box around an arc of the curve. Coordinate 0 in the box is along the
+        # arc, the others are across it, up to `radius`. The start is repeated if it is
+        # between the centre of a piece and the next centre. The first link begins at the
+        # start. In a closed chain the last link, from the last piece to the first, ends
+        # there. Both are left out.
         start = self.pieces[0].centre
         for piece, next_piece in self.links[1 : len(self.pieces) - 1]:
             coordinates = piece.coordinates(start)
             next_centre = piece.coordinates(next_piece.centre)[0]
-            # 1e-9 rad covers the rounding of coordinates and the error of centres.
+            # Coordinates are rounded, and centres are not exactly on the curve. With 1e-9
+            # rad in addition, the start is rather noticed than missed.
             is_near_axis = np.all(np.abs(coordinates[1:]) <= piece.radius + 1e-9)
             if is_near_axis and -1e-9 <= coordinates[0] <= next_centre + 1e-9:
                 return True
@@ -143,11 +146,13 @@ def find_chain(
     """
     chain = _follow_forward(equations, first, side, crossings)
     if not chain.closed:
-        # Turn around at the end, and follow the curve to its other end.
+        # Turn around at the end, and follow the curve to its other end. A problem at the
+        # first end remains a problem of the chain.
         problem = chain.problem
         last = _reverse(chain.pieces[-1])
         chain = _follow_forward(equations, last, side, crossings)
         chain = replace(chain, problem=problem or chain.problem)
+    # Crossings are found while the curve is followed, so this is tested last.
     return None if crossings.may_contain(first.centre, first.centre_error) else chain
 
 
