@@ -129,8 +129,9 @@ class ReducedEquation:
         (n,) the point (rad) with u = v = 0.
     frame
         (n, n) orthonormal columns: the directions of u, of v, and of the other coordinates.
-    missed
-        (k,) the unit vector l that F' misses.
+    left_null_vector
+        (k,) the unit vector l with l F' = 0, nearly: the direction in which F' cannot
+        change F.
     units
         (2,) lengths of u and v, the larger one 1. In these units the two curves of a
         crossing are the diagonals of a square.
@@ -142,33 +143,34 @@ class ReducedEquation:
     equations: ArcEquations
     centre: Floats
     frame: Floats
-    missed: Floats
+    left_null_vector: Floats
     units: Floats
     other_curvatures: Floats
 
     def split_residual(self, position: Array) -> tuple[Ball, Array]:
-        """Split the equations F at a position into a multiple of l and a remainder.
+        """Split the equations F at a position z: F(z) = g l + residual.
 
-        The unit vector l (`missed`) is the direction in which the derivatives F' cannot
-        change F. The remainder is 0 where F(z) = g l, and `level` is g there.
+        The unit vector l is the direction in which the derivatives F' cannot change F. A
+        change of z can therefore remove the residual, but not g l. Where the residual is 0
+        and g is 0, z is a configuration.
 
         Parameters
         ----------
         position
-            (n,) balls (rad).
+            (n,) values z of the variables, balls (rad).
 
         Returns
         -------
         level
-            A ball of radius 0 near the component of F along l. Any number near it is
-            valid, because the rest is in the residual.
+            The number g, a ball of radius 0: the component of F along l, rounded.
         residual
-            (k,) F less `level` times l, with the errors of F.
+            (k,) F(z) - g l, with the errors of F. It also has what was rounded off from g,
+            so the sum is exact.
         """
         (values,) = self.equations.evaluate(position, 0)
-        missed = exact_balls(self.missed)
-        level = exact_centres(missed @ values)
-        return level, values - level * missed
+        left_null_vector = exact_balls(self.left_null_vector)
+        level = exact_centres(left_null_vector @ values)
+        return level, values - level * left_null_vector
 
     def differentiate(
         self, positions: Array, residual: Array, order: int = 2
@@ -176,16 +178,18 @@ class ReducedEquation:
         """Return derivatives of (z, g) over balls of all variables.
 
         The equations F(z) = g l define all variables z and the number g as functions of two
-        coordinates u = a . z and v = b . z. Here l = `missed` is the direction in which F'
-        cannot change F, and a, b are the first two columns of `frame`. The derivatives
-        solve linear equations with the bordered matrix
+        coordinates u = a . z and v = b . z. Here l is the direction in which F' cannot
+        change F, and a, b are the first two columns of `frame`. Configurations F = 0 are
+        the zeros of g(u, v). The derivatives solve linear equations with the bordered
+        matrix
 
             [F'  -l]
             [a^T  0]
             [b^T  0].
 
-        There are three right sides: -residual for the step that removes the residual
-        F(z) - g l, and unit rates of u and of v.
+        There are three right sides, which give derivatives in three directions. Direction 0
+        removes the residual F(z) - g l while u and v are constant. Directions 1 and 2 are
+        unit rates of u and of v.
 
         Parameters
         ----------
@@ -204,17 +208,16 @@ class ReducedEquation:
         _, slopes, *curvatures = self.equations.evaluate(positions, order)
         k, variable_count = slopes.shape
         zero = np.zeros((2, 1))
-        missed = exact_balls(self.missed)
-        kernel = exact_balls(self.frame[:, :2].T)
-        bordered = np.block([[slopes, -missed[:, None]], [kernel, zero]])
-        # Columns: remove the residual while u and v are constant; unit rate of u; unit rate
-        # of v.
+        left_null_vector = exact_balls(self.left_null_vector)
+        coordinate_rows = exact_balls(self.frame[:, :2].T)  # a and b
+        bordered = np.block([[slopes, -left_null_vector[:, None]], [coordinate_rows, zero]])
+        # One column for each direction.
         right_sides = np.block([[-residual[:, None], np.zeros((k, 2))], [zero, np.eye(2)]])
         first = solve_balls(bordered, right_sides)
         if order < 2:
             return BorderedDerivatives(first)
         (curvature,) = curvatures
-        # Differentiate F(z) = g l twice, in each pair of the three directions: the matrix
+        # Differentiate F(z) = g l twice, in each of the 9 pairs of directions. The matrix
         # is the same, and the right side is -F''(z', z').
         z_rates = first[:variable_count]
         right_sides = np.zeros((variable_count + 1, 9), object)
@@ -284,10 +287,10 @@ class ReducedEquation:
     ) -> tuple[Ball, Array]:
         """Return enclosures of g and its two slopes at the coordinates of a position.
 
-        F are the equations of the mechanism, whose derivatives cannot change F in a
-        direction l. For given coordinates u and v, F(z) = g l defines all variables z and
-        the number g. The results are balls that contain g and its slopes at the u and v of
-        the position.
+        F are the equations of the mechanism. Their derivatives F' cannot change F in a
+        direction l (l F' = 0, nearly). For given coordinates u and v, F(z) = g l defines
+        all variables z and the number g. The results are balls that contain g and its
+        slopes at the u and v of the position.
 
         Parameters
         ----------
@@ -303,8 +306,9 @@ class ReducedEquation:
         -------
         The value of g, and its derivatives (2,) by u and v.
         """
-        # Only the derivatives by u and v are used, so that no residual is to be removed.
-        no_residual = exact_balls(np.zeros(len(self.missed)))
+        # `differentiate` also computes the step that removes a residual F(z) - g l. That
+        # step is not used here, so the residual is 0.
+        no_residual = exact_balls(np.zeros(len(self.left_null_vector)))
         exact_position = position + correction[:-1]
         derivatives = self.differentiate(exact_position, no_residual, order=1)
         return level + correction[-1], derivatives.gradient
@@ -332,7 +336,8 @@ def reduce_at_saddle(equations: ArcEquations, position: Floats) -> ReducedEquati
         If there is no critical point nearby, or if g has no saddle there. Singular matrices
         raise the same error, so that callers treat all failures alike.
     """
-    # 1. The critical point, and the derivatives of g there.
+    # 1. The critical point, and the derivatives of g there. The residual is the remainder
+    # of the equations beside g l, nearly 0.
     critical_point = _reduce_about(equations, position).find_critical_point(
         exact_balls(position)
     )
@@ -362,6 +367,8 @@ def reduce_at_saddle(equations: ArcEquations, position: Floats) -> ReducedEquati
     units = np.array([high, -low]) ** -0.5
     # Second derivatives of the variables by u and v, then those of the coordinates of
     # `frame` other than u and v. They tell how far the curves leave the plane of u and v.
+    # In `seconds`, the last row belongs to g, and index 0 of the other axes to a direction
+    # in which u and v are constant.
     variable_curvatures = centre_floats(derivatives.seconds[:-1, 1:, 1:])
     principal_curvatures = principal.T @ variable_curvatures @ principal
     return replace(
@@ -377,9 +384,9 @@ def _reduce_about(equations: ArcEquations, position: Floats) -> ReducedEquation:
 
     The derivatives F' of the equations nearly lose one rank at the position. In its
     singular value decomposition, the last left vector is the direction in which F' cannot
-    change F. The two right vectors of the kernel are the directions of u and v. They are
-    not yet along the principal curvatures. `units` and `other_curvatures` need these, and
-    have placeholders.
+    change F. The last two right vectors, the kernel, are the directions of u and v. They
+    need not be along the principal curvatures of g, which are not known yet. `units` and
+    `other_curvatures` follow from these curvatures, and are only filled in here.
 
     Parameters
     ----------
@@ -401,13 +408,14 @@ def _reduce_about(equations: ArcEquations, position: Floats) -> ReducedEquation:
     smallest = MIN_SECOND_SINGULAR_RATIO * singular_values[0]
     if not np.all(singular_values[:-1] > smallest):
         raise ZeroDivisionError
-    # The last two right singular vectors span the kernel. They become the first two.
+    # The last two right singular vectors span the kernel. They become the first two
+    # columns. The n - 2 others are the further coordinates.
     frame = np.roll(right_vectors, 2, axis=0).T
     return ReducedEquation(
         equations=equations,
         centre=position,
         frame=frame,
-        missed=left_vectors[:, -1],
+        left_null_vector=left_vectors[:, -1],
         units=np.ones(2),
         other_curvatures=np.ones(0),
     )

@@ -186,7 +186,8 @@ class _CoordinateState:
     moving
         Configurations, and rates per unit rate of the coordinate.
     root_inertia
-        (n,) square root of the equivalent inertia.
+        (n,) square root of the equivalent inertia B of this coordinate. The rate of the
+        coordinate is p / sqrt(B), with the momentum p that is integrated.
     closing_step
         (n, variables) Newton step (rad) that closes the loops with the coordinate held.
     """
@@ -206,7 +207,8 @@ class _Step:
     again and again.
 
     Loads may contain `abs`, `sign`, `min` or `max`. Each is a switch, whose value depends
-    on the sign of a condition. Within a step this sign, +1 or -1, is constant: the side.
+    on the sign of one condition. Within a step this sign, +1 or -1, is constant: the side.
+    Numbers are balls (centres with a bound of the error).
 
     Attributes
     ----------
@@ -217,10 +219,11 @@ class _Step:
     series
         (nodes + 1, 2) Legendre coefficients in x of the coordinate (rad) and of p.
     sides
-        (switches,) +1 or -1, the sides of all conditions.
+        (switches,) +1 or -1, the side of each switch.
     conditions
-        For each condition or joint limit the number of its switch (-1 for a joint limit),
-        and a Legendre series that becomes negative where the step has to end.
+        Legendre series that become negative where the step has to end: one for each switch
+        and two for each joint limit. Each has the number of its switch, -1 for a joint
+        limit.
     truncation
         Size of the last terms of the series. It is in units of the rounding of numbers near
         1 in the present precision.
@@ -390,7 +393,8 @@ class ExactSimulation:
     def at(self, t: Floats) -> Array:
         """Return the variables and their first two derivatives by time.
 
-        The motion consists of steps in time; each time is evaluated in its step.
+        The motion consists of steps in time; each time is evaluated in its step. Numbers
+        are balls (many digits with a bound of the error).
 
         Parameters
         ----------
@@ -404,6 +408,7 @@ class ExactSimulation:
         t = np.asarray(t, dtype=float)
         with self.arithmetic.within():
             times = np.where(t >= float(self.end), self.end, exact_balls(t))
+            # float64 is enough to find the step of each time.
             later_starts = [float(step.start) for step in self._steps[1:]]
             step_numbers = np.searchsorted(later_starts, t, side="right")
             shape = 3, len(t), len(self.mechanism.variable_owners)
@@ -417,7 +422,8 @@ class ExactSimulation:
         """Return the variables and their first two derivatives at times within a step.
 
         The series of the step gives the coordinate c and p = sqrt(B) dc/dt, with the
-        equivalent inertia B. Closing the loops gives the other variables.
+        equivalent inertia B; without loads p is constant. Closing the loops gives the other
+        variables.
 
         Parameters
         ----------
@@ -444,6 +450,9 @@ class ExactSimulation:
         rotations = series_coefficient(orientations, 0)
         B, dB = equivalent_inertia(self.mechanism, rotations, w, dw)
         speed = p / np.sqrt(B)
+        # A load can be a table over time. A step is within one interval of each table,
+        # which this time chooses. `sides` are the signs, constant within the step, on which
+        # functions such as `abs` in loads depend.
         time_inside = float(step.start + step.length / 2)
         moving = MovingMechanism(values=values, rates=first, w=w, rotations=rotations)
         force, _ = self._generalised_force(moving, speed, t, step.sides, time_inside)
@@ -519,10 +528,11 @@ class ExactSimulation:
         def apply_function(name: str, arguments: Sequence[Any]) -> Any:
             """Return the value of a function in an expression of a load.
 
-            `arguments` are balls, (n,) or numbers. The value is NaN outside the domain of
-            the function. Functions such as `abs` depend on the sign of a condition, here
-            the argument. Within a step of the motion the sign is fixed at +1 or -1, which
-            `take_side` returns, so that all functions are smooth.
+            `arguments` are balls (numbers with a bound of the error), one or (n,). The
+            value is NaN outside the domain of the function. Functions such as `abs` depend
+            on the sign of a condition, here the argument. Within a step of the motion this
+            sign is fixed, so that all functions are smooth. `take_side` counts the
+            conditions as they are evaluated, and returns the fixed sign of the next one.
             """
             if name == "sign":
                 # The power 0 gives ones of the type of the argument, a number or balls.
@@ -540,7 +550,8 @@ class ExactSimulation:
                     signed_difference = sense * take_side(difference) * difference
                     extreme = (extreme + argument + signed_difference) / 2
                 return extreme
-            # Other functions are methods of balls, or operations on arrays.
+            # Other functions are methods of balls, such as `sin`, or operations on arrays,
+            # such as `+`.
             if not hasattr(exact_ball(0.0), name):
                 return ARRAY_OPERATIONS[name](*arguments)
             ball_function = np.frompyfunc(
@@ -608,7 +619,8 @@ class ExactSimulation:
         With the closure Jacobian J of the free variables, the rates per unit rate of the
         coordinate are -J^-1 (column of the coordinate). The Newton step that closes the
         loops while the coordinate is held is -J^-1 (residuals). It is not applied here:
-        each sweep of the iteration for the motion applies one such step.
+        each sweep of the iteration for the motion applies one such step. J has more rows
+        than columns if equations are redundant, so J^-1 is a left inverse.
 
         Parameters
         ----------
@@ -620,8 +632,7 @@ class ExactSimulation:
         Returns
         -------
         The configurations with their rates, the square root of the equivalent inertia B,
-        and the Newton steps. The equation of motion is dc/dt = p / sqrt(B) and
-        dp/dt = Q / sqrt(B).
+        by which the equation of motion divides, and the Newton steps.
         """
         linkage = self._linkage
         free = [variable for variable in range(values.shape[1]) if variable != coordinate]
@@ -629,14 +640,16 @@ class ExactSimulation:
         vectors = linkage.variable_vectors(values, orientations)
         jacobian = linkage.jacobian(vectors)
         inverse, _ = left_inverses(jacobian[:, :, free])
-        rates, closing_step = exact_balls(np.zeros((2, *values.shape)))
+        rates = exact_balls(np.zeros(values.shape))
+        closing_step = exact_balls(np.zeros(values.shape))
         rates[:, coordinate] = exact_ball(1.0)
         rates[:, free] = -np.matvec(inverse, jacobian[:, :, coordinate])
         closing_step[:, free] = -np.matvec(inverse, residuals)
         w = linkage.link_velocities(vectors, rates)
-        # Only the inertia itself is used, and not its derivative. The derivatives dw of the
-        # angular velocities are therefore not computed, and w is passed in their place.
-        B, _ = equivalent_inertia(self.mechanism, orientations, w, dw=w)
+        # Only the inertia itself is used, and not its derivative, which is the only result
+        # that depends on the derivatives dw of the angular velocities.
+        unused_dw = exact_balls(np.zeros(w.shape))
+        B, _ = equivalent_inertia(self.mechanism, orientations, w, dw=unused_dw)
         moving = MovingMechanism(values=values, rates=rates, w=w, rotations=orientations)
         return _CoordinateState(moving, np.sqrt(B), closing_step)
 
@@ -829,10 +842,11 @@ class ExactSimulation:
     ) -> list[tuple[int, Array]]:
         """Return Legendre series that are positive as long as a step may continue.
 
-        A load may contain `abs`, `sign`, `min` or `max`. The term whose sign decides the
-        value is a condition, and its sign at the start of the step is its side. The
-        condition times its side is positive until the sign changes. Each joint limit gives
-        two series, the distances from both ends of its range.
+        A load may contain switches: `abs`, `sign`, `min` or `max`. Each depends on the sign
+        of one term, its condition. A step is computed with the sign at its start, the side
+        of the switch, so it must end where the sign changes. The condition times its side
+        is positive until then. Each joint limit gives two series, the distances from both
+        ends of its range.
 
         Parameters
         ----------
@@ -840,13 +854,13 @@ class ExactSimulation:
             Values (nodes,) of each condition at the Gauss nodes of the step, or (1,) of a
             condition that is constant.
         sides
-            (switches,) the sides of the conditions, +1 or -1.
+            (switches,) the side of each switch, +1 or -1.
         values
             (nodes, variables) pair variables (rad).
 
         Returns
         -------
-        For each condition the number of its switch, -1 for joint limits, and the series.
+        The series, each with the number of its switch, -1 for joint limits.
         """
         # The ones repeat a constant condition at all nodes.
         ones = np.ones(self._node_count)
@@ -863,9 +877,9 @@ class ExactSimulation:
     def _find_sign_changes(self, step: _Step) -> Iterator[_SignChange]:
         """Yield the first sign change of each condition that has one in a step.
 
-        A condition is positive while a load keeps its side, or a joint is within its
-        limits. A sign change is first noticed between two samples, and then located by
-        bisection.
+        A condition is a Legendre series that is positive while a load keeps the sign on
+        which it depends (a switch), or a joint is within its limits. A sign change is first
+        noticed between two samples in float64, and then located by bisection in all digits.
         """
         for switch, condition in step.conditions:
             is_negative = (
@@ -876,13 +890,16 @@ class ExactSimulation:
             # The interval before the first negative sample.
             first = np.argmax(is_negative)
             low, high = exact_balls(self._samples[first : first + 2])
-            # A decimal digit takes 3.4 halvings; 8 more are for safety.
+            # Each halving gains one bit, and a decimal digit takes 3.4 of them. Eight more
+            # are for safety.
             for _ in range(int(3.4 * self.arithmetic.digits) + 8):
                 middle = (low + high).mid() / 2
                 if _evaluate_series(condition, np.array([middle]))[0].mid() < 0:
                     high = middle
                 else:
                     low = middle
+            # `is_at_start`: the condition is negative at the first sample of the step
+            # already. The caller ends the motion if this switch has just changed.
             yield _SignChange(x=high, switch=switch, is_at_start=first == 0)
 
 

@@ -271,9 +271,9 @@ def _closure_status(motion: Motion, closure: LoopClosure) -> SmallIntegers:
     """Return the status (n,) of reference rows.
 
     Newton's method computes a solution in many digits from each row of the motion. Rows of
-    the motion that had failed keep their status. Otherwise a solution with open loops is
-    NOT_CLOSED. A solution that is too far from its row may be in another assembly mode, and
-    so may one if another solution is about as near to the row. These are MODE_LOST.
+    the motion that had failed keep their status. A solution with open loops is NOT_CLOSED.
+    A solution that may be in another assembly mode than the row is MODE_LOST. There are two
+    reasons for that: it is too far from the row, or another solution may be as near.
 
     Parameters
     ----------
@@ -286,7 +286,7 @@ def _closure_status(motion: Motion, closure: LoopClosure) -> SmallIntegers:
     is_converged = status == Status.OK
     status[is_converged & (closure.residual > CLOSURE_TOLERANCE)] = Status.NOT_CLOSED
     # A correct row may differ from the solution by the error bound of the motion. The bound
-    # is an estimate, so that twice the bound is accepted.
+    # is an estimate. Up to twice the bound, the solution counts as that of the row.
     error = motion.configuration_error
     largest_distance = np.maximum(
         np.where(np.isfinite(error), 2.0 * error, 0.0), SAME_SOLUTION_AS_ROW_RAD
@@ -303,9 +303,9 @@ def _closure_status(motion: Motion, closure: LoopClosure) -> SmallIntegers:
 def exact_motion(motion: Motion, rows: Bools, reference: ExactRows) -> Motion:
     """Return some rows of a motion, with configurations replaced by reference values.
 
-    Reference values were computed with many digits and are rounded here. The closure
-    residual, too, is that of the many digits, so that it does not show the rounding of the
-    float64 configurations.
+    Reference values were computed with many digits. The configurations are rounded to
+    float64 here, which opens the loops by about 1e-16 rad. The stored closure residual is
+    that before rounding: it tells how well the solution was computed.
 
     Parameters
     ----------
@@ -319,7 +319,7 @@ def exact_motion(motion: Motion, rows: Bools, reference: ExactRows) -> Motion:
     return replace(
         motion.rows(rows),
         values=centre_floats(reference.values),
-        placed=centre_floats(reference.rotations),
+        placed=centre_floats(reference.rotations),  # rotations of the links
         residual=reference.residual,
         status=reference.status,
     )

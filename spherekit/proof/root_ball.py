@@ -166,10 +166,11 @@ def _certify_root(
 ) -> CertifiedRoot | None:
     """Return the solution in a ball about x, None if it is not proven.
 
-    The ball is chosen so small that the derivatives F' of the equations change by at most a
-    fifth in it: |F'(x)^-1 (F'(z) - F'(x))| <= 1/5, so that F' remains regular. Values of F'
-    in the whole ball bound the distance of a solution from x. If this bound is less than
-    the radius of the ball, the ball contains exactly one solution.
+    The radius is chosen so small that the derivatives F' of the equations should change by
+    at most a fifth in the ball: |F'(x)^-1 (F'(z) - F'(x))| <= 1/5. The proof does not rely
+    on this choice. It computes F' in the whole ball, which bounds the distance of a
+    solution from x. If this bound is less than the radius, the ball contains exactly one
+    solution.
 
     Parameters
     ----------
@@ -186,20 +187,21 @@ def _certify_root(
     """
     values, slopes = _evaluate(equations, x, known_angles)
     degrees = equations.degrees[:, : equations.unknown_count]
-    # Bounds of second derivatives in the ball: at real angles the derivative bound times
-    # products of degrees. Imaginary parts increase them exponentially.
+    # Second derivatives of an equation. By two real angles they are at most the derivative
+    # bound C times both degrees, so that all together are at most C (sum of degrees)^2.
+    # Imaginary parts of x increase them exponentially.
     growth = np.exp(degrees @ [upper_magnitude(ball.imag) for ball in x])
     second_bound = equations.derivative_bound * growth * np.sum(degrees, axis=1) ** 2
-    # The radius of the ball, from the bound of the second derivatives and the inverse of
-    # F'(x).
+    # The radius of the ball in which the solution will be unique, from the second
+    # derivatives and the inverse of F'(x).
     inverse_size = np.vectorize(upper_magnitude)(_approximate_inverse(slopes))
     unique = min(MAX_UNIQUENESS_RADIUS_RAD, 0.2 / np.max(inverse_size @ second_bound))
     unique_balls = np.array([_widen_angle(angle, unique, real=False) for angle in x])
     # F' in the whole ball, and a bound of the distance of the solution from x.
     slopes_around = _evaluate(equations, unique_balls, known_angles)[1]
     distance = bound_zero_distance(values, slopes_around)
-    # The radius that is stated for the solution is somewhat larger than the bound, and not
-    # 0, so that other programs with weaker bounds can repeat the proof.
+    # The radius that is stated for the solution is `SOLUTION_MARGIN` times the bound, and
+    # not 0. Other programs with weaker bounds can then repeat the proof.
     radius = min(max(SOLUTION_MARGIN * distance, 1e-300), unique)
     is_decided = real or any(lower_magnitude(ball.imag) > radius for ball in x)
     if not (distance < unique and is_decided):

@@ -79,10 +79,12 @@ class Polynomials:
         For each equation (m, given, ...): derivatives of the coefficients by the given
         variables.
     error
-        (k,) error bound of each coefficient.
+        (k,) for each equation a bound of the error of every coefficient.
     derivative_bound
-        (k,) bounds C: a derivative of the equation by real angles, of any order, is at most
-        C times the product of the degrees in these angles (Bernstein's inequality).
+        (k,) for each equation a number C that bounds its derivatives at real angles. With
+        the degrees d_1, d_2, ... in the angles 1, 2, ..., the derivative by angle 1 is at
+        most C d_1, that by angles 1 and 2 at most C d_1 d_2, and so on (Bernstein's
+        inequality).
     degrees
         (k, variables) trigonometric degrees, the unknowns first, then the given variables.
     """
@@ -136,9 +138,10 @@ class ChartRoots:
 
         A row is one choice of the given variables (the inputs, and the unknowns of systems
         that were solved before). A coordinate e^(i angle) of a root is written as a
-        fraction a / b: as z / 1, or as 1 / z if its inverse is stored, with b = 0 for
-        infinity. Two such coordinates a / b and c / d are equal if |a d - b c| is 0. This
-        number is their gap. Unlike |a / b - c / d| it is finite at infinity.
+        fraction a / b: as z / 1, or as 1 / z if its inverse z is stored, with b = 0 for
+        infinity. |z| is at most 1. Two such coordinates a / b and c / d are equal if
+        |a d - b c| is 0. This number is their gap. It is at most 2, and unlike
+        |a / b - c / d| it is finite at infinity.
 
         Parameters
         ----------
@@ -147,13 +150,13 @@ class ChartRoots:
 
         Returns
         -------
-        (m, count, count) the largest gap over the unknowns, for each two roots of each of m
-        rows.
+        (m, count, count) for each of m rows, and each first and second root in it, the
+        largest gap over the unknowns.
         """
         shape = -1, count, self.z.shape[1]
         numerators = np.where(self.inverse, 1.0, self.z).reshape(shape)
         denominators = np.where(self.inverse, self.z, 1.0).reshape(shape)
-        # Axes: row, root with a and b, root with c and d, unknown. The products are a d,
+        # Axes: row, first root (a, b), second root (c, d), unknown. The products are a d,
         # and with both roots exchanged c b.
         products = numerators[:, :, None] * denominators[:, None]
         gaps = np.abs(products - products.swapaxes(1, 2))
@@ -167,9 +170,9 @@ class ChartRoots:
         """Return the derivatives of polynomials by the stored z at all n points.
 
         The stored z of an unknown is e^(i angle) or its inverse, whichever has a magnitude
-        of at most 1: large numbers and infinity do not occur. If it is the inverse, the
-        polynomial is multiplied by its highest power. The coefficients then belong to the
-        powers of z in reverse order, which `_powers` returns.
+        of at most 1: large numbers and infinity do not occur. If the inverse is stored, the
+        polynomial c_0 + c_1 / z + ... + c_p / z^p is multiplied by z^p. The coefficients
+        then belong to the powers of z in reverse order.
 
         Parameters
         ----------
@@ -603,9 +606,10 @@ def solve_one_unknown(polynomials: Polynomials) -> ChartRoots:
 def are_distinct(roots: ChartRoots, radius: Floats, is_good: Bools, count: int) -> Bools:
     """Return for which rows all roots are good and proven different from each other.
 
-    A row is one choice of the given variables. A coordinate e^(i angle) of a root is
-    written as a fraction a / b: as z / 1, or as 1 / z if the inverse is stored, in both
-    cases with |z| <= 1. A root at infinity has b = 0 and is like any other. The gap of two
+    A row is one choice of the given variables: the inputs of the mechanism, and unknowns
+    that were solved before. A coordinate e^(i angle) of a root is written as a fraction
+    a / b: as z / 1, or as 1 / z if the inverse is stored, in both cases with |z| <= 1. A
+    root at infinity has b = 0 and is like any other. The gap of two
     coordinates a / b and c / d is |a d - b c|. Two roots differ if the gap of at least one
     coordinate exceeds its largest change within the error radii.
 
@@ -630,8 +634,9 @@ def are_distinct(roots: ChartRoots, radius: Floats, is_good: Bools, count: int) 
     second = radii[:, None]
     # One of a and b is 1 and exact, the other has an error of at most its radius r, and
     # neither is larger than 1. The same is true of c and d, with the radius s. The gap
-    # therefore changes by at most r + s + r s. The factor 1.5 is more than necessary.
-    # `ROUND_UP` covers the rounding of this limit, 1e-14 that of the computed gap.
+    # therefore changes by at most r + s + r s. The factor 1.5 only makes the test
+    # stricter. `ROUND_UP` covers the rounding of this limit, and 1e-14 the rounding of the
+    # computed gap.
     limit = 1.5 * (first + second + first * second) * ROUND_UP + 1e-14
     is_apart = (roots.pairwise_gaps(count) > limit) | np.eye(count, dtype=bool)
     return np.all(is_apart, axis=(1, 2)) & np.all(is_good.reshape(radii.shape), axis=1)

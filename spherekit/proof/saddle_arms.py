@@ -130,8 +130,8 @@ def _bound_arm_slopes(hessian: Array, form_error: float) -> dict[int, tuple[floa
     ZeroDivisionError
         If the form may not have two real directions with Q = 0.
     """
-    # The error of Q is at most `form_error` times u^2 or times v^2, whichever is larger. So
-    # it can be counted as an error of a or of d.
+    # The error of Q is at most `form_error` times u^2 if |u| is larger, which is like an
+    # error of a. Otherwise it is like an error of d. Both are widened.
     a = widen(hessian[0, 0], form_error)
     d = widen(-hessian[1, 1], form_error)
     b = hessian[0, 1]
@@ -180,7 +180,8 @@ def bound_arm_rates(form: SaddleForm, errors: ArmErrors) -> ArmRates:
     form
         Derivatives of the variables and of g over the rectangle.
     errors
-        How far the arms deviate from the zeros of the quadratic form.
+        How far the arms deviate from the zeros of the quadratic form: bounds for the form
+        itself, for the slopes of g, and for the position of the saddle.
 
     Raises
     ------
@@ -193,13 +194,15 @@ def bound_arm_rates(form: SaddleForm, errors: ArmErrors) -> ArmRates:
         first, last = (
             _evaluate_direction(form, slope, errors.slope) for slope in slope_bounds
         )
-        # The rates are those along the tangent (-g_v, g_u). If g_u > 0 at both bounds, it
-        # points towards larger v. Otherwise `is_oriented` makes all signs 0: not proven.
+        # The rates are those along the tangent (-g_v, g_u). If g_u > 0 at both bounds, the
+        # tangent points towards larger v on the whole arm. Otherwise its orientation is not
+        # known, and all signs become 0: not proven.
         is_oriented = first.gradient[0] > 0 and last.gradient[0] > 0
         common_signs = np.where(first.signs == last.signs, first.signs, 0)
         # Directions between both bounds form a cone. Its points with max(|u|, |v|) = 1 are
         # on the border of a square. Changes are linear, so the largest are at the ends of
         # this piece of the border, or at the corner with slope 1 or -1 if the cone has it.
+        # `clip` returns one of the bounds if the cone does not have the corner.
         corner_slope = np.clip(sign, min(slope_bounds), max(slope_bounds))
         farthest_points = [
             np.array([1.0, slope]) / max(1.0, abs(slope))
@@ -208,6 +211,7 @@ def bound_arm_rates(form: SaddleForm, errors: ArmErrors) -> ArmRates:
         changes = form.variable_rates @ exact_balls(farthest_points).T
         largest_changes = np.array([max(map(upper_magnitude, row)) for row in changes])
         # The two arms in opposite quadrants. Outwards from the saddle, v grows if v > 0.
+        # Where v < 0, outwards is opposite to the tangent, and signs are reversed.
         for v_sign in (1, -1):
             quadrant = sign * v_sign, v_sign
             outward_signs[quadrant] = v_sign * is_oriented * common_signs
