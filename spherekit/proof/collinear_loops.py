@@ -68,11 +68,13 @@ Arm = tuple[int, Quadrant]
 class FourPairLoop:
     """A loop of four pairs that gives one equation in two variable pair angles.
 
-    The equation is that of a dyad: a link put on the axes of two pairs of the loop, whose
-    angles follow. Only the angles of the other two pairs are variables. If all four pair
-    axes are in one plane, the way around the loop is on one great circle, and passes the
-    arc of each link forwards or backwards. So the loop can close in this way if its four
-    arcs, with suitable signs, add up to whole turns.
+    Two pairs of the loop rotate by variables. They place the axes of the other two pairs,
+    onto which the last link is put. The equation says that the arc between these axes is
+    that of the last link.
+
+    If all four pair axes are in one plane, the way around the loop is on one great circle,
+    and passes the arc of each link forwards or backwards. So the loop can close in this way
+    if its four arcs, with suitable signs, add up to whole turns.
 
     Attributes
     ----------
@@ -81,9 +83,9 @@ class FourPairLoop:
     variables
         Numbers of the two variables among those of the mechanism.
     planar_angles
-        (2, 2) balls (rad). Row i is about variable i. Column 0 is its angle at which the
-        arcs of both links of its pair are in one plane on the same side of its axis. Column
-        1 is the angle at which they are in one plane on opposite sides.
+        (2, 2) balls (rad). In row i, the arcs of both links of the pair of variable i are
+        in one plane. At the angle in column 0 they extend from the pair axis to the same
+        side. At the angle in column 1 they extend to opposite sides.
     closes
         (2, 2) bools: entry (i, j) is whether the loop closes in a plane if the first
         variable has its planar angle i and the second variable its planar angle j.
@@ -310,7 +312,7 @@ def _planar_angles(
     """Return the two angles of a joint at which both its links are in one plane.
 
     They follow from the azimuths, about the joint axis, of the neighbouring axes on both
-    links.
+    links. A ball is a number with a proven bound of its error.
 
     Parameters
     ----------
@@ -323,8 +325,8 @@ def _planar_angles(
 
     Returns
     -------
-    The angle (rad) with both links on the same side of the axis, then the angle with the
-    links on opposite sides.
+    The angle (rad) with the arcs of both links on the same side of the joint axis, then the
+    angle with the arcs on opposite sides. Both are balls.
     """
     pair = pairs[joint]
     count = len(pairs)
@@ -336,6 +338,9 @@ def _planar_angles(
         neighbour_axis = equations.pair_frame(pairs[neighbour_joint % count], link)[2]
         zero_and_side = equations.pair_frame(pair, link)[:2]
         azimuths[link] = polar_angle(*(zero_and_side @ neighbour_axis))
+    # The angle is that of the second link relative to the first. It adds to the azimuth on
+    # the second link. The neighbouring axes are on the same side if both azimuths are then
+    # equal: angle + second azimuth = first azimuth.
     first_link, second_link = equations.decimal_mechanism.structure.ends[pair]
     same_side = azimuths[first_link] - azimuths[second_link]
     return same_side, same_side + pi_ball()
@@ -416,11 +421,11 @@ class Crossings:
     def is_constant(self, pieces: Sequence[CertifiedArc], variable: int) -> bool:
         """Return whether a variable is proven to be constant along a chain of arcs.
 
-        Each arc is a part of a configuration curve in a box that contains no other curve. A
-        loop of four pairs has two variables. It may close for all values of one of them if
-        the other, `variable`, has a certain value: one of its two planar angles, at which
-        both links of its pair are in one plane. All configurations with this value are then
-        one curve. If it passes through the box of one arc, the whole chain is on it.
+        A loop of four pairs has two variables. Each has two planar angles, at which both
+        links of its pair are in one plane. If `variable` has one of these, the loop may
+        close for all values of the other variable. The configurations with this value are
+        then one curve. Each arc of the chain is alone in a box. If the curve passes through
+        the box of one arc, the whole chain is on it.
         """
         # Any arc would do; the one in the middle of the chain is tried.
         piece = pieces[len(pieces) // 2]
@@ -430,10 +435,9 @@ class Crossings:
             # Position of the variable in the loop: 0 or 1.
             position = loop.variables.index(variable)
             other_variable = loop.variables[1 - position]
-            # If the loop closes in a plane with both planar angles of the other variable,
-            # it closes with all values of the other variable. Axis k of `closes` (2, 2) has
-            # the two planar angles of variable k of the loop. The result (2,) says for
-            # which planar angles of this variable the loop closes with both of the other.
+            # `closes` (2, 2) says with which planar angles of the first variable (rows) and
+            # of the second (columns) the loop closes. If it closes with both planar angles
+            # of the other variable, it closes with all values of the other variable.
             closes_with_both = np.all(loop.closes, axis=1 - position)
             for value in loop.planar_angles[position][closes_with_both]:
                 # Configuration with this value, near the centre of the arc. Planar angles
@@ -446,6 +450,8 @@ class Crossings:
                     self.equations, loop.equation, given, piece.centre
                 )
                 if balls is not None:
+                    # The configuration is in the balls, whose radius is known. Twice this
+                    # radius is required as the distance from the border of the box.
                     return piece.contains(centre_floats(balls), 2.0 * SOLUTION_RADIUS_RAD)
         return False
 
@@ -454,12 +460,17 @@ class Crossings:
 
         If all four axes of a loop of four pairs are in one plane, the derivatives of the
         loop's equation are zero, because reflection in this plane does not change the
-        equation. The derivatives F' of all equations then lose a rank. `find_saddle`
-        takes this as the proof that curves cross in its box.
+        equation. The derivatives F' of all equations then lose a rank.
+
+        `find_saddle` has proven that the configurations in its box are the zeros of a
+        function g of two coordinates with one saddle point. Where F' loses a rank, both
+        slopes of g are zero. The saddle point is then itself a zero, so that curves cross
+        there.
         """
-        # Largest distance (rad) of the crossing from the centre, relative to half the
-        # shortest side of the box (`limits` are half sides). Larger: crossings near the
-        # border of the box are accepted. Smaller: the box must be centred more accurately.
+        # Largest distance (rad) of the crossing from the centre. It is a small part of half
+        # the shortest side of the box (`limits` are half sides), so that the crossing is
+        # surely inside. Larger: crossings nearer to the border are accepted. Smaller: the
+        # box must be centred more accurately.
         max_distance = 1e-3 * np.min(box.limits)
         centre = exact_balls(box.centre)
         for loop in self.loops:

@@ -199,7 +199,8 @@ class CertifiedCurves:
         near a saddle, a place where curves cross or nearly do; or it may be stationary in a
         stretch of a curve of which this is not decided. Parts that overlap are joined.
         """
-        # 1. Undecided boxes: the input angles that each of them covers.
+        # 1. Undecided boxes: the input angles that each of them covers. Centres and half
+        # widths are vectors of all variables, from which `input_angle` takes the input.
         ranges = []
         for centre, radius in zip(
             self.undecided_boxes.centres, self.undecided_boxes.radii, strict=True
@@ -221,9 +222,10 @@ class CertifiedCurves:
             for points in self.input_stationary_points
             for point in points.undecided
         ]
-        # Such a part is moved by whole cycles of the input so that its middle (offset 0) or
-        # one of its ends (-1, 1) gets into the range. The ends are tried as well, since a
-        # part with its middle outside may reach into the range.
+        # Such a part is moved by whole cycles of the input into the range. Its middle
+        # (offset 0) or one of its ends (offset -1 or 1) has to be in the range then. The
+        # ends are tried because a part can reach into the range although its middle is
+        # outside.
         doubtful_positions = [
             (position, error, offset)
             for position, error in doubtful_parts
@@ -242,12 +244,12 @@ class CertifiedCurves:
         return _join_ranges(ranges)
 
     def bound_saddle_doubts(self, variable: int) -> list[float]:
-        """Return how far from each saddle it is not decided where a variable is stationary.
+        """Return the distance from each saddle up to which a variable may be stationary.
 
         A saddle is a place where curves cross or narrowly miss each other. It has four
         arms, branches of curves in the four quadrants of two coordinates. On an arm the
         variable is not stationary if the sign of its rate is proven. Otherwise it may be
-        stationary as far as the arm reaches. The arms of chains along which the variable is
+        stationary as far as the arm reaches. Curves (chains) along which the variable is
         constant are left out.
 
         Returns
@@ -265,8 +267,9 @@ class CertifiedCurves:
         ]
         doubts = []
         for number, saddle in enumerate(self.saddles):
-            # The central zone is where the arms bend. There is none if the curves cross,
-            # which a level sign of 0 says.
+            # If curves miss each other, they bend in a central zone between the arms. Signs
+            # of rates on arms do not apply there. The level sign is 0 if curves cross:
+            # there is no such zone then.
             centre_is_decided = saddle.level_sign == 0 or saddle.is_monotonic[variable]
             distances = [0.0 if centre_is_decided else saddle.central_zone[variable]]
             # Arms on which the rate of the variable has no proven sign.
@@ -299,7 +302,7 @@ class CertifiedCurves:
     def constant_input_values(self) -> list[float]:
         """Inputs (rad) in the range at which whole curves of configurations are possible.
 
-        The input is constant along such a curve. Each input is listed once.
+        The input is proven to be constant along such a curve. Each input is listed once.
         """
         inputs: list[float] = []
         for q in self._sorted_inputs(
@@ -307,9 +310,9 @@ class CertifiedCurves:
             for chain, is_constant in zip(self.chains, self.has_constant_input, strict=True)
             if is_constant
         ):
-            # After `cycle_turns` turns of the input (a cycle) all wheels are back, so such
-            # inputs are the same. Divided by this number, a cycle is one turn, which `wrap`
-            # removes.
+            # Inputs that differ by a cycle (`cycle_turns` turns, after which all wheels are
+            # back) are the same. Divided by `cycle_turns`, a cycle is one turn, which
+            # `wrap` removes.
             is_new = all(
                 abs(wrap((q - listed_input) / self.cycle_turns))
                 > SAME_PROVEN_INPUT_RAD / self.cycle_turns
@@ -326,6 +329,8 @@ class CertifiedCurves:
         # Over a full cycle the end counts as the start.
         if self.is_full_cycle and wrapped > self.high - SAME_PROVEN_INPUT_RAD:
             wrapped -= period
+        # An input just below `low`, by rounding, was moved to the other end of the cycle.
+        # The second candidate moves it back.
         for candidate in (wrapped, wrapped - period):
             if (
                 self.low - SAME_PROVEN_INPUT_RAD
@@ -356,9 +361,11 @@ class CertifiedCurves:
         """For each chain the input's variable (rad) at some points along it, in order.
 
         A chain is a configuration curve as a row of pieces: boxes with one arc of the curve
-        each. The variable is listed at the centres of pieces, at all stationary points, and
-        at the crossings at both ends. Between these it is monotonic. Its whole turns are
-        counted. Chains along which the input is constant are left out.
+        each. A saddle is a place where curves cross or nearly do, and its arms are the four
+        branches of curves that leave it. The variable is listed at the centres of pieces,
+        at all stationary points, and at the saddles on whose arms the chain begins and
+        ends. Between these it is monotonic. Its whole turns are counted. Chains along which
+        the input is constant are left out.
         """
         paths = []
         for chain, points, arms, is_constant in zip(
@@ -383,9 +390,10 @@ class CertifiedCurves:
                     key=lambda position: piece.coordinates(position)[0]
                 )
                 positions += [piece.centre, *stationary_positions]
-            positions.append(chain.pieces[0 if chain.closed else -1].centre)
-            # If the curve begins or ends on the arm of a saddle, the saddle is added. An
-            # arm has the number of its saddle as the first entry.
+            # A closed chain ends at its first piece again.
+            last_piece = chain.pieces[0] if chain.closed else chain.pieces[-1]
+            positions.append(last_piece.centre)
+            # An arm has the number of its saddle as the first entry.
             first_arm, last_arm = arms
             if first_arm is not None:
                 positions.insert(0, self.saddles[first_arm[0]].centre)
@@ -411,6 +419,7 @@ class CertifiedCurves:
         """
         if OVERLAPPING in self.problems:
             return []
+        # `undecided_ranges` are parts of the input's range with possible further modes.
         undecided_ends = [end for part in self.undecided_ranges for end in part]
         cuts = sorted(
             q
@@ -422,9 +431,11 @@ class CertifiedCurves:
             )
             if self.low + SHORTEST_INTERVAL_RAD < q < self.high - SHORTEST_INTERVAL_RAD
         )
-        # The errors (rad) of turning points. The input is `cycle_turns` times its variable,
-        # so errors are, too. Two cuts may be the same input if they differ by less than
-        # twice the largest error. There is then no part of the range between them.
+        # The errors (rad) of turning points. Errors are known for the input's variable. The
+        # input is `cycle_turns` times this variable, so that wheels that it drives have
+        # whole multiples of the variable as well. Two cuts may be the same input if they
+        # differ by less than twice the largest error. There is then no part of the range
+        # between them.
         cut_errors = [
             point.error * self.cycle_turns
             for points in self.input_stationary_points
@@ -450,10 +461,16 @@ class CertifiedCurves:
     def completeness(self) -> Completeness:
         """What is guaranteed, and on which facts the guarantee is based.
 
-        If parts of the range are undecided, smaller parts of curves than these may be
-        missing there. Otherwise, if there are problems, curves may be missing beyond those
-        that were found. The first problem is stated. That two chains may be one curve is
-        stated in any case, because modes are not counted then.
+        There are three levels:
+
+        - Parts of the range are undecided (`TO_BOX`). Curves may be missing there, but only
+          if they are smaller than the widest of these parts.
+        - Otherwise, there are problems with chains, the curves that were found
+          (`COMPONENT`). Other curves may be missing. The first problem is stated.
+        - Otherwise nothing is missing (`CERTIFIED`).
+
+        If two chains may be one curve (`OVERLAPPING`), this is stated at every level,
+        because modes are not counted then.
         """
         # A chain represents a curve by pieces: boxes with exactly one arc of it each.
         piece_count = sum(len(chain.pieces) for chain in self.chains)
@@ -598,14 +615,20 @@ def _search_curves(
     start = centre_float(low)
     end = centre_float(high)
     input_width = turn if is_full_cycle else high - low
-    # A full turn of each unknown angle, and the range of the input.
+    # A full turn of each unknown angle, and the range of the input. The turn begins at an
+    # angle at which special mechanisms have no configurations, so that none is on the side
+    # of a box.
     ranges = VariableRanges(
         low=[*[exact_ball(FIRST_ANGLE_RAD)] * unknown_count, low],
         width=[*[turn] * unknown_count, input_width],
     )
 
     def range_side(variable: float, margin: float) -> int:
-        """Return 1 above the range by more than the margin, -1 below it, else 0."""
+        """Return the side of the range of the input on which the input's variable is.
+
+        It is 1 above the range by more than the margin (rad), -1 below it by more than the
+        margin, else 0. Curves are followed a little beyond the range, by such a margin.
+        """
         if is_full_cycle:
             return 0
         return int(variable > end + margin) - int(variable < start - margin)
@@ -618,4 +641,5 @@ def _search_curves(
         add_configuration=search.add_configuration,
         max_boxes=MAX_CURVE_BOXES,
     )
+    # Boxes are also decided if they are in the box of a place where curves cross.
     return search, box_count, search.resolve_undecided(undecided_boxes)

@@ -71,9 +71,9 @@ class PlacementStep:
         For a link with one parent: number of the variable that gives the angle of its pair.
         The value -1 marks a link with two parents, which needs no angle.
     angle_factor
-        Quotient of the pair angle and the variable. It differs from 1 only in mechanisms
-        with toothed wheels, where the angles of the wheels and of the input are multiples
-        of one shared variable.
+        Quotient of the pair angle and the variable, a whole number. It differs from 1 only
+        in mechanisms with toothed wheels. The angles of the wheels and of the input are
+        then whole multiples of one shared variable.
     """
 
     link: int
@@ -84,7 +84,10 @@ class PlacementStep:
 
     @property
     def is_dyad(self) -> bool:
-        """Whether the link is put on two axes, which gives an equation."""
+        """Whether the link is put on two axes.
+
+        This gives one equation: the arc between the axes is that of the link.
+        """
         return len(self.pairs) == 2
 
 
@@ -193,9 +196,10 @@ class Construction:
           1, or k if the angle is k times a variable that several wheels share.
         - A link that is put on the axes of two pairs (a dyad) has as reference the first
           link that the paths of its two parents have in common. A path leads from a link to
-          its reference, and so on to the root. Relative to the reference, the directions of
-          the two axes have the degrees of all links on their paths. The orientation
-          contains products of both directions, so the degrees are added.
+          its reference, and so on to the root. Let U and W be the directions of the two
+          axes relative to the reference. Each has the sum of the degrees of all links on
+          its path. The orientation is U a^T + W b^T + (U x W) n^T, with constant vectors a,
+          b and n. It contains products of U and W, so the degrees of both are added.
         """
         # One degree for each variable.
         variables = np.arange(len(self.pairs))
@@ -343,8 +347,9 @@ def find_construction(
 
     Links are placed one after another. Each is joined to links placed before by one pair,
     about whose axis it rotates, or by two pairs, on whose axes it is put. The second case
-    gives an equation. The best order has the lowest bound of complex modes (`mode_bound`),
-    which is the largest possible number of isolated complex solutions of its equations.
+    gives an equation. Each order has an upper bound (`mode_bound`) of the number of
+    isolated complex solutions of its equations. The best order is the one with the lowest
+    bound.
 
     Parameters
     ----------
@@ -359,8 +364,8 @@ def find_construction(
     Raises
     ------
     PlanError
-        If there is no such order, since the mobility by the numbers of links and pairs is
-        not the number of inputs, or if the structure has no loop.
+        If there is no such order, or if the structure has no loop. An order exists if the
+        mobility, computed from the numbers of links and pairs, equals the number of inputs.
     """
     construction = _find_best_construction(
         structure.ends,

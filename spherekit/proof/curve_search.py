@@ -136,17 +136,19 @@ class CurveSearch:
         tried_count = min(TRIED_NEIGHBOURS, len(self._centres))
         if not tried_count:
             return is_covered
-        # Boxes that are larger than every arc are not tried.
+        # Boxes that are larger than the box of every arc are not tried. `_limits` are the
+        # half lengths of the boxes of arcs.
         can_fit = np.max(radii, axis=1) < np.max(self._limits)
         rows = np.flatnonzero(~is_covered & can_fit)
-        # (n, tried arcs) the arcs with the nearest centres, k-th nearest from 1 on. The
-        # tree wants angles of one turn.
+        # (n, tried arcs) the numbers of the arcs with the nearest centres, the nearest
+        # first. The search tree takes angles in one turn.
         _, neighbours = self._tree.query(
             _within_one_turn(centres[rows]), k=range(1, tried_count + 1)
         )
         # Half width of each box along the sides of the oriented box: n boxes, k arcs, v
         # variables, w sides.
         reach = np.einsum("nv,nkvw->nkw", radii[rows], np.abs(self._frames[neighbours]))
+        # It is enlarged, so that rounding cannot make a box outside count as inside.
         is_inside = self._are_inside(
             neighbours, centres[rows, None], reach * ROUND_UP + COORDINATE_ROUNDING_RAD
         )
@@ -189,10 +191,9 @@ class CurveSearch:
     def resolve_undecided(self, undecided: BoxSet) -> BoxSet:
         """Search saddles in undecided boxes, and return the boxes outside all saddles.
 
-        A saddle is a place where curves cross or narrowly miss each other. Chains (known
-        curves) that pass a new saddle are cut there. Four branches of curves, the arms,
-        leave a saddle. If an arm is in the range of the input only close to the saddle, no
-        curve was followed along it. A chain is added for each such arm at the end.
+        An undecided box is neither proven to contain no configurations, nor inside the box
+        of a known arc. A saddle is a place where curves cross or narrowly miss each other.
+        Curves that are known so far (chains) and pass a new saddle are cut there.
         """
         centres = undecided.centres
         radii = undecided.radii
@@ -210,6 +211,8 @@ class CurveSearch:
             is_open = ~boxes_covered(self.crossings.saddles, centres, radii)
             centres = centres[is_open]
             radii = radii[is_open]
+        # An arm, a branch of a curve that leaves a saddle, may leave the range of the input
+        # inside the box of the saddle. No curve was followed along it so far.
         self._add_chains_of_short_arms()
         return BoxSet(centres, radii)
 
@@ -220,6 +223,7 @@ class CurveSearch:
         saddles, places where curves cross or nearly do. New saddles are added, and known
         chains that pass them are cut there.
         """
+        # The error of the position is 0 here, because only the point itself is tested.
         if self._is_known(position, 0.0):
             return
         saddle_count = len(self.crossings.saddles)
@@ -229,12 +233,14 @@ class CurveSearch:
         )
         if first is None or self._is_known(first.centre, first.centre_error):
             return
+        # The curve is followed to the ends of the range of the input, which `self.side`
+        # tells, or to arms of saddles.
         chain = find_chain(self.equations, first, self.side, self.crossings)
         if chain is not None:
-            # A closed chain is a whole curve. Earlier chains may be parts of the same
-            # curve, which were not followed as far. Their boxes need not contain the new
-            # configuration. The box of an arc contains no other curve, so if it contains
-            # the start of an earlier chain, that chain is a part and is dropped.
+            # A closed chain is a whole curve. An earlier chain may be a part of it that
+            # could not be followed further. The box of an arc contains no other curve. If
+            # it contains the start of an earlier chain, that chain is such a part, and is
+            # dropped.
             closed_pieces = chain.pieces if chain.closed else ()
             other_chains = []
             for earlier in self.chains:
@@ -254,9 +260,9 @@ class CurveSearch:
         A chain is a curve as a row of certified arcs (`pieces`). A saddle is a place where
         curves cross or narrowly miss each other. It may divide a curve into several parts,
         so the curve is followed again from every arc of the old chain that is in the range
-        of the input and on no new chain yet. Each part then ends on an arm: a branch of a
-        curve that leaves a saddle. If an arc of the old chain is finally on no new chain
-        and in no saddle, `has_lost_piece` is set.
+        of the input. Each part then ends on an arm: a branch of a curve that leaves a
+        saddle. If an arc of the old chain is finally on no new chain and in no saddle,
+        `has_lost_piece` is set.
         """
         untouched_chains: list[Chain] = []
         cut_chains: list[Chain] = []
@@ -270,10 +276,12 @@ class CurveSearch:
                 cut_chains.append(chain)
             else:
                 untouched_chains.append(chain)
+        # From now on, the cut chains are no longer known.
         self._set_chains(untouched_chains)
         for chain in cut_chains:
             pieces = self._pieces_in_range(chain)
             for piece in pieces:
+                # This does nothing if the arc is on a new chain already, or in a saddle.
                 self._add_curve(piece.centre)
             self.has_lost_piece |= not all(
                 self._is_known(piece.centre, piece.centre_error) for piece in pieces
@@ -327,11 +335,14 @@ class CurveSearch:
         if any(self._touches_saddle_inside(chain) for chain in self.chains):
             return True
         for use in self._list_arm_uses():
+            # An arm has the number of its saddle as the first entry. The input's variable
+            # is the last one.
             saddle = self.crossings.saddles[use.arm[0]]
-            # 1 or -1 if the saddle is above or below the range of the input, or within
-            # `OUTSIDE_RANGE_RAD` of that end: a negative margin narrows the range.
+            # 1 if the saddle is above the range of the input, -1 if it is below, else 0. A
+            # saddle less than `OUTSIDE_RANGE_RAD` inside an end counts as outside.
             side = self.side(saddle.centre[-1], -OUTSIDE_RANGE_RAD)
-            # The arm moves the input farther outwards.
+            # `input_sign` is 1 if the input grows along the arm, away from the saddle, -1
+            # if it decreases. The arm leads out of the range if both signs are equal.
             leads_out = use.input_sign * side > 0
             if use.chain_ends > 1 or (use.chain_ends == 0 and not leads_out):
                 return True
@@ -341,10 +352,11 @@ class CurveSearch:
         """Add a chain of one arc for each arm that leaves the range near its saddle.
 
         A saddle is a place where curves cross or nearly do. An arm is one of the four
-        branches of curves that leave it, and a chain is a curve as a row of arcs. If the
-        part of an arm in the range of the input is inside the box of the saddle, no chain
-        was followed there. A chain of one arc, just outside of the range, then represents
-        the arm.
+        branches of curves that leave it, each in one quadrant of two coordinates. A chain
+        is a curve as a row of arcs. If the part of an arm in the range of the input is
+        inside the box of the saddle, no chain was followed there. Modes are counted along
+        chains, from the saddle to the other end. The arm therefore gets a chain of one arc,
+        just outside of the range.
         """
         # Each `use` is an arm with the number of chains that end on it.
         for use in self._list_arm_uses():
@@ -362,8 +374,10 @@ class CurveSearch:
             )
             if piece is None or self.crossings.arm(piece) != use.arm:
                 continue
-            # The arc is outside the range, where the input moves away along the arm.
-            if use.input_sign * self.side(piece.centre[-1], 0.0) > 0:
+            # The arc has to be outside the range: above it (side 1) if the input grows
+            # along the arm (sign 1), below it (side -1) if the input decreases (sign -1).
+            side = self.side(piece.centre[-1], 0.0)
+            if use.input_sign * side > 0:
                 self._set_chains([*self.chains, Chain((piece,), closed=False)])
 
     def _touches_saddle_inside(self, chain: Chain) -> bool:
@@ -371,19 +385,22 @@ class CurveSearch:
 
         A chain is a curve as a row of arcs, each alone in a box. A saddle is a place where
         curves cross or nearly do, and an arm is one of the four branches of curves that
-        leave it. A chain has to end at a saddle, so that each arm belongs to one chain. The
-        arcs at each end of the chain that are on the same arm are left out. No other arc
-        may be in the box of a saddle.
+        leave it. A chain that went through a saddle would belong to two of its arms. The
+        arcs at each end of the chain that are on the same arm are allowed. No other arc may
+        be in the box of a saddle.
         """
         pieces = chain.pieces
         arms = [self.crossings.arm(piece) for piece in pieces]
 
         def count_on_arm(end: Arm | None, arms_from_end: list[Arm | None]) -> int:
-            """Return the number of arcs from one end on that are on the arm there."""
+            """Return the number of arcs from one end on that are on the arm there.
+
+            `end` is the arm at this end, and `arms_from_end` the arm of each arc, beginning
+            at this end. None stands for no arm.
+            """
             on_arm = takewhile(lambda arm: arm is not None and arm == end, arms_from_end)
             return len([*on_arm])
 
-        # The arms on which the chain begins and ends, None for no arm.
         first_arm, last_arm = self.crossings.chain_ends(pieces, chain.closed)
         first_count = count_on_arm(first_arm, arms)
         last_count = count_on_arm(last_arm, arms[::-1])
