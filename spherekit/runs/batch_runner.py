@@ -146,9 +146,9 @@ class BlockRows:
         self._q = q
         mode_count = len(position_analysis.assembly_modes)
         n = q.shape[1]
-        # Closure residual and configuration error (rad), certificate, and status code of
-        # each row. `singular_error` bounds the errors (rad) of configurations near dead
-        # centres. It is computed only in rows without certificate.
+        # `closure` has two numbers (rad) of each row: the closure residual, and the error
+        # of the configuration. `singular_error` bounds the errors (rad) of configurations
+        # near dead centres. It is computed only in rows without certificate.
         self.closure = np.empty((2, n))
         self.is_certified = np.ones(n, dtype=bool)
         self.status = np.zeros(n, dtype=np.int8)
@@ -166,8 +166,8 @@ class BlockRows:
         else:
             self._quality_function = kernel.row_quality
         # It returns `width` numbers for each row. The slices are so small that its results,
-        # about SLICE_NUMBERS numbers, stay in the cache of the processor. A slice is a
-        # multiple of the rows that a kernel evaluates at once.
+        # about SLICE_NUMBERS numbers, stay in the cache of the processor. The kernel
+        # evaluates SLICE_ROWS rows in one call, so a slice is a multiple of these.
         numbers_per_call = self._quality_function.width * SLICE_ROWS
         calls_per_slice = round(SLICE_NUMBERS / numbers_per_call)
         slice_size = max(1, calls_per_slice) * SLICE_ROWS
@@ -199,14 +199,16 @@ class BlockRows:
             self._fill_slice, self.slices, self.kernel.is_compiled
         )
         # `_solve_rows` solves rows singly. It also marks those as certified in which the
-        # kernel gives small error bounds for the solved configuration.
+        # kernel gives small error bounds for the solved configuration. Rows out of reach,
+        # which `_fill_slice` has marked by their status, are left out.
         uncertified = np.flatnonzero(~self.is_certified & (self.status == Status.OK))
         if len(uncertified):
             self._solve_rows(samples, uncertified)
         self.is_certified &= self.status == Status.OK
 
-        # In slices with such rows (None) it is not known yet where directions may reverse.
-        # The kernel evaluates all certified rows of these slices once more.
+        # Slices in which the kernel did not certify all rows have no entry (None): it is
+        # not known yet where their directions may reverse. `row_quality` computes the
+        # angular velocities of the links in all certified rows of these slices once more.
         quality_function = self.kernel.row_quality
         result: list[tuple[int, SliceReversals]] = []
         for (mode, slice_rows), reversals in zip(
@@ -419,9 +421,11 @@ class SliceReversals:
     ) -> None:
         """Find the rows between which a pole direction may reverse, and store the errors.
 
-        A pole is the axis about which one link rotates relative to another. A slice is a
-        number of successive rows of a block. A row is certified if the error bounds of its
-        numbers are small enough; other rows are not examined here.
+        A pole is the axis about which one link rotates relative to another. Its direction
+        is computed up to a sign, which is chosen later so that directions are continuous.
+        Only rows between which a direction may reverse have to be compared then. A slice is
+        a number of successive rows of a block. Only its certified rows, whose error bounds
+        are small enough, are examined here.
 
         Parameters
         ----------
@@ -436,7 +440,8 @@ class SliceReversals:
         rows
             (n,) numbers of these rows in the block, rising.
         """
-        # The first and the last certified row, at which slices are compared later.
+        # The first and the last certified row, which are compared with those of the slices
+        # before and after.
         self.rows = rows[[0, -1]]
         self.end_velocities: list[Floats] = []
         self.gaps: list[Indices] = []
@@ -492,9 +497,10 @@ def _find_reversals(input_columns: InputColumns, velocities: Floats) -> Indices:
     """
     low = np.min(velocities, axis=1)
     high = np.max(velocities, axis=1)
-    # (poles, 3) bounds a and b of each component of the relative velocities. The relative
-    # velocity is the velocity of the second link, taken from the first argument, minus that
-    # of the first link, from the second argument. It is least for low minus high.
+    # (poles, 3) bounds a and b of each component of the relative velocities: the velocity
+    # of the second link minus that of the first one. Its lower bound is the lower bound of
+    # the second link minus the upper bound of the first one. The function takes the second
+    # link from its first argument, and the first link from its second argument.
     least = input_columns.relative_velocities(low, high)
     greatest = input_columns.relative_velocities(high, low)
     least_squared = least * least
@@ -515,7 +521,7 @@ def _find_reversals(input_columns: InputColumns, velocities: Floats) -> Indices:
             _find_reversals(input_columns, velocities[:, : half + 1]),
             _find_reversals(input_columns, velocities[:, half:]) + half,
         )
-    # (poles, rows, 3)
+    # (poles, rows, 3). With one argument both links are taken from it.
     relative_velocities = np.moveaxis(input_columns.relative_velocities(velocities), 1, 2)
     keeps_direction = _keeps_direction(
         relative_velocities[:, :-1], relative_velocities[:, 1:]
@@ -609,12 +615,13 @@ class PendingPoles:
         (k,) numbers of rows with a configuration that are not certified. Rows without a
         configuration are not certified either, and are not among them.
     stops
-        A direction of a pole is a line with two senses, whose sign is continued from row to
-        row. For each input, and by the index of the assembly mode, these are the rows at
-        which directions have to be compared; see `find_stops`.
+        The direction of a pole is computed up to a sign, which is chosen so that directions
+        are continuous from row to row. For each input, and by the index of the assembly
+        mode, these are the rows at which directions have to be compared to choose it; see
+        `find_stops`.
     error_maxima
-        (inputs, 3) largest errors of directions, rates and their derivatives. NaN if no
-        row is certified.
+        (inputs, 3) largest error of a direction, of a velocity coefficient and of its
+        derivative. NaN if no row is certified.
     """
 
     is_certified: Bools
@@ -738,10 +745,10 @@ class BatchRunner:
     def block_size(self) -> int:
         """Number of samples in a block, limited by memory.
 
-        Each sample has one row in each assembly mode. Without a kernel, a block has
-        `PositionAnalysis.block` samples. With a kernel it has at most `MAX_BLOCK_FACTOR`
-        times as many. In a run that is recorded for the 3D viewer, blocks are as small as
-        without a kernel.
+        Each sample has one row in each assembly mode. The rows are evaluated by a kernel
+        (compiled functions for many rows at once). A block has at most `MAX_BLOCK_FACTOR`
+        times the samples that it would have without a kernel (`PositionAnalysis.block`). If
+        the run is recorded for the 3D viewer, it has no more than these.
         """
         position_analysis = self.sampling.position_analysis
         # A column has 8 bytes in each row.
@@ -761,10 +768,10 @@ class BatchRunner:
         Parameters
         ----------
         size
-            Number of samples in a block. If it is `block_size`, the number that fits into
-            memory, blocks may grow. They become larger as long as no column of the previous
-            block was read, because only the pair variables of such a block are in memory. A
-            smaller number was chosen by the caller and is kept.
+            Number of samples in the first block. If it is `block_size`, the number that
+            fits into memory with all columns, later blocks may be larger. They grow while
+            no column of the blocks is read, because then only pair variables are in memory.
+            If it is smaller than `block_size`, all blocks have this size.
         first_sample
             Number of the first sample.
         """
@@ -781,7 +788,8 @@ class BatchRunner:
             while start < len(self.sampling):
                 yield np.arange(start, min(start + count, len(self.sampling)))
                 start += count
-                # `fields` stores the columns of the last block for which it was called.
+                # `fields` stores the columns of the last block for which it was called. If
+                # the next block is computed ahead, block k - 1 decides about block k + 1.
                 if self._last_columns is not None:
                     was_read = self._last_columns.was_read
                     count = size if was_read else min(2 * count, largest_size)
@@ -796,7 +804,7 @@ class BatchRunner:
 
         A pole is the axis about which one link rotates relative to another. The columns of
         numbers are computed when they are read. This method can be called only once for
-        each motion, because it removes what was stored for it from memory.
+        each motion, because it removes the stored facts about its poles from memory.
 
         Parameters
         ----------
@@ -811,9 +819,9 @@ class BatchRunner:
         -------
         For each input, an object with the attributes of `PoleField`.
         """
-        # What `motion_at` has computed already: rows at which directions may reverse, rows
-        # whose error bounds are too large for the kernel (uncertified), and the largest
-        # errors for each input.
+        # `motion_at` has computed these facts already: the rows at which directions are
+        # compared because they may reverse (stops), the rows whose error bounds are too
+        # large for the kernel (uncertified), and the largest errors for each input.
         pending = self.unread.pop(id(motion))
         columns = KernelColumns(self.kernel, motion, self.requests, pending.uncertified)
         self._last_columns = columns

@@ -134,10 +134,12 @@ def checkpointing(
     table_store
         The rows of the tables so far. Only rows that are stored in files can be resumed.
     """
+    # A resumed run begins with the samples that were saved before.
     saved_samples = run_state.samples_done
 
     def save_checkpoint() -> None:
         nonlocal saved_samples
+        # Tables in memory are lost if the run stops, so there is nothing to resume.
         if run_folder is not None and isinstance(table_store, StoredTables):
             run_folder.write_journal(
                 {
@@ -164,4 +166,4 @@ def checkpointing(
             error.add_note(f"nothing was kept{reason}")
         raise
     if run_folder is not None:
-        run_folder.discard_work()
+        run_folder.discard_work()  # the journal and unfinished files

@@ -142,6 +142,8 @@ def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int
             short_value = _entry(shorter["cost"], keys)
             growth = _entry(longer["cost"], keys) - short_value
             value = short_value + growth * (samples - short_count) / short_count
+        # The short runs had `mode_count` assembly modes. The prediction is for
+        # `predicted_modes`: all of them, or one if the run may find other modes.
         return round(value * predicted_modes / max(mode_count, 1))
 
     failed = {item["name"] for item in measured["analyses"] if item["failed"]}

@@ -146,17 +146,20 @@ class KernelColumns:
         self.uncertified = uncertified
         self.requests = requests
         self.uncertified_fields: list[PoleField] = []
+        # Whether a column was read. Blocks may grow while it is False.
         self.was_read = False
         # For the n rows of the block: (variables, n) pair variables (rad), and (n,) whether
         # the row has failed.
         self._values = motion.values.T
         self._failed = motion.failed
-        # (n,) rows in which other numbers replace those of the kernel.
+        # (n,) rows in which other numbers replace those of the kernel: NaN in failed rows,
+        # and the results of ordinary functions in rows that are not certified.
         self._is_replaced = motion.failed.copy()
         self._is_replaced[uncertified] = True
         mode_count = len(motion.assembly_modes)
         self._slices = split_rows(mode_count, motion.samples, SLICE_ROWS)
-        # `set_signs` sets one function for each input.
+        # `set_signs` sets one function for each input. It returns the sign (+1 or -1) of
+        # each pole direction in some rows.
         self._sign_functions: Sequence[SignFunction] = ()
 
         # Ordinary functions evaluate the poles in the rows that are not certified.
@@ -164,7 +167,7 @@ class KernelColumns:
             rows = motion.rows(uncertified)
             for request, input_columns in zip(requests, kernel.input_columns, strict=True):
                 # The great circles (planes) through poles are left out. They are computed
-                # for all rows together when they are read.
+                # for all rows together when they are read, as the kernel has none.
                 request_without_planes = replace(request, planes=frozenset())
                 field = evaluate_unsigned(rows, request_without_planes)
                 # A pole is a line with two senses. At first the sense is chosen so that no
@@ -195,7 +198,8 @@ class KernelColumns:
         -------
         Unit vectors u, relative angular velocities, and their derivatives.
         """
-        # Poles and quantities are called "signed" because they get a sign later.
+        # The kernel calls the poles "signed" whose sense is chosen later, by a sign. Here
+        # they do not have this sign yet.
         input_columns = self.kernel.input_columns[input_index]
         quantities = input_columns.signed_quantities(
             self.kernel.all_columns(self._values[:, rows])
@@ -210,7 +214,8 @@ class KernelColumns:
         with np.errstate(invalid="ignore", over="ignore"):
             velocity = coefficient * unit
             velocity_rate = coefficient_rate * unit + coefficient * unit_rate
-        # In rows that are not certified, ordinary functions have evaluated the poles.
+        # In rows that are not certified, the numbers of the kernel are replaced by those
+        # that ordinary functions, without a kernel, have computed.
         replaced = np.flatnonzero(np.isin(rows, self.uncertified))
         if len(replaced):
             field = self.uncertified_fields[input_index]
@@ -279,6 +284,7 @@ class KernelColumns:
             """Compute the columns of one slice, and pass them to the reader.
 
             They are those of `keys`, the columns that `read` was asked for.
+            `column_indices` has their positions among all columns of the kernel.
 
             Parameters
             ----------
@@ -295,14 +301,17 @@ class KernelColumns:
             for find_signs, input_columns in zip(
                 self._sign_functions, self.kernel.input_columns, strict=False
             ):
-                # A view (components, poles, k). The first three are the direction.
+                # A view (components, poles, k) of the columns that change sign together.
+                # The first three components are the direction. The others are its
+                # derivative and the coefficients of velocity and acceleration.
                 signed_columns = input_columns.signed_part(all_columns)
                 signs = find_signs(signed_columns[:3], rows, mode)
                 # Most directions keep their sense in all rows of a slice.
                 for k in np.flatnonzero(np.any(signs < 0, axis=1)):
                     signed_columns[:, k] *= signs[k]
             columns = [all_columns[index] for index in column_indices]
-            # Rows that have failed, or whose errors may be too large for the kernel.
+            # Failed rows become NaN. Rows whose errors may be too large for the kernel get
+            # the numbers of ordinary functions.
             if np.any(self._is_replaced[rows]):
                 columns = [
                     self._replace_uncertified(key, column, rows)
@@ -454,9 +463,10 @@ class LazyField:
 
         The arrays are computed when this property is first read, and then stored.
         """
+        # `_field` has no columns of numbers yet. It gets them here.
         n = len(self._field.status)
-        # Allocate an array (components, n) for each quantity of each pole or link. The
-        # field gets views of these arrays, which are filled below.
+        # Allocate an array (components, n) for each quantity of each subject (a pole or a
+        # link). The field gets views of these arrays, which are filled below.
         columns: list[tuple[LazyColumn, Floats]] = []
         for quantity, indices_by_subject in self._column_indices.items():
             for subject, indices in indices_by_subject.items():
@@ -467,8 +477,7 @@ class LazyField:
                     columns.append((LazyColumn(self._source, key, n), component))
                 values = components.T if len(components) > 1 else components[0]
                 getattr(self._field, quantity)[subject] = values
-        # Compute all columns together. A span is a slice of rows to read, and the number of
-        # the first row to write.
+        # Compute all columns together: the rows from 0 to n are written from row 0 on.
         all_rows = (slice(0, n), 0)
         copy_columns(columns, [all_rows])
         # The kernel has no columns for the great circles (planes) in which poles are. They

@@ -145,7 +145,11 @@ def parse_fields(
     """
 
     def make_error(_faulty_keys: Names, message: str) -> AnalysisError:
-        """Return an error with a message, which names the faulty keys already."""
+        """Return an error with a message.
+
+        `read_fields` passes the faulty keys, too. They are not needed, because the message
+        names them.
+        """
         return AnalysisError(f"{name}: {message}")
 
     def split_list(text: str) -> list[str]:

@@ -246,6 +246,8 @@ def prove_poles(
         if run_row["status"] == Status.OK and enclosed_pole is not None:
             row |= _compare_row(run_row, enclosed_pole)
         rows.append(row)
+    # For both error bounds of a row (axis, coefficient) a column has the finding, such as
+    # that the bound is proven to be exceeded. Count the rows with each finding.
     counts = {
         bound: Counter(row[column] for row in rows if column in row)
         for bound, column in FINDING_COLUMNS.items()

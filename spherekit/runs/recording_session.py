@@ -156,9 +156,11 @@ class RecordingSession:
         """Show the links at samples that an unfinished simulation has passed.
 
         They are shown before their poles are evaluated, so that a viewer follows a long
-        simulation. `use_final_sampling` ends this.
+        simulation. When the simulation is finished, `use_final_sampling` is called instead.
         """
         assert sampling.t is not None and sampling.simulation is not None
+        # `end.t` is the time (s) that the simulation has reached so far. One of `_every`
+        # successive samples is recorded.
         passed_count = np.searchsorted(sampling.t, sampling.simulation.end.t)
         new_samples = np.arange(self._shown_count, passed_count, self._every)
         if new_samples.size:
@@ -166,6 +168,7 @@ class RecordingSession:
             motion = sampling.motion_at(new_samples)
             self._shown_count += self._every * len(new_samples)
             scenes = moving_link_scenes(motion, self._link_shapes)
+            # `MOTION` says that the run itself shows these scenes, and no analysis.
             self.record_scenes(scenes, motion, MOTION)
 
     def use_final_sampling(self, sampling: Sampling) -> None:
@@ -241,10 +244,11 @@ class RecordingSession:
         """
         count = motion.samples
         timing = motion.timing
-        # `_inputs` and `_times` are those of the whole recording. `_inputs` is None if
-        # there are several inputs or the samples are times, `_times` if they are no times.
+        # `_times` has the times of all recorded samples, or is None if the samples are no
+        # times. `_inputs` has their inputs. It is None with several inputs or with times,
+        # because then no single input orders the samples.
         if scene.over:
-            # An axis of its own, or several. All have one value for each row of the scene.
+            # The axes of a scene have one value for each row of the scene.
             count = len(scene.over[0].values)
             self._recorder.log(
                 scene,

@@ -116,6 +116,8 @@ def list_analyses() -> list[AnalysisRecord]:
     # Analyses of installed packages, which declare them as entry points.
     for name, entries in _find_entry_points().items():
         for entry in entries:
+            # Loaded by name, as in a run: if several packages have an analysis of this
+            # name, none of them can be used, and each gets this error.
             try:
                 load_analysis(name)
                 error = ""

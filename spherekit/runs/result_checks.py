@@ -225,6 +225,7 @@ def compute_scenes(analysis: AbstractAnalysis, batch: Batch) -> tuple[Scene, ...
     """
     with convert_plugin_errors(analysis.name, "scene"):
         scenes = tuple(analysis.scene(batch))
+    # The batch has a row for each sample in each assembly mode.
     modes = [*batch.assembly_mode_rows()]
     sample_count = len(batch) // max(len(modes), 1)
     input_count = batch.inputs.shape[1]

@@ -225,9 +225,9 @@ class RunFolder:
     def publish(self) -> list[Path]:
         """Move complete results from the work folder to the folder of the run.
 
-        First the files of an older run are removed, and its summary after them. Then the
-        new files are moved, and their summary last. A folder with a summary therefore has
-        all files of one run, and no others.
+        A summary lists the files of its run. First the files of an older run are removed,
+        and its summary after them, so that an interrupted call can be repeated. Then the
+        new files are moved, and their summary last. It shows that all files are there.
 
         Returns
         -------
@@ -239,8 +239,9 @@ class RunFolder:
             If a file cannot be moved, or would replace a file that no run has written.
         """
         finished_folder = self.work / FINISHED
+        # The size in bytes of each file of the run, by its name.
         listed_names = _signed_summary(finished_folder / SUMMARY)[FILE_BYTES]
-        # The summary lists the files. A name with a folder in it cannot be from a run.
+        # A name with a folder in it cannot be from a run.
         names = [*(name for name in listed_names if Path(name).name == name), SUMMARY]
         self.refuse_foreign_results(names)
         try:
