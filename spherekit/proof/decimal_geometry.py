@@ -40,6 +40,8 @@ PHASE_ERROR_RAD = 1e-13
 class CircleContact:
     """Two circles that touch, each in the axes of its link.
 
+    A ball is a number with a bound of its error.
+
     Attributes
     ----------
     frames
@@ -49,11 +51,15 @@ class CircleContact:
         Angular radii (rad) of both circles.
     sines
         Numbers in the ratio of the sines of the radii. They are numbers of teeth if the
-        file gives these.
+        file gives these, because the ratio of teeth is exact.
     sense
         1 if one circle is inside the other (internal contact), -1 if they are beside each
-        other (external contact). Seen from the second centre, the arc length along its
-        circle increases with the azimuth (1) or decreases (-1).
+        other (external contact).
+
+        At the contact, the arc lengths of both circles increase in the same direction.
+        Along the first circle this is the direction of increasing azimuth. Along the second
+        one it is so only if both centres are on the same side of the contact (1).
+        Otherwise the arc length increases as the azimuth decreases (-1).
     """
 
     frames: Sequence[Frame]
@@ -74,6 +80,11 @@ class CircleContact:
         Both centres and both tangents are (3,) in any common axes. The tangents are in the
         plane of the great circle through the centres.
         """
+        # On the great circle through both centres, the tangents at the first centre towards
+        # the second one, and at the second centre away from the first one. In an external
+        # contact the contact is between the centres, so the second tangent is reversed. In
+        # an internal contact `centre_arc` is negative if the second radius is the larger
+        # one, which reverses both.
         sine, cosine = self.centre_arc.sin_cos()
         first = (second_centre - cosine * first_centre) / sine
         second = self.sense * (cosine * second_centre - first_centre) / sine
@@ -171,7 +182,8 @@ class DecimalGeometry:
         """Return the two touching circles of a contact pair of the file.
 
         The file gives the circles as bevel gears (shafts with teeth or half angles) or as
-        profiles (centre and radius of each circle).
+        profiles (centre and radius of each circle). All numbers are balls, which are
+        numbers with a bound of their error.
 
         Parameters
         ----------
@@ -183,6 +195,7 @@ class DecimalGeometry:
         frames = self.revolute_frames()
         pair = mechanism.pairs[contact]
         table = self.pair_table(pair.name)
+        # Whether the circles are beside each other (-1) or one inside the other (1).
         sense = -1 if pair.contact == "external" else 1
 
         def pair_axis(name: str, link: str) -> Vector:
@@ -192,7 +205,8 @@ class DecimalGeometry:
 
         if "axes" in table:
             # Bevel gears: the file names the shaft of each gear and gives teeth or half
-            # angles. The angle between the shafts is measured in the carrier.
+            # angles. The angle between the shafts is measured in the carrier, where the
+            # axis of a pair can be opposite to that of the gear (`shaft.sense` is -1).
             centres = tuple(map(pair_axis, table["axes"], pair.links))
             joined_links = {name: mechanism.pair(name).links for name in frames}
             gear_carrier = find_gear_carrier(

@@ -131,12 +131,11 @@ class DecimalMechanism(DecimalGeometry):
     def known_angles(self, inputs: Sequence[Ball]) -> list[Ball]:
         """Return the angles (rad) of the inputs, then those of the followers.
 
-        Followers are the pairs whose angles follow from the inputs through wheels. A wheel
-        that turns by an angle relative to the carrier of both wheels (the sum of the pair
-        angles between them) rolls the length sine of its radius times this angle. Two
-        wheels in mesh roll equal lengths, so for each mesh a weighted sum of pair angles is
-        constant: sine 1 times angle 1 less sine 2 times angle 2. Its value is known in one
-        position. These linear equations determine the followers.
+        Followers are the pairs whose angles follow from the inputs through wheels. Two
+        wheels in mesh have the radii r1 and r2 and turn by the angles a1 and a2 relative to
+        the link that carries both. They roll the same length, so sin(r1) a1 - sin(r2) a2 is
+        constant. Each angle is a sum of pair angles. The constant is known in one position.
+        These linear equations, one for each mesh, determine the followers.
 
         Parameters
         ----------
@@ -155,9 +154,11 @@ class DecimalMechanism(DecimalGeometry):
                 pose_angles.get(pair, exact_ball(0.0)) for pair in structure.pairs
             ]
         else:
-            # If all pair angles are zero, the lengths along both circles are L1 and L2. At
-            # other angles they are L1 - sine 1 angle 1 and L2 - sine 2 angle 2, and they
-            # are equal when the wheels are in mesh. The constant is therefore L1 - L2.
+            # The file gives sizes of links. The contact is at a length along each circle
+            # from the start of this circle. If all pair angles are zero, these lengths are
+            # L1 and L2. If a wheel turns forwards, the contact moves backwards along its
+            # circle, so they are L1 - sin(r1) a1 and L2 - sin(r2) a2. Wheels in mesh have
+            # equal lengths, so the constant is L1 - L2.
             constants = self._rolled_lengths_at_zero() @ exact_balls([1.0, -1.0])
         right_side = constants - relations[:, structure.inputs] @ np.array(inputs)
         followers = self._solve_followers(relations, right_side[:, None])[:, 0]
@@ -172,12 +173,17 @@ class DecimalMechanism(DecimalGeometry):
         """Return the rates of the followers at unit rate of the only input as fractions.
 
         Followers are the pairs whose angles follow from the input through wheels. If all
-        wheels have numbers of teeth, the rates are fractions of whole numbers, of which
-        balls are computed. A ball of 80 bits contains only one fraction with a denominator
-        up to `MAX_GEAR_RATIO_DENOMINATOR`. The result is None if a wheel has no number of
-        teeth, or if a ball does not contain the fraction nearest to its centre.
+        wheels have numbers of teeth, the rates are fractions of whole numbers. They are
+        computed as balls (numbers with a bound of their error), and each fraction is
+        recovered from its ball. Two fractions with denominators up to
+        `MAX_GEAR_RATIO_DENOMINATOR` differ by far more than the radius of a ball, so it
+        contains only one of them.
+
+        The result is None if a wheel has no number of teeth, or if a ball does not contain
+        the fraction nearest to its centre.
         """
-        # Factors of teeth are exact, those of sines of radii are not.
+        # The factors of a mesh are numbers of teeth, which are exact, or sines of radii,
+        # which are not.
         if not all(factor.is_exact() for factor in self._mesh_relations().flat):
             return None
         ratios = []
@@ -261,16 +267,17 @@ class DecimalMechanism(DecimalGeometry):
         # determine the angles, or if no whole turns of the wheels, among those that are
         # tried, agree with all meshes.
         train = find_gear_train(mechanism, driven_pairs(mechanism))
-        # As many followers as meshes, and relations that can be solved for them.
-        with suppress(ZeroDivisionError):
-            if train is not None and len(followers) == len(meshes):
-                decimal_mechanism = replace(
-                    self,
-                    structure=replace(structure, followers=followers),
-                    meshes=meshes,
-                    rolled_lengths=train.rolled.tolist(),
-                )
-                # Division by zero here means that the relations are singular.
+        # Each mesh gives a linear equation, and each follower is an unknown.
+        if train is not None and len(followers) == len(meshes):
+            decimal_mechanism = replace(
+                self,
+                structure=replace(structure, followers=followers),
+                meshes=meshes,
+                rolled_lengths=train.rolled.tolist(),
+            )
+            # The equations are solved once, only to see whether they can be solved. If they
+            # are singular, a division by zero skips the return statement.
+            with suppress(ZeroDivisionError):
                 decimal_mechanism.follower_ratios()
                 return decimal_mechanism
         follower_names = listing(structure.names_of(followers))

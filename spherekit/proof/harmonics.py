@@ -116,22 +116,22 @@ class Harmonics:
         # of the derivative, wave j, point.
         waves = _evaluate_waves(circle_points, self.max_degree, order)
         for equation, coefficients in enumerate(self.coefficients):
-            # Axes of variables that do not occur have length 1 and are left out.
+            # The axes of variables that do not occur have the length 1. `squeeze` leaves
+            # out these axes and no others, since degree m has the length 2 m + 1.
             variables = np.flatnonzero(self.degrees[equation])
-            parts = _sum_waves(np.squeeze(coefficients), waves[variables]).real
-            # Rows of `parts` are derivatives. Row a + b (order + 1) + ... is the derivative
-            # of order a by the first variable, of order b by the second variable and so on.
-            # The first derivative by variable j is therefore row (order + 1)^j. The number
-            # of the row of a second derivative is the sum of the row numbers of both first
-            # derivatives.
-            first_index = (order + 1) ** np.arange(len(variables))
-            results[0][:, equation] = parts[0]
-            results[1][:, equation, variables] = parts[first_index].T
+            sums = _sum_waves(np.squeeze(coefficients), waves[variables]).real
+            # Rows of `sums` are derivatives. Row a + b (order + 1) + c (order + 1)^2 ... is
+            # the derivative of order a by variable 0, b by variable 1, c by variable 2 and
+            # so on. Row 0 is the value, and row (order + 1)^j the first derivative by
+            # variable j. The row numbers of two first derivatives add up to that of the
+            # second derivative by both variables.
+            first_rows = (order + 1) ** np.arange(len(variables))
+            results[0][:, equation] = sums[0]
+            results[1][:, equation, variables] = sums[first_rows].T
             if order > 1:
-                second_index = first_index[:, None] + first_index
-                results[2][:, equation, variables[:, None], variables] = parts[
-                    second_index
-                ].T
+                second_rows = first_rows[:, None] + first_rows
+                second_derivatives = sums[second_rows].T
+                results[2][:, equation, variables[:, None], variables] = second_derivatives
         return results
 
     def partial_polynomials(
@@ -161,18 +161,20 @@ class Harmonics:
             (n, g, 2 m_1 + 1, ...) their derivatives by the given angles (1/rad).
         """
         others = [j for j in range(self.degrees.shape[1]) if j not in unknowns]
-        # The given angles are inserted into the waves e^(i j angle) of the Fourier sum. It
-        # is summed over the axes of these angles only.
+        # The given angles are inserted into the waves e^(i j angle) of the Fourier sum. The
+        # sum is taken over the axes of these angles only. The axes of the unknowns remain,
+        # and their waves are the powers of z.
         coefficients = self.coefficients[equation].transpose([*unknowns, *others])
         waves = _evaluate_waves(given, self.max_degree, order=1)
-        parts = _sum_waves(coefficients, waves)
-        # Without given angles the sums have no axis of length n yet.
-        parts = np.broadcast_to(parts, (*parts.shape[:-1], len(given)))
-        # Axis 1 has a value and its derivatives. The binary digit j of the index says
-        # whether it is differentiated by given angle j. Index 0 is the value, and index 2^j
-        # is the first derivative by angle j. Mixed derivatives are not used.
-        parts_of_rows = np.moveaxis(parts, -1, 0)
-        return parts_of_rows[:, 0], parts_of_rows[:, 2 ** np.arange(len(others))]
+        # Axis 0 has the value at index 0, and the first derivative by given angle k at
+        # index 2^k. The other indices are mixed derivatives, which are not used. The last
+        # axis has the n choices of the given angles.
+        sums = _sum_waves(coefficients, waves)
+        # Without given angles the last axis has the length 1 so far.
+        sums = np.broadcast_to(sums, (*sums.shape[:-1], len(given)))
+        sums = np.moveaxis(sums, -1, 0)
+        first_derivatives = 2 ** np.arange(len(others))
+        return sums[:, 0], sums[:, first_derivatives]
 
 
 def _sum_waves(coefficients: Complexes, waves: Complexes) -> Complexes:
@@ -287,11 +289,14 @@ def _interpolate(
     # and radii of the balls.
     coefficients = sums.astype(complex)
     conversion_error = sum(map(upper_magnitude, (sums - coefficients).flat))
-    # Roundings of one value. For each variable these are at most 8 for each of the
-    # count // 2 powers of z = e^(i angle), and count + 2 for the sum over the waves.
+    # Number of roundings that a value has at most. A variable with `count` waves has
+    # count // 2 powers of z = e^(i angle). Each power adds the errors of z and of one
+    # complex product, which 8 roundings exceed. The sum of `count` products has at most
+    # count + 2. The factor 2 below is an allowance.
     roundings = sum(count + 2 + 8 * (count // 2) for count in node_counts if count > 1)
     rounding_error = 2.0 * roundings * UNIT_ROUNDOFF * np.sum(np.abs(coefficients))
-    # Radii at the nodes grow between them by at most the norm of the interpolation.
+    # The values at the nodes are wrong by at most their radii. Between the nodes, the
+    # interpolated error can be larger by at most the norm of the interpolation.
     radius_error = largest_radius * prod(map(_interpolation_norm, node_counts))
     # The factor covers the rounding of this sum.
     return coefficients, 1.001 * (radius_error + conversion_error) + rounding_error

@@ -132,10 +132,11 @@ class InputMap:
     def completeness(self) -> Completeness:
         """What is guaranteed, and on which facts the guarantee is based.
 
-        A box is regular if it is proven free of type II, singular configurations with
-        locked inputs. This is proven by continuing all complex roots of the equations over
-        the box: none of them meet. If boxes are undecided, everything larger than these is
-        known (`Guarantee.TO_BOX`).
+        A box of the inputs is regular if it is proven free of configurations of type II
+        (singular with locked inputs). For the proof, all complex roots of the equations are
+        continued over the box, and none of them meet. Without undecided boxes the result is
+        certified. Otherwise it is complete up to the size of the largest undecided box
+        (`Guarantee.TO_BOX`): smaller regions may be unknown.
         """
         regular = self.share(REGULAR)
         contains = self.share(CONTAINS_TYPE_II)
@@ -252,7 +253,9 @@ def _classify_boxes(
         Largest side (rad) of a cell.
     """
     # Number of halvings of each input's range for cells, and for their smallest parts.
-    cell_levels = np.maximum(np.ceil(np.log2(ranges.extent / cell)), 0).astype(np.int64)
+    cell_levels = np.maximum(np.ceil(np.log2(ranges.float_width / cell)), 0).astype(
+        np.int64
+    )
     finest_levels = cell_levels + CELL_HALVINGS
     max_at_once = max(1, MAX_ROOTS_AT_ONCE // sum(system.bound for system in systems))
     classified: list[_ClassifiedBoxes] = []
@@ -262,14 +265,18 @@ def _classify_boxes(
     def examine(boxes: Integers, examined_count: int) -> Integers:
         """Examine boxes (2, n, inputs), and return the halves of those to be examined next.
 
-        The ranges of the inputs are halved again and again. A box whose sides are not
-        smaller than those of a cell is classified as regular if this is proven: all complex
-        roots are continued over the box, and no two of them meet. Otherwise it is halved,
-        at last to cells. A cell that is not proven regular is halved further into parts.
-        Each regular part adds its number of assembly modes to the set `counts_of_cell` of
-        its cell, and the smallest parts that are not regular add -1. Cells are classified
-        by these sets when all boxes have been examined. `subdivide` calls this function
-        with the number of boxes examined so far, which is not needed.
+        A box is regular if all complex roots of the equations can be continued over it and
+        no two of them meet. Boxes have three sizes:
+
+        1. A box of at least the size of a cell is recorded if it is regular. Otherwise it
+           is halved, until it is a cell.
+        2. A cell that is not regular is halved into parts. A regular part adds its number
+           of assembly modes to the set `counts_of_cell` of its cell. Other parts are
+           halved.
+        3. A part of the smallest size that is not regular adds -1 to this set.
+
+        From these sets, `_classify_boxes` classifies the cells in the end. `subdivide`
+        calls this function with the number of boxes examined so far, which is not needed.
         """
         del examined_count
         # By box and input: number of halvings of the range (level), and number of the part.
@@ -305,8 +312,9 @@ def _classify_boxes(
             elif is_finest[row]:
                 counts.add(-1)
             # A cell with two numbers of modes contains a singular configuration, so its
-            # other parts need not be halved.
-            needs_halving[row] &= len(counts - {-1}) < 2
+            # other parts need not be halved. -1 is no number of modes.
+            mode_counts = counts - {-1}
+            needs_halving[row] &= len(mode_counts) < 2
         # Halve the longest side of each remaining box. Sides that are still longer than
         # those of a cell come first.
         is_coarse = np.any(levels < cell_levels, axis=1, keepdims=True)

@@ -176,7 +176,7 @@ def _rotation_vectors(rotation: PairFunction, values: Array) -> Array:
     rotation
         The rotation of the pair.
     values
-        (n, m) balls of its variables.
+        (n, m) balls (numbers with a bound of their error) of its m variables.
 
     Returns
     -------
@@ -185,8 +185,11 @@ def _rotation_vectors(rotation: PairFunction, values: Array) -> Array:
     vectors = []
     # One variable moves at the rate 1 while the others rest.
     for direction in exact_balls(np.eye(values.shape[1])):
+        # The variables as series in the time t: values + direction t. The rotation of such
+        # series is a series too, whose first power gives the angular velocity.
         moving_values = power_series(values, np.broadcast_to(direction, values.shape))
-        vectors += angular_velocities(rotation(moving_values), 1)
+        (angular_velocity,) = angular_velocities(rotation(moving_values), order=1)
+        vectors.append(angular_velocity)
     return np.stack(vectors, axis=1)
 
 
@@ -210,19 +213,21 @@ def _make_pair_kinematics(mechanism: Mechanism, frames: Frames) -> list[PairKine
             kinematics.append(_revolute_kinematics(*frames[pair.name]))
             continue
         first_profile, second_profile = pair.profiles
-        # Curves that touch from outside run in opposite senses about their centres.
+        # At the contact both curves run in the same direction. If one touches the other
+        # from outside, their centres are on opposite sides. The second curve then runs
+        # backwards about its centre.
         curves = (
             make_ball_curve(first_profile),
             make_ball_curve(second_profile, backwards=pair.contact == "external"),
         )
         first, second = joint.contact_profiles
         starts = exact_balls([first.start, second.start])
-        # The starts are the arc lengths at which the variables are 0. A file with sizes of
-        # links states them, and they are exact numbers. If the file gives a reference pose,
-        # a rolling contact starts where the profiles touch in this pose. That point is
-        # known in float64 only, and is computed anew. In a sliding contact the two arc
-        # lengths are variables of their own, whose zeros do not change the possible
-        # configurations.
+        # The starts are the arc lengths at which the variables are 0, in three cases:
+        # - A file with sizes of links states them, and they are exact numbers.
+        # - If the file gives a reference pose, a rolling contact starts where the profiles
+        #   touch in this pose. That point is known in float64 only, and is computed anew.
+        # - In a sliding contact, each of the two arc lengths is a variable. Other starts
+        #   only shift the variables; the possible configurations are the same.
         if joint.rolling_variables and isinstance(mechanism.geometry, PoseGeometry):
             starts = _find_contact(curves, starts)
         variables = (first.variable, second.variable)
@@ -243,20 +248,23 @@ class LoopClosure:
     values
         (k, variables) pair variables (rad), balls of radius 0.
     free
-        Indices, among all variables, of those that Newton's method changed. The others kept
-        their start values.
+        Indices, among all variables, of those that Newton's method was asked to solve for.
+        The others, such as inputs, kept their start values.
     inverse
         (k, free, equations) left inverse of the Jacobian's columns of the free variables.
     condition
-        (k,) condition number of these columns in Frobenius norms.
+        (k,) condition number of these columns of the Jacobian: the Frobenius norm of the
+        matrix times that of its inverse.
     residual
         (k,) largest component (rad) of the residuals of the loops.
     distance
         (k,) largest change (rad) of a variable from the start.
     is_ambiguous
-        (k,) whether another solution may be as near to the start.
+        (k,) whether another solution may be as near to the start as the one that was
+        reached. This is assumed if the second Newton step is not much shorter than the
+        first.
     status
-        (k,) `Status`: OK, NOT_CONVERGED or AT_SINGULARITY.
+        (k,) OK, NOT_CONVERGED, or AT_SINGULARITY if the Jacobian loses its rank.
     """
 
     values: Array

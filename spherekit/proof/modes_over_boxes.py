@@ -127,16 +127,17 @@ class RootAngles:
 
 @dataclass(frozen=True)
 class SystemFindings:
-    """Proven properties of the roots of a system of equations.
+    """Proven properties of the n roots of a system of equations, for several modes.
 
     The closure equations of a mechanism fall into systems that are solved one after
-    another. A mode is a real solution of all systems before this one, over a box of inputs.
-    It determines the numbers in this system, which then has several roots.
+    another. Here a mode is a real solution of all systems before this one, over a box of
+    inputs. Its angles are inserted in this system, which then has several roots for each
+    mode.
 
     Attributes
     ----------
     mode
-        (n,) the mode with which each root solves this system.
+        (n,) index of the mode to which each root belongs.
     is_complete
         (modes,) for each mode, whether all roots of this system are proven, different from
         each other, and each proven to be real or not.
@@ -182,10 +183,11 @@ class EquationSystem:
     def __init__(
         self, equations: ArcEquations, rows: Sequence[int], unknowns: Sequence[int]
     ) -> None:
-        """Number the given variables and bound the number of roots (by Bezout).
+        """List the given variables and bound the number of roots.
 
-        Given variables are all variables of the equations that are not unknowns of this
-        system: the inputs, and unknowns of other systems.
+        Given variables are all variables of the mechanism that are not unknowns of this
+        system: the inputs, and unknowns of other systems. Some of them may not occur in the
+        equations of this system.
 
         Parameters
         ----------
@@ -205,10 +207,12 @@ class EquationSystem:
             if variable not in unknowns
         ]
         self.degrees = equations.degrees[np.ix_(rows, [*unknowns, *self.given])]
-        # The trigonometric degree m of an angle is the degree 2 m in e^(i angle). The
-        # permanent of these degrees is Bezout's bound of the number of roots.
+        # The trigonometric degree m of an angle is the degree 2 m in e^(i angle). For
+        # polynomials with a separate degree in each unknown, Bezout's bound of the number
+        # of roots is the permanent of the matrix (equations, unknowns) of the degrees.
         self.bound = permanent(2 * self.degrees[:, : len(unknowns)])
         # Values of the given variables for which all roots are known, with these roots.
+        # Roots for other values are followed from the nearest of them.
         self.solved: list[SolvedChoice] = []
 
     def form_polynomials(self, circle_points: Array) -> Polynomials:
@@ -244,12 +248,14 @@ class EquationSystem:
                     np.max(np.abs(slopes_of_row), initial=0.0),
                 )
             )
-        # Error bound of the coefficients and derivatives of each equation. The first part
-        # is the error of the equation. A derivative of the wave cos(m x) by x has the
-        # factor m, so this error is multiplied by the largest degree of any variable. The
-        # second part is the rounding of the sums, for numbers up to the largest size or 1.
+        # Error bound of the coefficients and derivatives of each equation, in two parts:
+        # - The Fourier sum of the equation has an error. The derivative of a wave cos(m x)
+        #   by x has the factor m, so the error of a derivative is larger by at most the
+        #   largest degree. The degrees are those in all variables, given ones included.
+        # - The rounding of sums is relative to the sizes of their terms.
         error = harmonics.error[self.rows] * np.max(self.degrees, axis=1, initial=1)
         error += PRODUCT_ROUNDING * np.add(1.0, largest_sizes)
+        # Together with the degrees, `derivative_bound` bounds all derivatives by angles.
         return Polynomials(
             coefficients=tuple(coefficients),
             slopes=tuple(slopes),
@@ -325,10 +331,10 @@ class EquationSystem:
         """Return approximate roots at some values of the given variables.
 
         The given variables are angles that this system does not solve for: inputs, and
-        unknowns of other systems. The roots are followed from those that are known for
-        other values of these angles (`solved`). The nearest of these values are taken, and
-        their roots are moved by one step along the tangent. If no such values are near, the
-        roots are computed by a homotopy at the requested values, and the step is zero.
+        unknowns of other systems. `solved` has choices of their values with all roots. The
+        roots of the nearest choice are moved by one step along the tangent. If no choice is
+        near, the roots are computed by a homotopy at the requested values, and the step is
+        zero.
 
         Parameters
         ----------
@@ -352,12 +358,14 @@ class EquationSystem:
             else:
                 squared_distances = np.array([np.inf])
             nearest = np.argmin(squared_distances)
+            # From a choice that is farther away, roots could be lost.
             if squared_distances[nearest] < MAX_SQUARED_DISTANCE:
                 solved_choice = self.solved[nearest]
-                # `start` is a row of `starts`, which is changed.
+                # `start` is a row of `starts`, which is changed. `points` are e^(i angle).
                 start[:] = solved_choice.given
                 start_points.append(solved_choice.roots.points)
             else:
+                # The start remains the requested values, so the step below is zero.
                 polynomials = self.form_polynomials(cosines_and_sines(start)[None])
                 start_points.append(self._solve_by_homotopy(polynomials))
         row = np.repeat(np.arange(len(given)), self.bound)
@@ -367,8 +375,8 @@ class EquationSystem:
             self.form_polynomials(cosines_and_sines(starts)), roots
         )
         # `roots.z` is e^(i angle) or its inverse, the one of magnitude 1 at most, so that
-        # roots at infinity are finite numbers. Where the derivatives are singular no step
-        # is made.
+        # roots at infinity are finite numbers. If the derivatives are singular, the rates
+        # are not finite and are replaced by 0.
         given_steps = wrap(given - starts)[roots.row]
         rates = np.nan_to_num(-invert_matrices(at_starts.by_unknowns) @ at_starts.by_given)
         return roots.with_points(roots.z + apply_matrices(rates, given_steps))
@@ -468,9 +476,9 @@ def _bound_root_angles(roots: ChartRoots, tubes: RootTubes, half: Floats) -> Roo
     """Return the angles of roots and their motion over the boxes.
 
     A coordinate of a root is z = e^(i s angle) with s = 1, or s = -1 if it is the inverse.
-    The derivative of the angle is therefore z' / (i s z). If z moves linearly with the
-    inputs, its logarithm and the angle do so only approximately. The error bounds this
-    difference, and how far z may be from linear motion.
+    The derivative of the angle is therefore z' / (i s z). The motion of the angle is not
+    linear for two reasons: z is only near linear motion, and the angle is its logarithm.
+    The error is a bound of both.
 
     Parameters
     ----------
@@ -485,14 +493,16 @@ def _bound_root_angles(roots: ChartRoots, tubes: RootTubes, half: Floats) -> Roo
     # The inverse of e^(i angle) has the angle with the opposite sign.
     sense = np.where(roots.inverse, -1, 1)
     rates = tubes.rates / (1j * sense * roots.z)[:, :, None]
-    # The angle is the imaginary part of the logarithm of z. With the relative change w of z
-    # over the box (`reach` is the largest change of z), the logarithm of 1 + w differs from
-    # the linear term w by at most w^2 / 2 / (1 - w). The tube about linear motion adds its
-    # radius.
+    # The angle is the imaginary part of the logarithm of z. `reach` is the largest change
+    # of z over the box, and w the largest relative change. The logarithm of 1 + w differs
+    # from the linear term w by at most w^2 / 2 / (1 - w).
     w = tubes.reach / magnitude
-    error = 0.5 * w**2 / (1.0 - w) + tubes.tube_radius[:, None] / magnitude
-    # The approximation may be off the unit circle. The last two terms and the factor cover
-    # rounding: float64 has a relative rounding error of 1.1e-16, and angles are below pi.
+    logarithm_error = 0.5 * w**2 / (1.0 - w)
+    # `tube_radius` is the largest distance of z from linear motion.
+    error = logarithm_error + tubes.tube_radius[:, None] / magnitude
+    # A real root has the magnitude 1, from which the approximation may differ. The factor
+    # and the last two terms cover rounding. They are far larger than rounding errors: a
+    # relative one is 1.1e-16, and angles are below pi.
     error = (
         1.05 * error
         + np.abs(magnitude - 1.0)

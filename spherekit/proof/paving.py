@@ -117,31 +117,33 @@ class VariableRanges:
     Parameters
     ----------
     low
-        Start of each range, balls (rad) that are exact or far narrower than a rounding.
+        Lower end of each range (rad), as a ball: a number with a bound of its error. This
+        bound is 0 or far smaller than a rounding error of float64.
     width
-        Width of each range, likewise; 0 for a variable with one value.
+        Width of each range, as such a ball; 0 for a variable with one value.
 
     Attributes
     ----------
     low
-        The starts as given.
-    start, extent
-        (variables,) float64 numbers near the starts and widths.
+        The lower ends as balls.
+    float_low, float_width
+        (variables,) the lower ends and widths rounded to float64.
     whole
         The one box of all ranges.
     """
 
     def __init__(self, low: Sequence[Ball], width: Sequence[Ball]) -> None:
-        """Round the starts and widths to float64, with bounds of the rounding."""
+        """Round the lower ends and widths to float64, with bounds of the rounding."""
         self.low = low
-        self.start = np.array([*map(centre_float, low)])
-        self.extent = np.array([*map(centre_float, width)])
+        self.float_low = np.array([*map(centre_float, low)])
+        self.float_width = np.array([*map(centre_float, width)])
         self.whole: Integers = np.zeros((2, 1, len(low)), dtype=np.int64)
         self._upper_width = np.array([*map(upper_magnitude, width)]) * ROUND_UP
-        # Rounding of the centres.
-        magnitude = np.abs(self.start) + np.abs(self.extent)
+        # Rounding of the centres. The lower end, the width, their products and sums are
+        # rounded, together by at most 3 roundings of the magnitude. 8 is an upper bound.
+        magnitude = np.abs(self.float_low) + np.abs(self.float_width)
         self._rounding = 8.0 * UNIT_ROUNDOFF * magnitude
-        self._rounding[self.extent == 0.0] = 0.0
+        self._rounding[self.float_width == 0.0] = 0.0
 
     def radii(self, boxes: Integers) -> Floats:
         """Return the half widths (n, variables) rad about `centres`, rounded up."""
@@ -150,7 +152,7 @@ class VariableRanges:
     def centres(self, boxes: Integers) -> Floats:
         """Return float64 numbers (n, variables) rad near the centres of boxes."""
         levels, parts = boxes
-        return self.start + self.extent * (parts + 0.5) * np.exp2(-levels)
+        return self.float_low + self.float_width * (parts + 0.5) * np.exp2(-levels)
 
     def circle_points(self, boxes: Integers) -> Floats:
         """Return cosines and sines (n, variables, 2) of `centres`, each rounded once.
@@ -162,7 +164,7 @@ class VariableRanges:
         # Many boxes share coordinates, so each number is evaluated once.
         numbers, positions = np.unique(centres, return_inverse=True)
         circle_points = cosines_and_sines(numbers)[positions]
-        has_one_value = self.extent == 0.0
+        has_one_value = self.float_width == 0.0
         circle_points[:, has_one_value] = cosines_and_sines(self.low)[has_one_value]
         return circle_points
 
@@ -290,7 +292,7 @@ def pave(
     """
     degrees = equations.degrees
     error = equations.harmonics.error
-    moving_count = int(np.sum(ranges.extent > 0.0))
+    moving_count = int(np.sum(ranges.float_width > 0.0))
     undecided_centres: list[Floats] = []
     undecided_radii: list[Floats] = []
 
