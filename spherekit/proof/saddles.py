@@ -149,10 +149,12 @@ class Saddle(OrientedBox):
     def find_quadrant(self, position: Floats, error: float) -> Quadrant | None:
         """Return the quadrant of the arm that a configuration is on, None if not proven.
 
-        An arm is one of the four branches of curves that leave the saddle. Its quadrant is
-        the signs of the first two box coordinates u and v. Where |v| is small, a curve that
-        misses the crossing may bend from one quadrant to another. The arms are only proven
-        to stay in their quadrants beyond the height `INNER_HEIGHT_RATIO` of the box.
+        A saddle is a place where two configuration curves cross or narrowly miss each
+        other. Four arms (branches of these curves) leave it. The quadrant of an arm is the
+        signs of the first two coordinates u and v in the box of the saddle. If the curves
+        miss each other, each bends from one quadrant to another near the centre. It is
+        therefore proven only for larger ``|v|`` that an arm stays in its quadrant: above
+        the part `INNER_HEIGHT_RATIO` of the half height of the box.
 
         Parameters
         ----------
@@ -162,7 +164,8 @@ class Saddle(OrientedBox):
             Largest distance (rad) of the configuration from the position.
         """
         # The axes of the box are orthonormal. A coordinate of the configuration therefore
-        # differs from that of the position by at most the error.
+        # differs from that of the position by at most the error. `limits` are the half
+        # lengths of the box along the coordinates.
         u, v = self.coordinates(position)[:2]
         inner_height = INNER_HEIGHT_RATIO * self.limits[1]
         is_outside_centre = abs(v) - error > inner_height + COORDINATE_ROUNDING_RAD
@@ -180,12 +183,14 @@ def find_saddle(
 ) -> Saddle | None:
     """Return the saddle near a position, None if none is proven.
 
-    A saddle is a place where configuration curves cross, or narrowly miss each other. Boxes
-    of different size about it are tried, the largest first. A box has a rectangle of two
-    coordinates u and v, in which the curves are, and limits of all other coordinates. The
-    signs of the rates of all variables along the curves should be proven in the box. In a
-    smaller box more of them are proven, but the curves are followed less far. So a box in
-    which some signs are not proven is accepted only below a certain size.
+    A saddle is a place where configuration curves cross, or narrowly miss each other. Near
+    it the curves are the zeros of a function g(u, v) of two coordinates. They cross if the
+    level, the value of g at its saddle point, is 0.
+
+    Boxes of different size about the saddle are tried, the largest first. The signs of the
+    rates of all variables along the curves should be proven in the box. A smaller box may
+    prove more signs, so a large box with unproven signs is refused. Below a certain size it
+    is accepted: unproven signs are then marked by 0.
 
     Parameters
     ----------
@@ -199,19 +204,22 @@ def find_saddle(
     is_allowed
         Returns whether a box may be used: boxes of saddles must not overlap.
     """
-    # Nothing is proven if a division by a ball that contains 0 occurs. The first precision
-    # is enough for the box; `_enclose_level` increases it for the level.
+    # Balls are numbers with error bounds. Nothing is proven if a division by a ball that
+    # contains 0 occurs. The first precision is enough for the box. `_enclose_level`
+    # increases it until the sign of the level is proven.
     with working_precision(LEVEL_PRECISIONS_BITS[0]), suppress(ZeroDivisionError):
         reduced_equation = reduce_at_saddle(equations, position)
         size = LARGEST_RECTANGLE_RAD
         while size > SMALLEST_RECTANGLE_RAD:
             saddle = _prove_saddle(reduced_equation, size, is_proven_crossing)
             if saddle is not None and is_allowed(saddle):
-                # The level decides whether the curves cross. Its sign is 0 if this is
-                # proven, otherwise they miss each other or may do so.
+                # The sign of the level is 0 if a crossing is proven. Otherwise the curves
+                # miss each other, or may do so.
                 accepted_size = (
                     CROSSING_RECTANGLE_RAD if saddle.level_sign == 0 else GAP_RECTANGLE_RAD
                 )
+                # The signs of the rates on each of the four branches, in the direction away
+                # from the saddle; 0 if not proven.
                 has_open_sign = any(0 in signs for signs in saddle.outward_signs.values())
                 if size < accepted_size or not has_open_sign:
                     return saddle
@@ -443,11 +451,12 @@ def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[B
 def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array) -> bool:
     """Return whether the zeros of g in a rectangle are four arms, one in each quadrant.
 
-    The function g(u, v) is convex in u and concave in v. Two conditions are tested:
+    The function g(u, v) is convex in u and concave in v. Three conditions are tested:
 
-    - g is positive on the sides of constant u.
-    - g is negative at the points (0, v) with |v| above an inner height, which is a small
-      part of the height of the rectangle.
+    1. g is positive on the sides of constant u.
+    2. g is negative at the points (0, v) with ``|v|`` above an inner height, the part
+       `INNER_HEIGHT_RATIO` of the height of the rectangle.
+    3. The saddle point of g is below the inner height.
 
     For each v above the inner height, g is then negative at u = 0 and positive at both
     sides. Because it is convex in u, it has exactly one zero with u > 0 and one with u < 0.
@@ -465,23 +474,26 @@ def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array)
         (2, 2) balls: second derivatives of g over the whole box.
     """
     u, v, *_ = limits
-    level = upper_magnitude(value)
+    # Upper bounds of the value and of the slopes at the centre, without sign.
+    value_size = upper_magnitude(value)
     slope_u, slope_v = map(upper_magnitude, gradient)
     least_uu, least_vv = map(lower_magnitude, hessian.diagonal())
     largest_uv = upper_magnitude(hessian[0, 1])
     largest_vv = upper_magnitude(hessian[1, 1])
     # Lower bound of g on the sides of constant u.
     twice_form = least_uu * u * u - 2 * largest_uv * u * v - largest_vv * v * v
-    value_on_sides = 0.5 * twice_form - slope_u * u - slope_v * v - level
+    value_on_sides = 0.5 * twice_form - slope_u * u - slope_v * v - value_size
     # Lower bound of the descent of g from the centre to (0, inner height). Because g is
     # concave in v, it descends further beyond.
     inner_height = INNER_HEIGHT_RATIO * v
     descent = 0.5 * least_vv * inner_height**2 - slope_v * inner_height
     # The small numbers cover rounding.
     is_positive_on_sides = value_on_sides > 1e-12 * u * u
-    # g is negative at the inner height if it descends by more than its value at the centre.
-    # It also has to descend by more than 2 u times the slope by u. The least value over u
-    # is then larger at v = 0 than at the inner height, so the saddle point, where it is
-    # largest, is below the inner height.
-    is_negative_above = descent > 1.001 * max(level, 2.0 * u * slope_u)
-    return bool(is_positive_on_sides and is_negative_above)
+    # Condition 2: g descends by more than its value at the centre.
+    # Condition 3: let m(v) be the least value of g over u. The saddle point is at the v
+    # with the largest m, which is concave. Since g is convex in u, m(0) is at least the
+    # value at the centre less u times the slope. At the inner height, m is at most the
+    # value at the centre less the descent. If the descent is larger, m decreases from 0 to
+    # the inner height. (u times the slope would be enough, and twice this is required.)
+    descends_enough = descent > 1.001 * max(value_size, 2.0 * u * slope_u)
+    return bool(is_positive_on_sides and descends_enough)

@@ -106,13 +106,14 @@ def bound_rates(piece: CertifiedArc, half_length: float) -> RateBounds:
     """Return bounds of the rates of all variables along a certified arc.
 
     The arc is z = z0 + t s + N y(s) with the tangent t and the normals N at its centre z0.
-    It solves the equations F(z) = 0. The rates are z' = t + N y', where y' is bounded, and
-    their derivatives are z'' = -N (F'N)^-1 F''(z', z'). The matrix Y is near the inverse of
-    F'N at the centre.
+    It solves the k equations F(z) = 0. The rates are z' = t + N y', where y' is bounded.
+    Their derivatives follow from F'' (z', z') + F' z'' = 0 with z'' = N y''. So
+    z'' = -N (F'N)^-1 F''(z', z'). The matrix Y is near the inverse of F'N at the centre.
 
     Each equation is a trigonometric polynomial. Its derivative by some variables is at most
     a bound C times the product of its degrees in these variables. `test.degrees` (k, v) are
     bounds of the degrees along the frame of t and N, and `test.third_bound` (k,) is C.
+    `test.second_derivatives` (k, v, v) are Y F'' at the centre, along this frame.
 
     Parameters
     ----------
@@ -124,23 +125,28 @@ def bound_rates(piece: CertifiedArc, half_length: float) -> RateBounds:
     test = piece.test
     tangent = piece.frame[:, 0]
     normals = piece.frame[:, 1:]
+    # Largest ``|y_i|`` of the arc. In the box with this radius, `bounds.slope` is the
+    # largest ``|y_i'|``, and `bounds.contraction` the largest row sum of ``|Y F'N - 1|``.
     distance = piece.distance_within(half_length)
     bounds = test.bound_arc(half_length, distance)
     rate_error = np.sum(np.abs(normals), axis=1) * bounds.slope * ROUND_UP
-    # Largest coordinates (v,) of the arc, and of z', along the frame: that of z' along t is
-    # 1, those along the normals are at most the slope bound.
+    # Largest coordinates (v,) along the frame: of the arc from its centre, and of z'. The
+    # first coordinate of z', along t, is 1.
     reach = np.append(half_length, np.zeros(len(tangent) - 1) + distance)
     velocity = np.append(1.0, np.zeros(len(tangent) - 1) + bounds.slope)
-    # (k,) bound of how much F''(z', z') changes from the centre to any point of the arc, by
-    # the third derivatives. The error of F'' at the centre (`test.error`) is included.
+    # (k,) bound of how much F''(z', z') changes from the centre to any point of the arc. Of
+    # the three derivatives, one is along the way from the centre (`reach`) and two are
+    # along z'. Each contributes the degrees times the coordinates, summed over the
+    # coordinates. The error of F'' at the centre (`test.error`) is included.
     sums = test.degrees @ reach
     variation = (test.third_bound * sums + test.error) * (test.degrees @ velocity) ** 2
     # (k,) -Y F''(t, t) at the centre. Coordinate 0 is along t.
     bend = -test.second_derivatives[:, 0, 0]
     magnitudes = np.abs(test.second_derivatives)
-    # (k,) deviation of Y F''(z', z') from its value at the centre for z' = t.
-    # `inverse_size` has the magnitudes of Y. The other terms are those in which z' differs
-    # from t.
+    # (k,) deviation of Y F''(z', z') from its value at the centre for z' = t. There are two
+    # parts: the change of F'' (`inverse_size` has the magnitudes of Y), and the difference
+    # of z' and t with F'' of the centre. The latter is the sum over all coordinates of z',
+    # without the term in which both derivatives are along t.
     form_deviation = (
         test.inverse_size @ variation
         + magnitudes @ velocity @ velocity
@@ -230,8 +236,9 @@ class _StretchSigns:
     """Proven signs of the rate of a variable in a stretch, a part of a curve.
 
     The rate is the derivative of the variable along the curve. The stretch is one in which
-    the rate may vanish. If its derivative has a sign, it vanishes once if its signs at both
-    ends differ, and nowhere if they agree. A sign that is not proven is 0.
+    the rate may vanish. If the derivative of the rate has one sign in the stretch, the rate
+    is monotonic: it vanishes once if its signs at both ends differ, and nowhere if they
+    agree. A sign that is not proven is 0.
 
     Attributes
     ----------
@@ -252,8 +259,9 @@ class _StretchSigns:
 class _Stretch:
     """The part of a curve from the centre of an arc to a configuration in the arc's box.
 
-    The arc is a part of the curve that is proven to be alone in an oriented box. A stretch
-    in which nothing is decided is cut in two, and each part becomes a stretch.
+    The arc is a part of the curve that is proven to be alone in an oriented box. The
+    question is where a variable is stationary on the curve. A stretch that gives no answer
+    is cut in two at the centre of a new arc. The second part is a stretch of the new arc.
 
     Attributes
     ----------
@@ -385,7 +393,8 @@ def _examine_stretch(
     """
     piece = stretch.piece
     reach = stretch.reach
-    # Signs in the whole stretch. They are proven for |s| up to its reach.
+    # Signs in the whole stretch: for all coordinates s along the tangent up to the reach of
+    # the stretch. Bounds are valid in the box only, up to its half length.
     rate_sign, derivative_sign = _rate_signs(piece, min(reach, piece.half_length), variable)
     if rate_sign:
         return None
@@ -394,12 +403,14 @@ def _examine_stretch(
         piece, half_length=0.0, variable=variable
     )
     sign_at_end = 0
-    # Cutting helps only if a sign at the start suggests that shorter stretches have one.
-    # Otherwise, or if only a sign at the end is open, stretches below this length are not
-    # cut: a sign that is open at the end stays open, however short the stretches become.
+    # Shorter stretches than this are not cut. They can be short only if the derivative has
+    # no sign in the stretch, but it or the rate has a sign at the start: a shorter part at
+    # the start then has this sign, too. If only the sign at the end is open, cutting does
+    # not help, because all later stretches have the same end.
     shortest = SHORTEST_FLAT_STRETCH_RAD
     if derivative_sign:
-        # A short arc about the end gives the sign of the rate there.
+        # An arc about the end gives the sign of the rate there. Only the bounds at its
+        # centre are used, so a short arc is enough.
         end_piece = find_piece(equations, stretch.end, piece.tangent, longest=1e-3)
         if end_piece is not None and end_piece.tangent @ piece.tangent > MIN_FORWARD_COSINE:
             sign_at_end, _ = _rate_signs(end_piece, half_length=0.0, variable=variable)
@@ -419,10 +430,10 @@ def _examine_stretch(
 def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
     """Return the start of a stretch, with a bound of the change of a variable in it.
 
-    The variable may be stationary in the stretch, a part of a curve. It begins at the
-    centre of a certified arc, of which it is a part. The bound is the smaller one of two:
-    the extent of the stretch in this variable, and the largest rate of the variable times
-    the length of the stretch.
+    The stretch is a part of a certified arc, and begins at its centre. It is not decided
+    whether the variable is stationary in it. The bound is the smaller one of two: the
+    extent of the stretch in this variable, and the largest rate of the variable times the
+    length of the stretch.
 
     Parameters
     ----------
@@ -433,16 +444,18 @@ def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
 
     Returns
     -------
-    The centre of the arc, with the bound (rad) as its error.
+    The centre of the arc, where the stretch begins, with the bound (rad) as its error. It
+    has the class of proven stationary points, but is listed as undecided.
     """
     piece = stretch.piece
     reach = min(stretch.reach, piece.half_length)
     bounds = bound_rates(piece, reach)
     largest_rate = max(abs(bounds.rate_low[variable]), abs(bounds.rate_high[variable]))
     # The stretch is in the box with coordinates up to `reach` along the tangent, and up to
-    # `distance` along each of the normals. This box contains the centre.
+    # `distance` along each of the v - 1 normals. This box contains the centre.
     distance = piece.distance_within(reach)
-    distances = [distance] * (len(stretch.end) - 1)
+    normal_count = len(stretch.end) - 1
+    distances = [distance] * normal_count
     extent = np.abs(piece.frame[variable]) @ [reach, *distances]
     # The change is counted from the configuration at s = 0, which is off the centre by up
     # to `centre_error`. The factor 1.001, and the 1e-12 rad below, are much larger than the
@@ -475,15 +488,16 @@ def _find_middle_piece(
     -------
     None if no such arc is proven.
     """
-    # Coordinate along the tangent of the given arc. It is 0 at the centre of the arc.
+    # Coordinate along the tangent of the given arc: the distance of both configurations.
     end_coordinate = piece.coordinates(end)[0]
     position = piece.centre + ratio * wrap(end - piece.centre)
-    # An arc with half of this half length reaches both configurations from its centre, so
-    # longer ones are not tried.
+    # Half lengths (rad) of the new arc are tried from twice this distance downwards. From a
+    # centre between the configurations, a half length of the distance reaches both.
     longest = max(2.0 * end_coordinate, SHORTEST_STRETCH_RAD)
     middle = find_piece_ahead(equations, piece, position, longest)
     if middle is None or not piece.coordinates(middle.centre)[0] < end_coordinate:
         return None
+    # The new arc must run towards the end, like the given one.
     end_is_ahead = middle.coordinates(end)[0] > 0.0
     has_same_sense = middle.tangent @ piece.tangent > MIN_FORWARD_COSINE
     return middle if end_is_ahead and has_same_sense else None

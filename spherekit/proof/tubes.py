@@ -141,15 +141,15 @@ class CertifiedArc(OrientedBox):
     The box is in the space of all variables of a mechanism. A configuration is a point at
     which all loops of the mechanism close. The first column of `frame` is the tangent t of
     the configuration curve at the centre z0, the others are the normals N. A point of the
-    box is z0 + t s + N y with |s| up to the half length h and each |y_i| up to the radius
-    r. `limits` are h, followed by r for each normal.
+    box is z0 + t s + N y with ``|s|`` up to the half length h and each ``|y_i|`` up to the
+    radius r. `limits` are h, followed by the same r for each normal.
 
     Attributes
     ----------
     distance_bound
-        Bound (rad) of the distance of the arc from the axis y = 0.
+        Bound (rad) of the Euclidean distance of the arc from the axis y = 0.
     centre_error
-        The same at s = 0: the distance of a configuration from the centre.
+        The same at s = 0: the distance of the arc from the centre.
     test
         Computes bounds of the equations of the mechanism near the centre. They have proven
         the arc, and give further bounds along it.
@@ -166,7 +166,7 @@ class CertifiedArc(OrientedBox):
 
     @property
     def radius(self) -> float:
-        """The radius r (rad)."""
+        """The radius r (rad), which is equal for all normals."""
         return self.limits[1]
 
     @property
@@ -175,13 +175,12 @@ class CertifiedArc(OrientedBox):
         return self.frame[:, 0]
 
     def distance_within(self, half_length: float) -> float:
-        """Return a bound (rad) of the arc's distance from its axis for |s| up to a limit.
+        """Return a bound (rad) of each coordinate ``|y_i|`` of the arc.
 
-        s is the coordinate along the tangent, `half_length` (rad) the limit.
+        It is valid for coordinates ``|s|`` along the tangent up to `half_length` (rad).
         """
         distance = float(self.test.bound_arc(half_length, self.radius).distance)
-        # The arc is proven to stay in the box, so the radius is a bound even if the other
-        # bound is larger.
+        # The arc is proven to stay in the box, so the radius is also a bound.
         return min(distance, self.radius)
 
 
@@ -377,12 +376,13 @@ class TubeTest:
         values, slopes, curvatures = derivatives
         frame = tangent_frame.frame
         inverse = tangent_frame.inverse
-        # The bound C of derivatives of any order is needed for those of third order.
+        # The bound C is valid for derivatives of any order. It is used for third ones only.
         self.third_bound = equations.derivative_bound
         self.inverse_size = np.abs(inverse)
-        # The error of the computed derivatives, and the rounding of the matrix products
-        # below. Derivatives are at most C times products of degrees, and so is their
-        # rounding. The factor 4 exceeds the number of successive products, which is 3.
+        # Error bounds, each to be multiplied by the degrees of the derivative, as C is. The
+        # first part is the error of the computed derivatives (`harmonics` evaluates the
+        # equations as Fourier series). The second part is the rounding of the matrix
+        # products below. The factor 4 exceeds the number of successive products, 3.
         self.error = equations.harmonics.error + 4.0 * PRODUCT_ROUNDING * self.third_bound
         # (k, v) bounds of the degrees along the frame. A step along a column of the frame
         # changes each variable by an element of the column. `ROUND_UP` makes sums of
@@ -439,33 +439,34 @@ class TubeTest:
         are by y. Y is near the inverse of the latter. Y F' is near (0, 1), a column of
         zeros followed by the identity matrix, so the difference D = Y F' - (0, 1) is small.
         From F' (1, y') = 0 follows that the slope y' is at most
-        |column 0 of D| / (1 - contraction). The contraction is the largest row sum of the
-        other columns of |D|.
+        ``|column 0 of D|`` / (1 - contraction). The contraction is the largest row sum of
+        the other columns of ``|D|``.
 
         Parameters
         ----------
         half_length, radius
-            Limits (rad) of |s| and of each |y_i|: numbers, or arrays that broadcast against
-            each other.
+            Limits (rad) of ``|s|`` and of each ``|y_i|``: numbers, or arrays that broadcast
+            against each other.
         """
-        outer = np.multiply.outer
         # (v,) 1 at the coordinate along the tangent, and 0 at the others.
         along_tangent = self._tangent_coordinates
         along_normals = 1.0 - along_tangent
-        # (2, ..., v) largest coordinates. Index 0 of the first axis is for |s| up to the
-        # half length, index 1 for s = 0.
-        reach = outer(outer((1.0, 0.0), half_length), along_tangent) + outer(
-            radius, along_normals
-        )
+        # (..., v) largest coordinates: at s = 0, and in the whole box.
+        reach_at_centre = np.multiply.outer(radius, along_normals)
+        reach_of_box = np.multiply.outer(half_length, along_tangent) + reach_at_centre
+        # Index 0 of the first axis (2, ..., v) is the whole box, index 1 is s = 0.
+        reach = np.stack(np.broadcast_arrays(reach_of_box, reach_at_centre))
         # (2, ..., k, v) bounds of |D|.
         change = self.bound_slope_change(reach)
         contraction = change[0, ..., 1:].sum(axis=-1).max(axis=-1) * ROUND_UP
         # Where the contraction exceeds 1 the bounds become huge, and not negative.
         margin = np.maximum(1.0 - contraction, 1e-300)
+        # The contraction of the whole box is also a bound of that at s = 0.
         slope, slope_at_centre = change[..., 0].max(axis=-1) / margin * ROUND_UP
-        # The distance is that at s = 0, where the residual Y F is corrected, plus the
-        # integral of the slope. The bound of |D| is a polynomial of s with positive
-        # coefficients, so it is convex: its mean is at most the mean of both ends.
+        # The distance at s = 0 is at most |Y F| / (1 - contraction), with F at the centre
+        # (`_residual` is the largest |Y F|). To this the integral of the slope is added.
+        # The bound of |D| is a polynomial of s with positive coefficients, so it is convex:
+        # its mean is at most the mean of both ends.
         mean_slope = 0.5 * slope + 0.5 * slope_at_centre
         distance = (self._residual / margin + half_length * mean_slope) * ROUND_UP
         return ArcBounds(distance, contraction, slope)
@@ -476,7 +477,8 @@ def correct_configuration(
 ) -> Floats | None:
     """Return the configuration near a position, by Newton's method; None if it fails.
 
-    All equations of the mechanism are 0 in a configuration, up to 1e-10 here.
+    All equations of the mechanism are 0 in a configuration. Here each must be less than
+    1e-10 before the last step.
 
     Parameters
     ----------

@@ -22,10 +22,11 @@ def plan_requests(
     """Return what has to be evaluated, for each input that moves while others are locked.
 
     A pole is the axis about which one link rotates relative to another. A request lists the
-    poles and links to evaluate, with the plan of how poles follow from each other. For a
-    pole an analysis can need its direction, the velocity coefficient (`rates`), the
-    derivative of its direction by the input (`turns`), or two great circles that intersect
-    in it (`planes`).
+    poles and links to evaluate, with the plan of how poles follow from each other. `Needs`
+    has a set of poles for each quantity: `directions`, `rates` (velocity coefficients, the
+    angular velocity per unit rate of the input), `turns` (derivatives of the direction by
+    the input) and `planes` (two great circles that intersect in the pole). The flag
+    `derivatives` states whether derivatives by the input are evaluated, too.
 
     Parameters
     ----------
@@ -42,7 +43,9 @@ def plan_requests(
     links = needs.link_rates.union(*pair_links)
     link_numbers = sorted(mechanism.link_number[link] for link in links)
     # The direction of a pole is that of a relative angular velocity. The derivative of the
-    # direction therefore follows from rates and their derivatives.
+    # direction therefore follows from angular velocities and their derivatives. So the
+    # poles of `turns` are evaluated like those of `rates`. `turns` needs `derivatives`,
+    # too.
     rate_poles = sorted(needs.rates | needs.turns)
     return tuple(
         request(

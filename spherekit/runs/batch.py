@@ -555,9 +555,9 @@ class Batch:
         pole_quantity = _QUANTITY_BY_NAME.get(quantity)
         declared_in = "any" if pole_quantity is None else pole_quantity.declared_in
         # The sets that make the quantity available: the pole has to be in one of them. A
-        # direction is computed for three of the sets. The sets are searched one by one,
-        # because this method is called for every column of every pole, and a union of them
-        # would take longer.
+        # direction may be read if the pole is in one of three sets; `turns` alone is not
+        # enough. The sets are searched one by one, because this method is called for every
+        # column of every pole, and a union of them would take longer.
         declared = [needs.directions, needs.rates, needs.planes]
         declaration = "directions=..."
         if quantity == "planes":
