@@ -37,9 +37,8 @@ Smaller: the recommendation changes from one measurement to the next.
 class Measured:
     """The times and errors of one setting of a run, or of one value of a parameter.
 
-    A setting is a way to compute a run, such as an engine. Times are those of the run for
-    which a setting is sought. If fewer samples were measured, times are multiplied by the
-    ratio of the numbers of samples.
+    A setting is a way to compute a run, such as an engine. Settings may be measured with
+    fewer samples than the run has. The times are converted to all samples of the run.
 
     Attributes
     ----------
@@ -50,8 +49,8 @@ class Measured:
     seconds, seconds_median
         Best and median processor time (s) of the run, without compiling.
     first_seconds
-        The part of these times (s) that is spent before the first sample, and that does not
-        grow with the number of samples.
+        The part of both times (s) that is spent before the first sample. It does not depend
+        on the number of samples.
     compile_seconds
         Time (s) for compiling, which is spent once.
     error
@@ -182,11 +181,12 @@ class Trade:
         return tuple(best)
 
     def cheapest(self, tolerance: float) -> Measured | None:
-        """Return the quickest setting whose error times `MARGIN` is within a tolerance.
+        """Return one of the quickest settings that meet a tolerance, None if none does.
 
-        Times differ from run to run. The most accurate of all settings that are about as
-        quick as the quickest one is therefore returned. None if no setting meets the
-        tolerance.
+        Measured times scatter. Therefore all settings whose times hardly exceed the
+        shortest one count as equally quick, and the most accurate of these is returned. A
+        setting meets the tolerance if `MARGIN` times its error does not exceed it. The
+        errors were measured at some samples only, and can be larger at others.
 
         Raises
         ------
@@ -205,8 +205,6 @@ class Trade:
     def plot(self, tolerance: float | None = None, columns: Columns = 2) -> "Figure":
         """Return the work-precision figure: the error of each setting against its time.
 
-        A trade consists of the settings of a run with their measured times and errors.
-
         Parameters
         ----------
         tolerance
@@ -223,6 +221,7 @@ class Trade:
         OutputError
             If matplotlib is not installed.
         """
+        # `spherekit.trade` adds the function that draws; this module does not import it.
         if self.draw is None:
             raise AnalysisError("plot: only what spherekit.trade returns can be drawn")
         return self.draw(self, tolerance, columns)

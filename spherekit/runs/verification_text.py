@@ -66,7 +66,7 @@ def format_verification(verification: Facts) -> list[str]:
                 f"{unit} at {_describe_row(item)} "
                 f"({item['in_roundings']:.2g} roundings)"
             )
-    # `over_bound` is the largest ratio of an error to its bound.
+    # `over_bound` is the largest ratio of an error to its bound; it should be below 1.
     for name, quantity in BOUNDED_QUANTITIES.items():
         facts = verification[name]
         if facts["count"]:
@@ -84,6 +84,8 @@ def format_verification(verification: Facts) -> list[str]:
         f"  worst row: {_describe_row(worst)}: {worst['column']} = {worst['value']!r}, "
         f"in {verification['digits']} digits {worst['reference']!r}"
     )
+    # Analyses that have failed have no numbers. Others search configurations besides those
+    # of the run. Only rows at configurations of the run are computed again.
     if verification["not_verified"]:
         lines.append(
             "  not verified, as they failed or find configurations of their own: "

@@ -127,8 +127,11 @@ def series_colour(link: int | None, used_colours: Sequence[Colour]) -> Colour:
     unused_colours = [colour for colour in LINK_COLOURS[1:] if colour not in used_colours]
     if unused_colours:
         return unused_colours[0]
-    # All colours are used already, so they are repeated in their order.
-    return link_colour(len(used_colours) + 1)
+    # All colours are used already, so they are repeated in their order. `link_colour`
+    # begins again after the last colour. Its number 0 is the ground, so numbers of curves
+    # begin at 1.
+    curve_number = len(used_colours) + 1
+    return link_colour(curve_number)
 
 
 def lighten(colour: Colour, steps: int) -> Colour:

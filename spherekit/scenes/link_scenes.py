@@ -141,7 +141,9 @@ def graph_scene(mechanism: Mechanism) -> Scene:
         for link in pair.links
     ]
     positions = layout_graph(mechanism).tolist()
-    return Scene(None, (Graph("graph", nodes, edges, positions),))
+    graph = Graph("graph", nodes, edges, positions)
+    # Without a page of its own, the graph is shown on every page.
+    return Scene(page=None, primitives=(graph,))
 
 
 def moving_link_scenes(motion: Motion, shapes: list[Body]) -> list[Scene]:

@@ -269,14 +269,14 @@ class Mark:
 
 @dataclass(frozen=True)
 class PlaneCurve:
-    """A curve in the plane of a `Portrait`, a plot of one quantity against another.
+    """A curve in a plot of one quantity against another (`Portrait`).
 
     Attributes
     ----------
     points : array (k, 2)
-        x and y, in the units that the portrait states for its two quantities.
+        x and y, in the units that the plot states for its two quantities.
     tone : int
-        Number of the colour, the same for curves and marks of one kind.
+        Number of the colour in the list `TONES`, the same for curves and marks of one kind.
     label : str
         Name of the curve, if it has to be distinguished from others.
     """
@@ -585,9 +585,9 @@ class Scene:
     primitives : tuple
         The visible objects.
     over : tuple of Axis
-        The axes over which the rows are plotted. An analysis states them only if the rows
-        are not the samples of the run. Otherwise the run fills in its inputs or times when
-        it draws the scene.
+        The quantities over which values are plotted, such as a frequency. It is empty if
+        values belong to the samples of the run. They are then plotted over the inputs or
+        the time of the run, which are filled in when the scene is drawn.
     source : str
         Name of the analysis that shows the scene. The run fills it in.
     """
@@ -600,8 +600,8 @@ class Scene:
     def thinned(self, chosen: Bools) -> "Scene":
         """Return the scene at some of its samples.
 
-        A scene with axes of its own is returned unchanged, since its rows are no samples.
-        (The run fills in axes of samples later, when it draws the scene.)
+        A scene that states its own axes (`over`) is returned unchanged, since its values do
+        not belong to samples.
 
         Parameters
         ----------

@@ -68,18 +68,19 @@ class Aspects:
         (aspects,) numbers of configurations.
     sign_two, sign_one
         (aspects,) sign of the determinant that vanishes at type II, and of that of type I.
-        A sign is 0 if it has no meaning. The determinants are of motions in a basis of all
-        possible ones. If the loop equations are redundant, the basis has no fixed sense
-        from configuration to configuration. If the output has more degrees of freedom than
-        there are inputs, there is no square matrix. `sign_one` is also 0 if an aspect has
-        both signs, which is possible if only type II divides aspects.
+        Both refer to a basis of the rates that close the loops. A sign is 0 if it has no
+        meaning, in two cases. If the loop equations are redundant, the sense of the basis
+        can jump from configuration to configuration. If the output has more degrees of
+        freedom than there are inputs, the matrix of type I is not square. `sign_one` is
+        also 0 if an aspect has both signs, which is possible if only type II divides
+        aspects.
     modes
         (aspects,) largest number of configurations of the aspect at one sample. These are
         different assembly modes (ways to assemble the mechanism at the same inputs). If it
         exceeds one, the mechanism can change its assembly mode within the aspect, without a
         singularity.
     free_of
-        The types of singularity that divide aspects.
+        The types of singularity that divide aspects, so that no aspect contains them.
     singular
         Number of configurations that are singular themselves, and so in no aspect.
     note
@@ -226,13 +227,14 @@ class _AspectNodes(ArrayRows):
     is_regular
         (n,) whether the configuration has no singularity of a type that divides aspects.
     determinant_two, determinant_one
-        (n,) determinants that vanish at types II and I. The first one is 0 if the sense of
-        the motions is not fixed, so that its sign has no meaning. The second one is 0 if
-        the mechanism has no output.
+        (n,) determinants that vanish at types II and I. The first one is 0 if its sign has
+        no meaning: the sense of the basis of rates to which it refers is then arbitrary.
+        The second one is 0 if the mechanism has no output.
     slope_one
-        (n, g) derivatives of `determinant_one` by the g inputs. They show whether it
-        vanishes between two nodes. They are 0 if the caller lets only type II divide
-        aspects. Type II needs no derivatives, because no verified step passes it.
+        (n, g) derivatives of `determinant_one` by the inputs, whose number is g. They show
+        whether it vanishes between two nodes. They are 0 if only type II divides aspects.
+        Type II needs no derivatives: paths between nodes are followed by steps that are
+        tested not to pass it.
     """
 
     values: Floats
@@ -292,6 +294,9 @@ class _AspectGraph:
     ) -> None:
         """Make a graph without configurations.
 
+        Configurations at samples of the inputs are its nodes. Its edges are paths of the
+        inputs between them without a singularity. Connected parts are called aspects.
+
         Parameters
         ----------
         solver
@@ -314,32 +319,37 @@ class _AspectGraph:
         self.periods = variable_periods(solver.closure)
         self.output = output
         self.divides_by_type_one = divides_by_type_one
-        # Whether the determinant of type I changes its sign there; `_make_nodes` sets it.
+        # Whether the determinant of type I changes its sign at singularities of this type,
+        # so that its sign has a meaning. `_make_nodes` sets it.
         self.has_sign_of_type_one = False
         self.nodes = self._make_nodes(
             np.zeros((0, len(self.periods))), np.zeros(0, dtype=np.intp)
         )
         # One row for each sample. More columns are added for more configurations.
         self.numbers_at_sample = np.full((len(input_grid), 1), NO_CONFIGURATION)
+        # For each configuration and direction of the grid: whether the path was followed
+        # from its other end already.
         self.is_path_known = np.zeros((0, len(self.neighbours)), dtype=bool)
+        # The edges, as arrays (m, 2) of numbers of configurations.
         self.connections = [np.zeros((0, 2), dtype=np.intp)]
 
     def _make_nodes(self, values: Floats, samples: Indices) -> _AspectNodes:
         """Return nodes with the determinants whose signs separate aspects.
 
-        A determinant vanishes at singularities of its type, and generally changes its sign
-        there: for type II (two) the output can move while the inputs rest, for type I (one)
-        inputs can move while the output rests. Type II always divides aspects, and type I
-        if the caller asks for it. A node is regular if no singular value of the closure
-        equations, or of the conditions that divide aspects, is small. Regular nodes can
-        therefore be singular of type I if this type does not divide.
+        A node is a configuration at a sample of the grid of inputs. An aspect is a part of
+        the configurations that is connected without a singularity. A determinant vanishes
+        at singularities of its type, and generally changes its sign there. At type II (two)
+        the output can move while the inputs rest, at type I (one) the reverse. Type II
+        always divides aspects, and type I if the caller asks for it. A node is regular if
+        no singular value of the closure equations, or of the conditions that divide
+        aspects, is small.
 
         Parameters
         ----------
         values
             (n, V) variables of the configurations (rad).
         samples
-            (n,) sample of each.
+            (n,) number of the sample of each configuration.
         """
         closure = self.solver.closure
         input_count = len(self.driven)
@@ -350,8 +360,10 @@ class _AspectGraph:
         smallest_value = np.minimum(
             space.reciprocal_condition, measure_two.smallest_singular_value
         )
-        # A determinant does not change its sign if the sense of the basis of motions is not
-        # fixed, or if there are more conditions than motions. Its sign has no meaning then.
+        # The determinant refers to a basis of the rates that close the loops. If the sense
+        # of this basis is arbitrary, the sign has no meaning, and the determinant is set to
+        # 0. That of type I is kept in such a case, since it still vanishes at
+        # singularities; `label_aspects` then ignores its sign.
         determinant_two = np.zeros(len(values))
         if measure_two.changes_sign:
             determinant_two = measure_two.value
@@ -443,8 +455,8 @@ class _AspectGraph:
 
         Configurations that are met for the first time are added and continued in turn,
         until none is new, or until the limit of time or of their number is reached. No
-        paths start at singular configurations, which belong to no aspect. All results are
-        stored in the graph.
+        paths start at singular configurations, which cannot be connected to others. All
+        results are stored in the graph.
         """
         processed = 0
         while processed < len(self.nodes) < MAX_ASPECT_CONFIGURATIONS:
@@ -455,12 +467,13 @@ class _AspectGraph:
             new = processed + np.flatnonzero(self.nodes.is_regular[processed:])
             processed = len(self.nodes)
             # Direction 2 k of the grid leads upwards along input k, and 2 k + 1 downwards.
-            # Paths upwards along all inputs come first, then those downwards, unless the
-            # same path was followed upwards from its other end.
+            # All paths upwards are followed first. A path downwards is often one of these,
+            # seen from its other end, and is then left out.
             for is_downwards in (0, 1):
-                needs_path = ~self.is_path_known[new, is_downwards::2]
-                start, input_number = np.nonzero(needs_path)
-                self._follow_paths(new[start], 2 * input_number + is_downwards)
+                directions = np.arange(is_downwards, len(self.neighbours), 2)
+                needs_path = ~self.is_path_known[new[:, None], directions]
+                start, direction_index = np.nonzero(needs_path)
+                self._follow_paths(new[start], directions[direction_index])
 
     def _follow_paths(self, starts: Indices, directions: Indices) -> None:
         """Follow straight paths of the inputs, and connect configurations at their ends.
@@ -531,12 +544,18 @@ class _AspectGraph:
     def label_aspects(self, free_of: tuple[LocusName, ...]) -> Aspects:
         """Return the regular configurations with their aspects.
 
-        Aspects are the connected components of the graph. `free_of`, the types of
-        singularity that divide aspects, is passed to the result.
+        Aspects are the connected components of the graph.
+
+        Parameters
+        ----------
+        free_of
+            The types of singularity that divide aspects, which the result states.
         """
+        # Numbers of the regular configurations among all, rising.
         regular_numbers = np.flatnonzero(self.nodes.is_regular)
         nodes = self.nodes.rows(regular_numbers)
-        # Connections by positions among the regular configurations.
+        # Connections have numbers among all configurations. They are converted to positions
+        # among the regular ones.
         edges = np.searchsorted(regular_numbers, np.concatenate(self.connections))
         label = label_components(len(regular_numbers), edges)
 
@@ -560,6 +579,7 @@ class _AspectGraph:
         determinant_one = nodes.determinant_one * self.has_sign_of_type_one
         return Aspects(
             input_grid=self.input_grid,
+            # A sample is a row of the input grid.
             row=nodes.sample,
             values=nodes.values,
             inputs=nodes.values[:, self.driven],

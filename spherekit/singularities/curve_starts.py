@@ -222,6 +222,7 @@ class LocusPointSearch:
                 "are of it"
             )
             return Completeness(Guarantee.SAMPLED, reason)
+        # A note says what was left out because of the time limit. It can be empty.
         notes = [self.time_limit.note]
         if self.section is None:
             starts_without_result = self._rounds_without_result * CURVE_STARTS_PER_ROUND
@@ -233,6 +234,8 @@ class LocusPointSearch:
         else:
             notes = [self.section.note, *notes]
             reason = f"{self._searched_slice_curves} curves on slices were searched"
+            # Without notes all slices were searched, and nothing but a box between them
+            # remains.
             if not any(notes):
                 gaps = self.section.gaps
                 sides = " by ".join(f"{np.degrees(gap):.3g}" for gap in gaps)
@@ -321,13 +324,14 @@ def points_from(
     At most n points.
     """
     # Linear equations (borders of the matrix of Newton's method) that keep all inputs but
-    # one, for each free input. The last choice keeps none: equations 0 = 0.
+    # one, for each free input. The last choice keeps none: its equations are 0 = 0. They
+    # do no harm, because each step is the shortest one that satisfies all equations.
     input_rows = np.eye(values.shape[1])[list(driven)]
     choices = [np.delete(input_rows, free, 0) for free in range(len(input_rows))]
     choices.append(0.0 * input_rows[1:])
     borders = np.array(choices)[np.arange(len(values)) % len(choices)]
-    # The motion at each configuration that comes nearest to a singular one, as the start of
-    # Newton's method.
+    # A singular motion consists of unit rates that close the loops while the inputs (or the
+    # output) rest. Newton's method starts with the rates at which these move least.
     motions = locus.measure(locus.tangent_space(values)).motion
     targets = np.matvec(borders, values)
     points = locus.correct(

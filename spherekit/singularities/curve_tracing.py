@@ -156,7 +156,8 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
         Each curve is followed in both directions from its start: the first half of all rows
         are the curves in one direction, the second half the same curves in the other one. A
         curve that closed in the first direction is complete, so its second direction ends
-        with status OK. At the time limit, curves end with status MODE_LOST.
+        with status OK. At the time limit, curves end with the status MODE_LOST, like other
+        curves that cannot be followed further.
 
         Parameters
         ----------
@@ -273,6 +274,7 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
             (k, V) variables of the starts, moved by whole periods (rad).
         """
         # Unit vectors are the same motion, up to the sign, if their cosine is near 1 or -1.
+        # `SAME_LAP_COSINE` is the smallest size of the cosine with which a curve closes.
         # `sense` is the sign, or NaN for another motion.
         cosine = np.vecdot(starts.points.motions, nodes.points.motions)[:, None]
         sense = np.where(np.abs(cosine) < SAME_LAP_COSINE, np.nan, np.sign(cosine))
@@ -282,6 +284,7 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
             motions=sense * starts.points.motions,
             motion_derivatives=sense[:, None] * starts.points.motion_derivatives,
         )
+        # The base class reads `values` of the nodes, this class also their `points`.
         return replace(starts, values=points.values, points=points)
 
     def select_steps(
