@@ -152,18 +152,22 @@ class RunPlan:
             For each input, the last pole directions of the previous block. The signs of
             directions continue from there. They are updated in place.
         """
-        # A kernel (a compiled function that evaluates many rows at once) has computed the
-        # motion of this block. Then the `BatchRunner` knows this very object by its id. Its
-        # pole fields compute the poles by the kernel too, when they are read.
+        # The motion may have been computed by a kernel, a compiled function that evaluates
+        # many rows at once. The `BatchRunner` has then noted this object by its id among
+        # those whose poles are not read yet (`unread`). The kernel computes the poles too,
+        # when they are read.
         if isinstance(self.source, BatchRunner) and id(motion) in self.source.unread:
             return self.source.fields(motion, sign_continuations)
-        # A run that only measures the size of its tables evaluates only some poles.
+        # If a run only measures the size of its tables, the numbers in them do not matter.
+        # Some poles are then evaluated, and the others are filled in.
         if self.max_poles is not None:
             return tuple(
                 evaluate_sample(motion, request, self.max_poles)
                 for request in self.requests
                 if request.poles
             )
+        # The setting states the engine, and whether it computes poles from velocity
+        # equations or from great circles (the route).
         return tuple(
             evaluate(
                 motion,
@@ -257,10 +261,10 @@ class RunPlan:
     ) -> None:
         """Store the rows of a table for a block of samples, and count them.
 
-        Failed rows are counted too. Most analyses have rows for the samples of the block. A
-        row whose configuration failed is then no failure of the analysis. Some analyses
-        read no samples, and compute configurations of their own. All their failed rows are
-        failures, even if their tables have columns for sample and assembly mode.
+        The failures of an analysis are counted separately. Most analyses have rows for the
+        samples of the block. If the configuration of a sample does not exist, its rows fail
+        too, but this is no failure of the analysis. Some analyses read no samples, and
+        compute configurations of their own. All their failed rows are failures.
 
         Parameters
         ----------
@@ -274,8 +278,8 @@ class RunPlan:
             Receives the rows, with a column for the names of assembly modes (ways to
             assemble the mechanism) if the mechanism names any. None if no rows are kept.
         batch
-            The samples of the block as the analysis has read them, with which its rows are
-            compared to count those that failed. None if these are not counted.
+            The samples of the block as the analysis has read them. Their status shows
+            which configurations do not exist. None if failures are not counted.
         """
         if table_store is not None:
             mode_names = {
@@ -290,12 +294,14 @@ class RunPlan:
         names_without_samples = [
             analysis.name for analysis in self.analyses if not analysis.reads_samples
         ]
+        # Whether the rows belong to the samples of the block.
+        has_rows_of_batch = analysis_name not in names_without_samples
         run_state.count_rows(
             analysis_name,
             table,
             rows,
             batch=batch,
-            has_rows_of_batch=analysis_name not in names_without_samples,
+            has_rows_of_batch=has_rows_of_batch,
         )
 
     @cached_property
@@ -388,8 +394,11 @@ def collect_needs(analyses: Analyses, mechanism: Mechanism) -> DeclaredNeeds:
     ------
     AnalysisError
         If a parameter does not fit the mechanism, or two analyses have the same name.
+    PlanError
+        If the mechanism has no pair that can be driven.
     """
-    # Without names of pairs the mechanism keeps its own inputs, which are checked.
+    # Without names of other inputs, `driven_at` returns the mechanism itself. It raises an
+    # error if the mechanism cannot be driven, on which the needs of analyses rely.
     mechanism = driven_at(mechanism)
     # The tables of an analysis are stored under its name, so it can occur only once.
     for name, count in Counter(analysis.name for analysis in analyses).items():
@@ -585,10 +594,13 @@ def extract_needed_part(study: Study, analyses: Analyses) -> Mechanism:
             continue
         # All links on which the quantities in the needs depend.
         links = links_of(mechanism, needs)
-        # An analysis with `tracer` computes further configurations. It reads the whole
-        # mechanism unless it declares `links`. Any other analysis reads the whole mechanism
-        # if its needs name no quantity of a link.
-        reads_whole = not needs.links if needs.tracer else not links
+        if needs.tracer:
+            # The analysis computes configurations beside the samples by the position
+            # analysis. It may read the whole mechanism there unless it declares `links`.
+            reads_whole = not needs.links
+        else:
+            # No quantity of a link is declared.
+            reads_whole = not links
         if reads_whole:
             raise AnalysisError(
                 f"{analysis.name}: looks at the whole mechanism, so no part of it can be "

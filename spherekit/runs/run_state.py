@@ -185,7 +185,7 @@ class RunState:
         is_assembled = motion.status == Status.OK
         self._note_error(CLOSURE_RESIDUAL, motion.residual)
         self._note_error(CONFIGURATION_ERROR, motion.configuration_error[is_assembled])
-        self._count_poles(motion, pole_fields)
+        self._count_poles(pole_fields)
 
         if self.mobility_by_rank is None and np.any(is_assembled):
             closure = position_analysis.solver.closure
@@ -198,7 +198,7 @@ class RunState:
             pair_names = motion.mechanism.names_of(pairs)
             self.redundant_constraints = {"count": count, "pairs": pair_names}
 
-    def _count_poles(self, motion: Motion, pole_fields: PoleFields) -> None:
+    def _count_poles(self, pole_fields: PoleFields) -> None:
         """Count the statuses of the poles of a block, and record their error bounds.
 
         A pole is the axis about which one link rotates relative to another. Poles are
@@ -207,25 +207,19 @@ class RunState:
 
         Parameters
         ----------
-        motion
-            The configurations of the block.
         pole_fields
             The poles of the block, for each input that moves while the others are locked.
         """
-        has_configuration = motion.status == Status.OK
+        has_several_inputs = len(pole_fields) > 1
         for pole_field in pole_fields:
-            # If no velocities failed, the field has the very array of the motion, which
-            # need not be compared again.
-            if pole_field.status is motion.status:
-                is_valid = has_configuration
-            else:
-                is_valid = pole_field.status == Status.OK
+            is_valid = pole_field.status == Status.OK
             # Many poles share one array of status codes (n,), which is counted once.
             for codes, pole_count in _count_shared_arrays(pole_field.pole_status.values()):
                 valid_codes = codes[is_valid]
                 # With several inputs, the locked ones can hold two links together, which
                 # then have no pole in any row. Such poles are not counted.
-                if len(pole_fields) == 1 or np.any(valid_codes != Status.NO_POLE):
+                is_rigid = has_several_inputs and np.all(valid_codes == Status.NO_POLE)
+                if not is_rigid:
                     self._count_statuses((POLES,), valid_codes, pole_count)
             if isinstance(pole_field, LazyField):
                 errors = pole_field.error_maxima
@@ -310,19 +304,22 @@ class RunState:
         ignored = [Status.OK]
         if needs.directions | needs.rates | needs.planes:
             ignored += [Status.NO_POLE, Status.ILL_CONDITIONED]
-        has_sample_rows = has_rows_of_batch and table.in_assembly_modes and len(batch) > 0
+        has_sample_rows = has_rows_of_batch and table.in_assembly_modes
         for column in table.columns:
             if column.kind != "status":
                 continue
-            # A column can be `Interleaved`: it has rows for several subjects, such as
-            # poles, and stores an array for each subject. Subjects without a status of
-            # their own share one array, which is counted once, `part_count` times.
+            # A table may have a row for each of several poles, for example. Its columns are
+            # then `Interleaved`: they store one array of status codes for each pole. Poles
+            # without codes of their own share one array, which is counted once and
+            # multiplied by the number of these poles.
             values = data[column.name]
             parts = values.parts if isinstance(values, Interleaved) else (values,)
             arrays = (np.asarray(part) for part in parts)
             for codes, part_count in _count_shared_arrays(arrays):
-                # Each sample of the batch has the same number of rows.
-                if has_sample_rows and len(codes) % len(batch) == 0:
+                # Rows belong to samples if each sample has the same number of them. Rows
+                # with the status of their configuration are then left out.
+                has_equal_shares = len(batch) > 0 and len(codes) % len(batch) == 0
+                if has_sample_rows and has_equal_shares:
                     sample_codes = codes.reshape(len(batch), -1)
                     codes = sample_codes[sample_codes != batch.status[:, None]]
                 key = (FAILED, analysis_name, table.name)

@@ -178,7 +178,8 @@ class Sampling:
     ) -> Mapping[str, Floats]:
         """Return pair variables of a block that continue those of the previous block.
 
-        The variables have no jumps of whole revolutions.
+        Angles of a motion are in (-pi, pi], except for the inputs. The returned variables
+        have no jumps of whole revolutions.
 
         Parameters
         ----------
@@ -195,15 +196,15 @@ class Sampling:
         """
         solver = self.position_analysis.solver
         passive_names = set(names) - set(self.position_analysis.inputs)
-        # Inputs have no jumps, so the states are only needed if a passive pair is
-        # requested.
         if self.simulation is not None and passive_names:
-            assert motion.timing is not None
-            # A simulation has counted the revolutions already. They are added to all
-            # variables that are angles; `solver.angles` has the numbers of these variables.
-            difference = self.simulation.at(motion.timing.t).values - motion.values
+            # A simulation has counted the revolutions of all variables already. They are
+            # added to the variables that are angles. Inputs have them in the motion too.
+            assert motion.timing is not None  # a simulation always has times
+            simulated_values = self.simulation.at(motion.timing.t).values
+            revolutions = np.round((simulated_values - motion.values) / TURN)
+            angle_indices = solver.angles
             values = motion.values.copy()
-            values[:, solver.angles] += TURN * np.round(difference / TURN)[:, solver.angles]
+            values[:, angle_indices] += TURN * revolutions[:, angle_indices]
             motion = replace(motion, values=values)
         # Without a simulation, revolutions are counted from sample to sample.
         angle_unwrapping = self.position_analysis.angle_unwrapping
@@ -460,9 +461,9 @@ def _simulate_study(
 
     def show_progress(partial_simulation: Simulation) -> None:
         """Pass all samples to `on_progress`, with the part that is simulated already."""
-        # The motion at a sample is computed from the simulation. Inputs and rates of all
-        # samples are known for a part only, and nothing reads them during the simulation.
-        # A column of NaN takes their place, whatever the number of inputs.
+        # Inputs and rates at the later samples are not known yet. During the simulation
+        # nothing reads these attributes, because the motion at a sample is computed from
+        # the simulation. A single column of NaN stands for them, even for several inputs.
         unknown = nans((len(t), 1))
         assert on_progress is not None
         on_progress(

@@ -58,8 +58,8 @@ Smaller: a single disturbed round decides. Larger: the budget is exceeded by slo
 class TradeOptions:
     """Options of `spherekit.trade`, beside those that it shares with other functions.
 
-    The function measures the time and the error of each setting of a run. A setting is one
-    way to compute the run, such as an engine.
+    The function measures how much accuracy a run trades for speed: the time and the error
+    of each setting. A setting is one way to compute the run, such as an engine.
 
     Attributes
     ----------
@@ -74,8 +74,8 @@ class TradeOptions:
         Time (s) after which no further round begins.
     """
 
-    # Fields of a study that are no options of `spherekit.trade`. `apply_study_options`
-    # reads this list; all other fields of a study are options too.
+    # The function `spherekit.trade` also takes the fields of a `Study` as options, except
+    # for these. `apply_study_options` reads this list.
     excluded_study_fields = ("tolerance", "verify", "degrees")
 
     settings: Sequence[Setting] | None = None
@@ -179,8 +179,8 @@ def compute_timed_tables(
 ) -> TimedTables:
     """Compute the tables of an analysis with a setting, and measure the processor time.
 
-    The time until the run is planned does not depend on the number of samples. It is
-    returned separately, so that the time of a run with more samples can be estimated.
+    The time for planning the run does not depend on the number of samples. It is returned
+    separately, so that the time of a run with more samples can be estimated.
 
     Parameters
     ----------
@@ -191,30 +191,29 @@ def compute_timed_tables(
     setting
         The way to compute the quantities that the analysis reads.
     reference_fields
-        Poles of the reference, for each input. A pole direction is a line with two senses.
-        The senses are made equal to those of the reference, so that directions can be
-        compared. Without a reference they are not changed.
+        Poles with which the computed ones will be compared, one field for each input that
+        moves while the others are locked. A pole is the axis about which one link rotates
+        relative to another, and both directions along it are equally right. The computed
+        directions get the sense of these. Empty if they are not compared.
     """
     start = time.process_time()
     run_plan = make_analysis_plan(sampling, analysis, setting)
     planning_seconds = time.process_time() - start
 
     def make_batches() -> Iterator[Batch]:
-        """Yield the data of each block of samples, as the analysis reads them.
-
-        The two senses of a pole axis are equally right. If there is a reference, the axes
-        get the senses that they have there, so that opposite senses do not count as errors.
-        """
-        # `source` computes the motion of each block. The poles of a block, and its
-        # variables without jumps of whole turns, are evaluated from the motion.
+        """Yield the data of each block of samples, as the analysis reads them."""
+        # `source` computes the motion of each block. From the motion follow the poles and
+        # the continued angles, which are pair variables without jumps of whole turns.
         blocks = run_plan.source.blocks(run_plan.block_size)
         for motion, pole_fields, continued_angles in run_plan.evaluate_blocks(blocks):
             if reference_fields:
-                # The reference has len(sampling) rows for the first assembly mode, then as
-                # many for the next mode. The block has `motion.samples` rows for each mode,
-                # and `motion.sample` is the number of the sample of each row.
+                # Find the rows of the reference that belong to the rows of the block. Both
+                # have all rows of the first assembly mode, then those of the next one. In
+                # each mode the reference has a row for every sample, but the block only
+                # for `block_size` samples, whose numbers are in `motion.sample`.
+                block_size = motion.samples
                 first_rows = np.arange(len(motion.assembly_modes)) * len(sampling)
-                reference_rows = motion.sample + np.repeat(first_rows, motion.samples)
+                reference_rows = motion.sample + np.repeat(first_rows, block_size)
                 pole_fields = align_directions(
                     pole_fields, reference_fields, reference_rows
                 )
@@ -434,15 +433,16 @@ def _simulate_tables(
     study
         Start and driving torques of the simulation.
     setting
-        Integrator and tolerance.
+        Integrator and tolerance of the simulation.
     reference_fields
-        Poles (axes of the rotation of one link relative to another) of the reference, for
-        each input. A pole direction has two possible senses. The senses are made equal to
-        those of the reference.
+        Poles (axes of the rotation of one link relative to another) of a more accurate
+        simulation, one field for each input. Both directions along a pole are equally
+        right; the computed ones get the sense of these. Empty if they are not compared.
 
     Returns
     -------
-    The tables. The time of the simulation counts as spent before the first sample.
+    The tables. The time of the simulation counts as spent before the first sample, so that
+    it is not multiplied when the time of a run with more samples is estimated.
     """
     start = time.process_time()
     sampling = _simulate(run_plan, study, setting)
@@ -452,6 +452,8 @@ def _simulate_tables(
     if reference_fields and len(sampling) != len(reference_fields[0].status):
         reference_fields = ()
     (analysis,) = run_plan.analyses
+    # Only simulations are compared here. All tables are computed in the same way, with the
+    # default setting.
     timed_tables = compute_timed_tables(sampling, analysis, ORDINARY, reference_fields)
     return TimedTables(
         timed_tables.tables,
@@ -499,7 +501,8 @@ def _compute_exact_tables(
 ) -> ReferenceTables:
     """Compute the tables of an analysis from a simulation in more digits than float64.
 
-    They are the reference of simulations with one input.
+    Errors of float64 simulations are measured by these tables. The simulation has one
+    input.
 
     Parameters
     ----------
@@ -520,16 +523,18 @@ def _compute_exact_tables(
     duration = run_plan.sampling.duration
     assert simulation is not None and study.start is not None and duration is not None
     assert sampling.t is not None
-    # The simulation in many digits. All samples of the float64 simulation are one block.
+    # `refined` repeats the simulation in many digits.
     exact = refined(simulation, study.start, duration)
+    # The motion of the float64 simulation, at all samples in one block.
     (motion,) = sampling.blocks(len(sampling))
     # Variables (n, variables), then their first and second derivatives by time, as balls:
     # numbers of many digits with error bounds.
     states, *derivatives = exact.at(sampling.t)
     (driven,) = simulation.driven
 
-    # The simulation counts revolutions. The variables are shifted by whole revolutions to
-    # those of the motion, in (-pi, pi], except for the input.
+    # A simulation counts revolutions, but a motion has angles in (-pi, pi]. So the exact
+    # variables are shifted by whole revolutions to those of the motion. Only the input
+    # keeps its revolutions, in the motion too.
     revolutions = np.round((centre_floats(states) - motion.values) / TURN)
     with exact.arithmetic.within():
         values = centre_floats(states - exact_balls(revolutions) * (2 * pi_ball()))
@@ -540,9 +545,9 @@ def _compute_exact_tables(
     input_rates = [centre_floats(derivative[:, [driven]]) for derivative in derivatives]
     if exact.kind == "sticking":
         # The simulation ends where a pair begins to stick. Dry friction jumps there, and
-        # with it the accelerations, so neither value before or after the jump is the only
-        # right one. Rates and accelerations are made NaN from there on, and nothing that
-        # follows from them is compared.
+        # with it the accelerations. The values before and after the jump are equally right.
+        # Rates and accelerations are made NaN from there on, so that columns computed from
+        # them have no reference value and no error.
         is_sticking = sampling.t >= min(float(exact.end), simulation.end.t)
         for rate in input_rates:
             rate[is_sticking] = np.nan

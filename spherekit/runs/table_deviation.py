@@ -77,11 +77,9 @@ def compute_deviations(
     """Return the largest deviation of every column of numbers from reference values.
 
     Some errors are absolute, such as those of angles. The others are relative to the
-    largest reference value of all columns of the table with the same unit, because the
-    values of one column may all be rounding errors, for example a torque that balances
-    others. All columns with a unit such as N m/rad, of derivatives by an angle, may be
-    rounding errors too. Their errors are then relative to the columns in N m, which are
-    differentiated.
+    largest reference value of all columns of the table with the same unit. One column alone
+    would be no good scale: its values may all be rounding errors, as those of a torque that
+    is zero in theory. `_find_scale` has an exception for derivatives by an angle.
 
     Parameters
     ----------
@@ -112,11 +110,12 @@ def compute_deviations(
             scale = 1.0
             if not is_absolute(column):
                 scale = _find_scale(largest_by_unit, column.unit)
+            # The differences in the rows in which both tables have a number, and the number
+            # of rows in which the reference has one.
             differences, reference_count = _subtract(
                 column, columns[column.name], reference_columns[column.name]
             )
-            # `differences` has an entry for each row in which both tables have a number. A
-            # deviation below one rounding of float64 counts as one rounding.
+            # A deviation below one rounding of float64 counts as one rounding.
             deviations.append(
                 Deviation(
                     column=f"{table.name}.{column.name}",

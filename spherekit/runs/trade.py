@@ -87,11 +87,13 @@ Larger: times that scatter less, in more time.
 def choose_check_samples(sampling: Sampling, even_count: int, request: Request) -> Indices:
     """Return the numbers of the samples at which errors are measured.
 
-    The samples are spread evenly, and refined where the error bounds of pole axes have a
-    peak, because errors of rounding and of interpolation are largest there. A pole is the
-    axis about which one link rotates relative to another. Samples in the middle of the gaps
-    on both sides of the highest peaks (`MAX_REFINED_PEAKS`) are added, until these peaks
-    and their neighbours are successive samples of the run.
+    The samples are spread evenly, and more are added where large errors are expected: at
+    peaks of the error bounds of poles. A pole is the axis about which one link rotates
+    relative to another.
+
+    Between the highest peaks (`MAX_REFINED_PEAKS`) and the next chosen samples on both
+    sides, samples of the run may have been skipped. Those in the middle of these gaps are
+    added. This is repeated until no sample is skipped there.
 
     Parameters
     ----------
@@ -113,9 +115,11 @@ def choose_check_samples(sampling: Sampling, even_count: int, request: Request) 
     new_samples = samples
     while len(new_samples):
         motion = sampling.motion_at(samples)
-        # Poles as intersections of the best conditioned great circles, with error bounds.
+        # Poles as intersections of the best conditioned great circles (a route to compute
+        # them), with error bounds.
         field = evaluate(motion, request, route="conditioned")
-        # (modes, samples) the largest error bound of any pole direction, 0 without one.
+        # (modes, samples) the largest error bound of any pole direction, 0 if no pole has a
+        # bound.
         bounds = [np.zeros(len(motion)), *field.direction_error.values()]
         largest_bound = np.fmax.reduce(bounds).reshape(-1, len(samples))
         # A peak is no smaller than its neighbours. With a column of -1 on both sides, the
@@ -235,8 +239,8 @@ def _choose_sampling(
 ) -> Sampling:
     """Return the samples at which the errors of settings are measured.
 
-    They are those of the run, or fewer over the same range, because reference values in
-    many digits take time.
+    A setting is one way to compute a run, such as an engine. The samples are those of the
+    run, or fewer over the same range, because reference values in many digits take time.
 
     Parameters
     ----------
@@ -262,9 +266,10 @@ def _choose_sampling(
         side = max(2, int(max_count ** (1.0 / axis_count)))
         samples = tuple(min(axis_samples, side) for axis_samples in sampling.shape)
         return make_sampling(replace(study, samples=samples))
-    # The first request has the poles of the first input, which decide where samples along
-    # a path are added.
+    # On a path of the inputs, samples are added where poles have large error bounds. The
+    # first request has the poles that move with the first input.
     rows = choose_check_samples(sampling, max_count, run_plan.requests[0])
+    # Assembly modes are searched again at these samples if the study asks for it.
     return take_samples(sampling, rows, study.search)
 
 
@@ -317,19 +322,24 @@ def _trade_samples(run_plan: RunPlan, study: Study, trade_options: TradeOptions)
     ]
 
     def run_setting(setting: Setting, is_compared: bool) -> TimedTables:
-        """Run the analysis once with a setting.
+        """Run the analysis once with a setting (a way to compute velocities).
 
-        `is_compared` says whether the tables will be compared with the reference.
+        `is_compared` states whether the tables will be compared with the reference.
         Otherwise only the times count.
         """
-        if is_compared or kernel_sampling is None or setting != ORDINARY:
-            fields = reference.pole_fields if is_compared else ()
-            return compute_timed_tables(sampling, analysis, setting, fields)
-        timed_tables = compute_timed_tables(kernel_sampling, analysis, setting)
+        if is_compared:
+            return compute_timed_tables(sampling, analysis, setting, reference.pole_fields)
+        # The user's run may be long enough for a kernel, which only the default setting
+        # uses. The few samples at which errors are measured are too few for it, so the
+        # default setting is timed at other samples.
+        timed_sampling = kernel_sampling if setting == ORDINARY else None
+        if timed_sampling is None:
+            return compute_timed_tables(sampling, analysis, setting)
+        timed_tables = compute_timed_tables(timed_sampling, analysis, setting)
         # `first_seconds` is the time before the first sample, which does not depend on the
         # number of samples. The rest is converted to the samples of the other settings.
         sample_seconds = timed_tables.seconds - timed_tables.first_seconds
-        sample_seconds = sample_seconds * len(sampling) / len(kernel_sampling)
+        sample_seconds = sample_seconds * len(sampling) / len(timed_sampling)
         return timed_tables._replace(seconds=timed_tables.first_seconds + sample_seconds)
 
     measured_settings = measure_candidates(
@@ -478,13 +488,13 @@ def _run_with_value(
     analysis
         The analysis.
     sweep
-        The parameter, values of other parameters (`beside`), and the table that is
-        compared.
+        The parameter, and the table of the analysis that is compared between its values.
+        `sweep.beside` has values of other parameters, which are constant.
     value
         The value of the parameter. The parameter "samples" is the number of samples.
     is_compared
-        Not used, because the tables are returned in any case. Functions that run an
-        analysis for `measure_candidates` have this argument.
+        Not used, because the tables are returned in any case. All functions that
+        `measure_candidates` calls have this argument.
     """
     start = time.process_time()
     sample_count = min(study.count, MIN_CHECKED_SAMPLES)
@@ -501,6 +511,7 @@ def _run_with_value(
         raise AnalysisError(result.failures[analysis.name])
     data = arrays(result.results[analysis.name].data[sweep.table])
     seconds = time.process_time() - start
+    # `seconds` is the total time and includes `first_seconds`.
     return TimedTables({sweep.table: data}, first_seconds=seconds, seconds=seconds)
 
 

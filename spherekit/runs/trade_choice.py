@@ -147,8 +147,8 @@ def read_stored_trades(
 ) -> list[Trade]:
     """Read the trades that were stored for the analyses of a run, and check them.
 
-    A trade consists of the settings of a run (ways to compute it) with their measured times
-    and errors. It belongs to one analysis.
+    A trade is a measurement of speed against accuracy: the settings of a run (ways to
+    compute it), each with its time and error. It belongs to one analysis.
 
     Parameters
     ----------
@@ -188,7 +188,11 @@ def read_stored_trades(
                 f"{run_description['analysis']} -o {path} and the options of the run, or "
                 "leave --trade out"
             )
-        if all(measured.setting is None for measured in stored_trade.settings):
+        # A trade can also compare values of a parameter of the analysis, without settings.
+        has_settings = any(
+            measured.setting is not None for measured in stored_trade.settings
+        )
+        if not has_settings:
             raise AnalysisError(
                 f"{path}: the trade is of parameters of {stored_trade.analysis}, not of "
                 "ways to run it; give the parameter with -a NAME:key=value, and leave "
@@ -228,31 +232,33 @@ def _choose_from_trades(
 ) -> SettingChoice:
     """Return the cheapest setting that meets a tolerance in all trades.
 
-    A trade consists of the settings of a run (ways to compute it) with their measured times
-    and errors, for one analysis. Measured times scatter, so all settings that are about as
-    fast as the cheapest one count as equally cheap, and the most accurate of these is
-    returned. If no setting meets the tolerance, the most accurate one is returned.
+    A trade is a measurement of speed against accuracy, for one analysis: the settings of a
+    run (ways to compute it), each with its time and error. Measured times scatter, so all
+    settings that are about as fast as the cheapest one count as equally cheap, and the most
+    accurate of these is returned. If no setting meets the tolerance, the most accurate one
+    is returned.
 
     Parameters
     ----------
     trades
         One trade for each analysis. Only settings that all of them contain are considered.
     tolerance
-        Largest error that is accepted, in units of the scale of each column.
+        Largest error that is accepted. Errors in the tables of an analysis are absolute
+        (rad) for angles, otherwise relative to the largest number of the same unit.
     kind
         Adjective for the trades in the reason, such as ``"stored"``.
     """
-    # For each trade, its usable settings with their times and errors. A setting counts if
-    # it could be run and gave all numbers that the reference has.
+    # For each trade, its usable settings with their times and errors. `item.counts` is true
+    # if the setting could be run and gave all numbers of the reference. `item.setting` is
+    # None for a value of a parameter, which is no setting.
     measured_of_trades: list[dict[Setting, Measured]] = []
     for stored_trade in trades:
-        measured_of_trades.append(
-            {
-                item.setting: item
-                for item in stored_trade.settings
-                if item.setting and item.counts
-            }
-        )
+        usable = {
+            item.setting: item
+            for item in stored_trade.settings
+            if item.setting and item.counts
+        }
+        measured_of_trades.append(usable)
     # The total time and the largest error of each setting over all trades.
     costs: dict[Setting, Cost] = {}
     for setting in measured_of_trades[0]:
@@ -264,6 +270,7 @@ def _choose_from_trades(
             )
     origin = f"of a {kind} trade of {listing(item.analysis for item in trades)}"
     if not costs:
+        # The default setting needs no measurement.
         return SettingChoice(ORDINARY, np.nan, f"no setting {origin} gives all rows")
     # Errors were measured at some samples only, so they need a margin.
     sufficient_costs = {

@@ -61,6 +61,7 @@ def measure_run(run_plan: RunPlan) -> tuple[list[Deviation], int]:
 
     # The same samples as the run computes them, in a single block.
     (block,) = run_plan.evaluate_blocks([run_plan.source.motion_at(samples)])
+    # The continued angles are pair variables without jumps of whole revolutions.
     motion, pole_fields, continued_angles = block
     # A pole is an axis, whose direction may point either way. In both tables directions
     # point as in the reference.
@@ -85,8 +86,9 @@ class ReferenceTables:
         The poles from which they are computed, for each input that moves while the others
         are locked. A pole is the axis about which one link rotates relative to another.
     lacking
-        End of a sentence about the reference values, such as ", 3 rows without", with the
-        number of rows that have none. Empty if all have.
+        End of the phrase that names the reference values for users, with the number of rows
+        that have none. In "the closure equations in 20 digits, 3 rows without" it is ", 3
+        rows without". Empty if all rows have reference values.
     """
 
     tables: Tables
@@ -113,7 +115,8 @@ def compute_reference_tables(
         exact.
     """
     (analysis,) = run_plan.analyses
-    # One request for each input that moves while the others are locked, if poles are read.
+    # A request states which poles are read while one input moves and the others are locked.
+    # Requests without poles are left out.
     requests = [request for request in run_plan.requests if request.poles]
     pole_fields = [evaluate(motion, request) for request in requests]
     reference = compute_reference(motion, requests, pole_fields, inputs=inputs)
@@ -122,7 +125,8 @@ def compute_reference_tables(
     # entry for each moving input, all with the same configurations.
     is_lacking = (motion.status == Status.OK) & (reference.exact[0].status != Status.OK)
     lacking_count = np.sum(is_lacking)
-    # There is no block before this one whose angles are continued.
+    # Pair variables without jumps of whole revolutions. They begin here, because there are
+    # no angles (the empty dictionary) of a block before this one.
     continued_angles = run_plan.continue_angles(reference_motion, {})
     batch = run_plan.make_batch(
         analysis, reference_motion, reference.pole_fields, continued_angles
