@@ -55,7 +55,8 @@ class NearMiss:
         Numbers of the assembly modes of the configuration.
     angle
         The distance (rad) from the singularity. For type I it is the arctangent of the
-        velocity coefficient, for type II the arcsine of the transmission measure.
+        velocity coefficient. For type II it is the arcsine of the transmission measure, a
+        number from 0 to 1 that states how firmly the locked input holds the output.
     velocity_coefficient
         The absolute value of y'/q', the rate of the output divided by that of the input.
     """
@@ -122,21 +123,24 @@ def _near_misses_on_curve(
     """
     angle = partial(sampled.angle, kind, number, output=output)
     curve = sampled.curves[number]
-    # Type I: relative to the greatest velocity coefficient on the curve if it is below 1,
-    # because the output of a reducer is slow throughout. Type II: relative to the largest
-    # sine of an arc between two axes of a link, because the transmission measure is small
-    # if all these arcs are small.
-    limit = np.sin(near)
-    scale = 1.0
+    # Minima of the sine are near misses if they are between these limits. Smaller ones are
+    # singularities.
+    largest_sine = np.sin(near)
+    least_sine = SINGULAR_TRANSMISSION
     if kind is Type.I:
-        greatest_angle = np.nanmax(angle(curve.s), initial=0.0)
-        limit *= min(1.0, np.tan(greatest_angle))
+        # The tangent of the angle is the velocity coefficient. The output of a gear reducer
+        # is slow throughout. If the coefficient is below 1 on the whole curve, the upper
+        # limit is therefore relative to its greatest value.
+        greatest_coefficient = np.tan(np.nanmax(angle(curve.s), initial=0.0))
+        largest_sine *= min(1.0, greatest_coefficient)
     else:
-        scale = sampled.largest_arc_sine
-    positions, sines = local_minima(sampled, number, angle, limit * scale)
+        # The transmission measure is small if all arcs between the axes of links are small.
+        # Both limits are therefore relative to the largest sine of such an arc.
+        largest_sine *= sampled.largest_arc_sine
+        least_sine *= sampled.largest_arc_sine
+    positions, sines = local_minima(sampled, number, angle, largest_sine)
     misses: list[NearMiss] = []
-    # Smaller sines are singularities, not near misses.
-    for s in positions[sines > SINGULAR_TRANSMISSION * scale]:
+    for s in positions[sines > least_sine]:
         # The configuration, with one row.
         values = curve.at(s).values
         # The transmission measure may be small because arcs are short, the angle of a dyad
@@ -209,12 +213,12 @@ def least_transmission(
                 candidates.append((rounded_angle, q, modes))
     if not candidates:
         return None
-    # The angle is NaN if a group other than a dyad places the output. The same group does
-    # so in all configurations, so the first angle shows whether all angles are NaN.
+    # If a group of links other than a dyad places the output, all angles are NaN. It is
+    # enough to test the first one.
     first_angle, _, _ = candidates[0]
     if not np.isfinite(first_angle):
         return None
-    # `distance_from_type_two` knows which value of the angle belongs to type II.
+    # `distance_from_type_two` returns the angle itself, because type II is at the angle 0.
     nearest_angle, q, _ = min(
         candidates, key=lambda candidate: distance_from_type_two(candidate[0])
     )
@@ -245,8 +249,9 @@ def _inputs_and_modes(
     -------
     Each input (rad), with the numbers of the assembly modes.
     """
-    # If the range consists of whole periods, both of its ends are the same configuration.
-    # An input within the margin of the upper end is moved to the lower end.
+    # `met` yields the inputs, the modes, and whether the input is inside the range. In a
+    # range of whole periods both ends are the same configuration. Inputs within the margin
+    # of the upper end are moved to the lower end.
     occurrences = sampled.met([(curve, s)], values, margin=EQUAL_EXTREMUM_INPUT_RAD)
     return [(q, tuple(modes)) for q, modes, is_inside in occurrences if modes and is_inside]
 
@@ -260,8 +265,9 @@ def local_minima(
     """Return the local minima of the sine of an angle along a configuration curve.
 
     An end of the range of the input is included if the sine increases inwards from the end.
-    The same applies to an end of an open curve. A curve with a crossing at one of its ends
-    is an exception: it ends a little before the crossing, beyond which others continue it.
+    The same applies to an end of an open curve. If curves cross at one end of a curve,
+    neither of its ends is included. The curve ends a little before the crossing, where
+    other curves continue it.
 
     Parameters
     ----------
@@ -288,7 +294,7 @@ def local_minima(
         grid = np.append(grid, grid[1:3] + curve.length)
 
     def squared_sine(s: Floats) -> Floats:
-        """Return a smooth function (n,) with the minima of the size of the sine."""
+        """Return the squared sines (n,), which are smooth and have the same minima."""
         return np.sin(angles(s)) ** 2
 
     positions, squares = find_local_minima(squared_sine, grid, limit**2)
@@ -311,9 +317,9 @@ def _ends_in_range(sampled: SampledSingularities, number: int) -> tuple[Floats, 
 
     The curve consists of pieces, each of which is one assembly mode. An end of a piece is
     an end of the range if its input is the lowest or the highest. A range of whole periods
-    has no ends, because configurations repeat. Ends of an open curve are included unless
-    other curves cross it at one of its ends: then its `ends` have the status
-    AT_SINGULARITY, and the curve ends a little before the crossing.
+    has no ends, because configurations repeat. The ends of an open curve are included too.
+    If other curves cross it at one of its ends, the curve ends a little before the
+    crossing. Then neither of its ends is included.
 
     Parameters
     ----------
@@ -325,13 +331,14 @@ def _ends_in_range(sampled: SampledSingularities, number: int) -> tuple[Floats, 
     Returns
     -------
     ends, inward
-        (k,) arc lengths (rad) of the ends, and of a point a little inward from each, by the
-        part `INWARD_PART` of the piece. A measure is compared between both.
+        (k,) arc lengths (rad) of the ends, and of a point inside the piece near each end.
+        The caller compares a measure at both. The distance is the part `INWARD_PART` of the
+        length of the piece.
     """
     curve = sampled.curves[number]
     pieces = sampled.configurations.curves[number].pieces
-    # (pieces, 2) arc lengths of start and stop, and (pieces, 1) differences between the
-    # input on the piece and that on the curve.
+    # (pieces, 2) arc lengths of start and stop, and (pieces, 1) whole periods that are
+    # added to the input on the curve. They move the piece into the range.
     rows = [(piece.start, piece.stop, piece.shift) for piece in pieces]
     ends, shifts = np.split(np.reshape(rows, (-1, 3)), [2], axis=1)
     input_variable = sampled.position_analysis.solver.input_variable
@@ -341,7 +348,9 @@ def _ends_in_range(sampled: SampledSingularities, number: int) -> tuple[Floats, 
     if not sampled.whole_range(number):
         distance_to_range = np.min(np.abs(q[..., None] - sampled.range), axis=2)
         is_end |= distance_to_range < RANGE_END_TOLERANCE_RAD
-    if Status.AT_SINGULARITY not in curve.ends and not curve.closed:
+    # `curve.ends` states why the curve ends on both sides.
+    ends_at_crossing = Status.AT_SINGULARITY in curve.ends
+    if not ends_at_crossing and not curve.closed:
         distance_to_curve_end = np.minimum(ends, curve.length - ends)
         is_end |= distance_to_curve_end < RANGE_END_TOLERANCE_RAD
     # Forwards from the start of each piece, backwards from its stop.

@@ -61,7 +61,8 @@ def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingP
 
     Links that only follow are left out. The part is used only if two conditions hold:
 
-    - In each assembly mode of the whole, the part is in one of its own modes.
+    - Each assembly mode (way to assemble the links) of the whole contains one mode of the
+      part: the configurations of the part's pairs agree at some samples of the input.
     - Whole and part have the same dead centres, at which the input turns back. Otherwise
       links that are left out would stop the input where the part alone moves on.
 
@@ -75,9 +76,10 @@ def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingP
         Numbers of the links.
     """
     mechanism = whole.mechanism
-    # No part is used in two cases. If counting on the graph of links gives a wrong mobility
-    # (`by_rank`), the rank of the velocity equations is known for the whole mechanism only.
-    # Phases of wheels in mesh depend on all wheels.
+    # No part is used in two cases:
+    # 1. The numbers of links and pairs give a wrong mobility. It was then determined from
+    #    the rank of the velocity equations (`by_rank`), for the whole mechanism only.
+    # 2. Wheels roll on each other. Their phases depend on all wheels.
     if not whole.by_rank:
         part_mechanism = part_for(mechanism, links)
         if part_mechanism is not mechanism and whole.solver.gear_phases is None:
@@ -139,6 +141,7 @@ def _match_modes(
     Numbers of modes of the whole by the number of each mode of the part. None if a mode of
     the whole contains no mode of the part, or has no configuration at the samples.
     """
+    # The whole mechanism at few samples of the input, in all its modes.
     motion = whole.sparse(COMPARED_SAMPLES)
     sample_count = motion.samples
     # By mode of the part, its configurations at the samples.
@@ -157,7 +160,9 @@ def _match_modes(
         has_configuration = status == Status.OK
         if not np.any(has_configuration):
             return None
-        # The first mode of the part that agrees.
+        # The first mode of the part that agrees. `SAME_MIDDLE_RAD` is the tolerance for
+        # recognising a mode by its configuration at the middle of a curve's piece. Here it
+        # is used at all samples.
         part_number = None
         for number, values_of_part in part_values.items():
             differences = wrap((values_of_part - values)[has_configuration])

@@ -95,8 +95,18 @@ class SampledSingularities:
     ) -> None:
         """Follow all configuration curves, and locate all rows on them.
 
-        Links that have no influence on the outputs are left out before. The class explains
-        the parameters.
+        Links that have no influence on the outputs are left out before.
+
+        Parameters
+        ----------
+        position_analysis
+            Position analysis of a mechanism with one degree of freedom.
+        outputs
+            Pairs of link numbers (o, s): the output is the motion of link o relative to s.
+        values, assembly_mode
+            Configurations (n, variables) of the rows in rad, and the mode (n,) of each.
+        passed
+            (n,) inputs (rad) of the rows if they are a simulation, otherwise None.
         """
         names = position_analysis.mechanism.links
         self.whole = position_analysis
@@ -112,6 +122,7 @@ class SampledSingularities:
         self.configurations: Configurations = self.position_analysis.configurations
         self.curves = [item.curve for item in self.configurations.curves]
         named_outputs = [(names[o], names[s]) for o, s in outputs]
+        # All singular configurations on the curves.
         self.report = SingleFreedomSingularities(
             self.position_analysis, self.curves, named_outputs
         )
@@ -127,14 +138,16 @@ class SampledSingularities:
         """Locate each row on the configuration curves.
 
         The attributes `curve` and `s` get the number of the curve of each row and its arc
-        length there. `crossed` states whether the row is at a crossing of curves. `status`
-        is OK on a curve. Curves end a little before a crossing. A row on no curve is
-        AT_SINGULARITY near a crossing, and MODE_LOST elsewhere.
+        length there. `status` is OK on a curve. Where curves cross, the closure equations
+        are singular, so curves are followed only up to a little before the crossing. A row
+        on no curve is AT_SINGULARITY near a crossing, and MODE_LOST elsewhere. `crossed`
+        states whether the row is at a crossing itself.
 
         Parameters
         ----------
         values
-            (n, variables of the part) configurations (rad), NaN for none.
+            (n, variables) configurations (rad), NaN for none. The variables are those of
+            the part of the mechanism that moves the outputs.
         assembly_mode
             (n,) assembly mode of each row.
         """
@@ -157,14 +170,15 @@ class SampledSingularities:
         status = np.where(has_no_curve, Status.MODE_LOST, Status.OK)
         # A row on no curve that is within `NEAR_CROSSING_RAD` of a crossing is in the gap
         # before it. Within the much smaller `AT_CROSSING_RAD` it is the crossing itself, if
-        # its position is known (`crossing.crossing`).
+        # the crossing was located exactly.
         is_crossing = np.zeros(len(values), dtype=bool)
-        for crossing in self.report.crossings:
-            difference = self.curves[crossing.curve].wrapped(values - crossing.values)
-            distance = np.where(has_no_curve, max_abs(difference, axis=1), np.inf)
-            status[distance < NEAR_CROSSING_RAD] = Status.AT_SINGULARITY
-            is_located = crossing.crossing is not None
-            is_crossing |= (distance < AT_CROSSING_RAD) & is_located
+        for point in self.report.crossings:
+            difference = self.curves[point.curve].wrapped(values - point.values)
+            distance = max_abs(difference, axis=1)
+            is_near = has_no_curve & (distance < NEAR_CROSSING_RAD)
+            status[is_near] = Status.AT_SINGULARITY
+            is_located = point.crossing is not None
+            is_crossing |= has_no_curve & (distance < AT_CROSSING_RAD) & is_located
         self.curve = curve_numbers
         self.s = s
         self.status = status
@@ -189,12 +203,10 @@ class SampledSingularities:
         """Yield the inputs in the range at which a configuration occurs.
 
         After a period of the input the mechanism is in the same configuration again. So a
-        configuration occurs at several inputs if the range has several periods. At least
-        one input is always yielded, with a statement whether it is inside. If the
-        configuration does not occur in the range, it is the input nearest to the range. If
-        a simulation does not pass the curve of the configuration, one input is enough.
-
-        A piece is a part of a curve that is one assembly mode.
+        configuration occurs at several inputs if the range has several periods. If it does
+        not occur in the range, the input nearest to the range is yielded, as not inside.
+        Only one input is yielded for a curve that a simulation does not pass, because no
+        input of it is inside.
 
         Parameters
         ----------
@@ -212,7 +224,7 @@ class SampledSingularities:
         q
             The input (rad).
         modes
-            Numbers of the assembly modes of the pieces of curves that include the
+            Numbers of the assembly modes (ways to assemble the mechanism) that have the
             configuration.
         is_inside
             Whether the input is in the range and, if the rows are a simulation, the
@@ -228,6 +240,7 @@ class SampledSingularities:
             # Both ends of a range of whole periods are the same configuration.
             if high - q < margin and self.whole_range(first_curve):
                 q = low
+            # A piece is a part of a curve that is one assembly mode.
             pieces: list[Piece] = []
             for curve, s in places:
                 pieces += self._pieces_at(curve, s, q)
@@ -251,27 +264,30 @@ class SampledSingularities:
             The input (rad).
         """
         arc_curve = self.curves[curve]
-        # If the range consists of k whole periods, its two ends are the same configuration.
-        # Inputs that differ by a multiple of k periods then count as the same. If it is no
-        # whole number of periods (`whole_range` is 0), only q itself counts. So k is
-        # infinite: n % inf is 0 only for n = 0. A simulation has no range, so any number of
-        # periods is allowed (k = 1).
-        periods_of_range: float = 1
-        if not self.is_simulation:
-            periods_of_range = self.whole_range(curve) or np.inf
+        # Inputs that differ by a multiple of this number of periods count as the same.
+        counted_periods: float
+        if self.is_simulation:
+            # A simulation has no range, so any number of periods is allowed.
+            counted_periods = 1
+        elif number_in_range := self.whole_range(curve):
+            # The range has a whole number of periods. Both ends are the same configuration.
+            counted_periods = number_in_range
+        else:
+            # Only q itself counts: the remainder n % inf is 0 only for n = 0.
+            counted_periods = np.inf
         input_offset = float(arc_curve.at(s).values[0, self._driven]) - q
         # A piece of a closed curve may begin in the lap before and end in the lap after.
         laps = (0, 1, -1) if arc_curve.closed else (0,)
         for lap in laps:
             for piece in self.configurations.curves[curve].pieces:
-                # The input of the piece at s in this lap is the sum of three terms: the
-                # input on the curve at s, its growth `rise` in each lap, and the whole
-                # periods `shift` by which the piece differs from the curve. It differs from
-                # q by a whole number of periods.
+                # The input of the piece at s in this lap is the sum of three terms (rad):
+                # the input on the curve at s, its growth `rise` in each lap, and `shift`, a
+                # multiple of the period by which the piece differs from the curve. The sum
+                # differs from q by a whole number of periods.
                 rise = lap * arc_curve.rise[self._driven]
                 difference = input_offset + rise + piece.shift
                 periods = round(difference / self._period(curve))
-                if periods % periods_of_range != 0:
+                if periods % counted_periods != 0:
                     continue
                 s_in_lap = s + lap * arc_curve.length
                 start = piece.start - PIECE_END_TOLERANCE_RAD
@@ -321,11 +337,12 @@ class SampledSingularities:
             curve = self.curves[number]
             s = self.s[rows]
             if curve.closed:
-                # Arc lengths of the rows are within one lap. The change of the input
-                # between successive rows over its change in a lap, `rise`, is the distance
-                # of the rows in laps. Less the difference of both arc lengths, it is the
-                # whole number of laps between them. If the input only swings on the curve,
-                # `rise` is 0. Then nothing is known of the number, and successive rows are
+                # Arc lengths of the rows are within one lap. The whole laps between
+                # successive rows are counted as follows. The input changes by `rise` in a
+                # lap, so its change divided by `rise` is roughly the distance in laps. The
+                # difference of both arc lengths is the part of this distance within a lap.
+                # It is subtracted, and the rest is rounded. If the input only swings on the
+                # curve, it tells nothing about laps (`rise` is 0). Successive rows are then
                 # taken to be at most half a lap apart.
                 rise = curve.rise[self._driven] or np.inf
                 laps = np.diff(q[rows]) / rise - np.diff(s) / curve.length
@@ -356,8 +373,8 @@ class SampledSingularities:
         absolute value of the velocity coefficient y'/q', the rate of the output divided by
         that of the input. Primes are derivatives by the arc length of the curve. At type II
         the input rests while the output moves. The sine of the angle is the transmission
-        measure, which states from 0 to 1 how firmly the locked input holds the output. The
-        angles vanish at these singularities and nowhere else.
+        measure, which states from 0 to 1 how firmly the locked input holds the output.
+        Where it is a number, the angle vanishes at singularities of this type only.
 
         Parameters
         ----------
@@ -376,9 +393,9 @@ class SampledSingularities:
         output_links = self.report.outputs[output]
         link_motion = curve_motion.links_at(s)
         if kind is Type.I:
-            # `speeds` returns the absolute rate of two links by the arc length, and that of
-            # its derivative, which is not needed. `report.input` are the links of the
-            # input.
+            # `speeds` returns the relative angular velocity of two links by the arc length,
+            # as an absolute value, and its derivative. `report.input` are the links of the
+            # input. If neither input nor output moves, the ratio of the rates is unknown.
             output_speed, _ = link_motion.speeds(output_links)
             input_speed, _ = link_motion.speeds(self.report.input)
             is_moving = np.hypot(output_speed, input_speed) > MIN_OUTPUT_MOTION
@@ -483,10 +500,10 @@ class SampledSingularities:
         """Return the least distance from type II of the dyads that place an output.
 
         A dyad is two links in series. The distance follows from its transmission angle, the
-        acute angle between the planes of the arcs of both links, and vanishes at
-        singularities of type II only. The transmission measure exists for other groups of
-        links, too. It also becomes small if all arcs of the links are short, while this
-        angle does not.
+        acute angle between the planes of the arcs of both links. It vanishes only if the
+        dyad is stretched or folded, which is a singularity of type II. Unlike the
+        transmission measure, the angle does not become small if all arcs of links are
+        short.
 
         Parameters
         ----------
@@ -497,13 +514,14 @@ class SampledSingularities:
 
         Returns
         -------
-        (n,) angles (rad), NaN if other groups place the output too.
+        (n,) angles (rad). They are NaN if a group of links that is no dyad takes part in
+        placing the output, or if the input itself joins the two links of the output.
         """
         solver = self.position_analysis.solver
+        # An output is the relative motion of two links.
         links = frozenset(self.report.outputs[output])
         groups = placing_groups(solver.mechanism, solver.assembly, links)
-        # The minimum begins with the largest possible distance. Without groups, two links
-        # are joined by the input, and there is no distance.
+        # The minimum begins with the largest possible distance.
         least = np.full(len(values), MAX_TYPE_II_DISTANCE_RAD if groups else np.nan)
         axes = solver.closure.linearise(values).axes
         for group in groups:

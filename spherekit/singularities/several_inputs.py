@@ -93,19 +93,22 @@ class RowClassification:
     type_two
         (n,) transmission measure from 0 to 1, which vanishes at type II.
     type_one
-        (n,) sine of the angle between all possible motions, as rates of inputs and output,
-        and those with the output at rest. It vanishes at type I.
+        (n,) measure from 0 to 1, which vanishes at type I. It is the sine of an angle
+        between two linear spaces of rates of inputs and output: the possible rates, and all
+        rates with the output at rest.
     hold
         (n,) smallest singular value of the closure equations with locked inputs. It is zero
-        if the locked inputs do not hold all links.
+        if the locked inputs do not hold all links. `type_two` says this for the output
+        link.
     reciprocal_condition
         (n,) smallest singular value of the closure Jacobian divided by the largest one.
     type
         (n,) `RowType` of each row: type I, II or III, regular, self-motion or unknown.
     group
-        (n,) 0 for rows that are not of types I, II or III. The other rows are in group 1 or
-        2. If all inputs but one are locked, a mechanism with one degree of freedom remains.
-        In group 1 such a mechanism is singular for at least one input, in group 2 for none.
+        (n,) 0 for rows that are not of types I, II or III. If all inputs but one are
+        locked, a mechanism with one degree of freedom remains, one for each input. A
+        singular row is in group 1 if one of these mechanisms is singular, in group 2 if
+        none is.
     """
 
     input_rate: Floats
@@ -199,8 +202,10 @@ class _InputCoefficients:
         (n, 3) angular velocity vector of the output per unit rate of the input.
     c, d
         (n,) coefficients of the relation c y' = d q'. Here y' is the rate at which the
-        output turns about its pole axis, and q' the rate of the input. They are triple
-        products of pole axes, see `input_output_relation`.
+        output turns about its pole axis u, and q' the rate of the input. So w is (d / c) u
+        where c is not zero. Unlike w, both coefficients are finite at singularities. They
+        are triple products of the axes about which the input link, the output link and
+        their reference links turn relative to each other (`make_relation`).
     u
         (n, 3) unit vector along the pole axis about which the output turns.
     """
@@ -366,7 +371,8 @@ def _pole_axis(
     planned_axes
         (n, 3) axis of each pole by the plan, NaN where it gives none.
     input_pole, input_axis
-        Pole of the input's two links, and its axis (n, 3), which is always known.
+        Pole of the input's two links, and its axis (n, 3). It is the axis of an R pair, so
+        that it is known at singularities too.
     angular_velocities
         (n, bodies, 3) angular velocities of all links in this motion.
 
@@ -379,6 +385,8 @@ def _pole_axis(
     else:
         relative = angular_velocities[:, pole[0]] - angular_velocities[:, pole[1]]
     size = np.linalg.norm(relative, axis=1, keepdims=True)
+    # The motion has unit length. A relative angular velocity below this limit counts as
+    # zero, as it does in the measures of singularities, and has no direction.
     axis = relative / np.where(size > SINGULAR_TRANSMISSION, size, np.nan)
     return np.where(np.isfinite(planned_axes[pole]), planned_axes[pole], axis)
 
@@ -479,8 +487,8 @@ def _measure_type_one(input_rates: Floats, output_rates: Floats) -> tuple[Floats
     sine of the smallest principal angle between this space and the space of all rates with
     the output at rest.
 
-    If there are more motions than rates of the output (m), some motions always have the
-    output at rest. These are not counted.
+    If there are more independent rates than rates of the output (m), some motions always
+    have the output at rest. Of the principal angles only the m largest are then counted.
 
     Parameters
     ----------
@@ -500,19 +508,22 @@ def _measure_type_one(input_rates: Floats, output_rates: Floats) -> tuple[Floats
     motion_count = input_rates.shape[2]
     svd = decompose(np.concatenate([input_rates, output_rates], axis=1))
     is_moving = svd.values > SINGULAR_TRANSMISSION
-    # Left singular vectors are an orthonormal basis of the rates of inputs and output that
-    # occur together. Directions that move neither are set to zero.
+    # The first left singular vectors, one for each motion, are an orthonormal basis of the
+    # rates of inputs and output that occur together. The others are rates that do not
+    # occur. If the singular value is zero, neither inputs nor output move, and the vector
+    # is set to zero.
     output_part = svd.left[:, input_count:, :motion_count] * is_moving[:, None]
-    # Singular values, which fall, are the sines of the principal angles to the rates with
-    # the output at rest.
+    # The singular values of the rates of the output are the sines of the principal angles
+    # to the rates with the output at rest, the largest first.
     sines = np.linalg.svd(output_part, compute_uv=False)
-    # With a first column of 1, index k is the smallest sine of a space of k dimensions. For
-    # k = 0 nothing moves.
+    # The rank is the number of independent rates of inputs and output that occur together.
+    # Of the principal angles the first min(rank, m) are counted, so the last of these has
+    # the smallest sine. If nothing moves (rank 0), the measure is 1, which the first column
+    # has.
     sines = np.pad(sines, ((0, 0), (1, 0)), constant_values=1.0)
-    # Number of independent rates of inputs and output that occur together.
     rank = np.sum(is_moving, axis=1)
-    counted_dimensions = np.minimum(rank, output_count)
-    type_one = sines[np.arange(len(sines)), counted_dimensions]
+    counted_angles = np.minimum(rank, output_count)
+    type_one = sines[np.arange(len(sines)), counted_angles]
     has_self_motion = rank < motion_count
     return type_one, has_self_motion
 
@@ -627,9 +638,13 @@ def _vanishing_candidates(
     Returns
     -------
     Two sets of quantities. The second set is reported only in rows in which no quantity of
-    the first one vanishes. The first set has the coefficients, the largest sine between two
-    axes (0 if all coincide) and the triple products (0 if three axes are coplanar). The
-    second set has the sines between any two axes.
+    the first one vanishes.
+
+    - The first set has the coefficients, the largest sine between two axes (0 if all
+      coincide) and the triple products (0 if three axes are coplanar: the three inputs then
+      turn the output about axes in a plane only).
+    - The second set has the sines between any two axes. They are 0 if two inputs turn the
+      output about the same axis.
     """
     pairs_of_inputs = list(combinations(inputs, 2))
     threes_of_inputs = list(combinations(inputs, 3))
@@ -668,8 +683,10 @@ def _insert_direction(
     Parameters
     ----------
     tiers
-        Two sets of quantities, as `_vanishing_candidates` returns them. Each set is
-        reported only in rows in which no quantity of an earlier set vanishes.
+        Two sets of quantities, as `_vanishing_candidates` returns them: the coefficients c
+        and d of c_i w_i = d_i q_i' and conditions on axes, then the sines between any two
+        axes. Each set is reported only in rows in which no quantity of an earlier set
+        vanishes.
     inputs
         Names of the g inputs.
     u
@@ -685,7 +702,8 @@ def _insert_direction(
     """
     first, second = tiers
     # The first set begins with the coefficients c and d of g inputs, in 2 g columns. The
-    # sines follow after these, so that they are reported before other conditions on axes.
+    # sines between axes and direction are inserted after these, so that they are reported
+    # before other conditions on axes.
     after_coefficients = 2 * len(inputs)
     sines = np.linalg.norm(cross(u, direction[:, None]), axis=2)
     along_direction = [f"u_{name} along the direction" for name in inputs]
@@ -694,7 +712,8 @@ def _insert_direction(
     sizes = np.hstack(
         [first.sizes[:, :after_coefficients], sines, first.sizes[:, after_coefficients:]]
     )
-    # (n, pairs of inputs) triple products of two axes and the direction.
+    # (n, pairs of inputs) triple products of two axes and the direction, in the order of
+    # `combinations`.
     volumes = np.matvec(_cross_products(u), direction)
     coplanar = _VanishingCandidates(
         [
