@@ -48,16 +48,16 @@ class PoleAxes:
     """Axes of poles at n configurations.
 
     The axis of a pole is the axis about which two links rotate relative to each other. If
-    the links do not move relative to each other, it can still follow from a plan: a
-    construction of poles as intersections of great circles. Otherwise it is unknown. Its
-    vector is then NaN, and its error is 1 rad, the largest one, which stands for any error.
+    the links do not move relative to each other, it can still follow from a construction of
+    poles as intersections of great circles (a plan). Otherwise it is unknown. An unknown
+    axis has the error 1 rad, and its vector may be NaN.
 
     Attributes
     ----------
     directions
         (n, 3) unit vectors by pole, of arbitrary sense.
     errors
-        (n,) bounds of their errors (rad) by pole, at most 1.
+        (n,) bounds of their errors (rad) by pole. Larger bounds are replaced by 1.
     """
 
     directions: dict[Pole, Floats]
@@ -114,8 +114,9 @@ class LinkMotion:
         self.motion = make_motion(position_analysis.solver, values)
         linearisation = self.motion.linearisation
         self.w = linearisation.body_rates(tangents)
-        # w is a sum of vectors times rates. By the product rule its derivative has two
-        # terms: the rates change (`bends`), and the vectors change.
+        # w is a sum of vectors times rates (`body_rates`). By the product rule its
+        # derivative has two terms: the rates change (`bends`), and the vectors change as
+        # the links turn.
         self.dw = linearisation.body_rates(bends)
         vector_derivatives = linearisation.vector_rates(self.w)
         self.dw += linearisation.tree.body_rates(vector_derivatives, tangents)
@@ -130,8 +131,8 @@ class LinkMotion:
         is_given_exactly = np.isnan(bends[:, 0])
         reciprocal_condition[is_given_exactly] = 1.0
         # With the reciprocal condition number k, the configuration has an error of about
-        # EPS / k, and quantities that follow from it EPS / k^2. Larger factors give wider
-        # bounds of the rounding errors.
+        # EPS / k, and quantities that follow from it EPS / k^2. The bound is a sum of both
+        # terms, with the factors 8 and 0.25. Larger factors give wider bounds.
         largest_w = np.linalg.norm(self.w, axis=2).max(axis=1, initial=1.0)
         amplification = 8.0 / reciprocal_condition + 0.25 / reciprocal_condition**2
         self.rounding = EPS * largest_w * amplification
@@ -173,6 +174,8 @@ class LinkMotion:
                 # (sources, n, 3) directions and (sources, n) errors.
                 candidate_directions = np.stack([axis for axis, _ in candidates])
                 candidate_errors = np.stack([error for _, error in candidates])
+                # An error of 1 rad stands for an unknown axis. If no source knows the axis,
+                # the direction of the first one is taken, which has no meaning.
                 candidate_errors = np.nan_to_num(candidate_errors, nan=1.0)
                 candidate_errors = np.minimum(candidate_errors, 1.0)
                 best = np.argmin(candidate_errors, axis=0)
@@ -192,8 +195,8 @@ class LinkMotion:
         w is the angular velocity of the pole's second link relative to the first, along the
         unit vector u of the axis. At a zero of w, its derivative w' has the direction of u.
         At a distance x from the zero, the direction of w' deviates from u by about x |u'|,
-        and |w| is about x |w'|. In addition to rounding, the error is therefore bounded by
-        |w| (1 + |u'|) / |w'|.
+        and x is about |w| / |w'|. In addition to rounding (`self.rounding`), the bound of
+        the error is therefore |w| (1 + |u'|) / |w'|. The 1 widens it by x.
         """
         _, dw = self.relative(*pole)
         # `speed` is |w|, and `growth` is |w'|.
@@ -202,8 +205,8 @@ class LinkMotion:
         # u' is the part of w' at right angles to u, relative to the size of w.
         axis_derivative = (dw - axis * np.vecdot(axis, dw)[:, None]) / speed[:, None]
         axis_rate = np.linalg.norm(axis_derivative, axis=1)
-        # Near the zero of w its direction is only rounding, and so is this rate. With an
-        # error e of the direction, a computed rate is limited to 1 / e.
+        # Near the zero of w its direction is only rounding, and the computed |u'| can be
+        # huge. If the direction has the error e (rad), |u'| is limited to 1 / e.
         axis_rate = np.minimum(axis_rate, 1.0 / np.clip(axis_error, EPS, 1.0))
         deviation = speed * (1.0 + np.nan_to_num(axis_rate))
         return dw / growth[:, None], (self.rounding + deviation) / growth
@@ -376,22 +379,23 @@ class CurveMotion:
 
         zeros = find_zeros(projected_rate, curve.s)
         if curve.closed:
-            # A zero at the start of a closed curve is one at its end, too.
+            # A zero at the start of a closed curve is one at its end, too. It counts once.
             zeros = zeros.merge_seam(curve.length)
         is_double = zeros.double
         # Rounding moves the zeros of one component. The minimum of the whole vector nearby
         # is more accurate.
         s = self._refine_zeros(zeros.places, is_double, pole)
-        # Bounds of the errors of the arc lengths.
+        # Bounds of the errors of the arc lengths, first as if all zeros were simple.
         links = self.links_at(s)
         speed, slope = links.speeds(pole)
         rounding_of_s = ZERO_ROUNDING_FACTOR * EPS * curve.length
         # A simple zero moves by the error of the rate over its slope. `EPS` prevents a
         # division by zero.
         errors = links.rounding / np.maximum(slope, EPS) + rounding_of_s
-        # Near a double zero the rate is a parabola. Its second derivative is estimated from
-        # the slope a little aside (a thousandth of the length), towards the middle of the
-        # curve.
+        # Double zeros get another bound. Near one the rate is a parabola, c x^2 / 2 at the
+        # distance x, which is below the rounding r up to x = sqrt(2 r / c). The second
+        # derivative c is estimated from the slope a little aside (a thousandth of the
+        # length), towards the middle of the curve.
         step = 1e-3 * curve.length
         double_s = s[is_double]
         aside = np.where(double_s > 0.5 * curve.length, -step, step)
@@ -399,6 +403,7 @@ class CurveMotion:
         curvature = np.maximum(slope_aside / step, EPS)
         errors[is_double] = np.sqrt(2.0 * links.rounding[is_double] / curvature)
         errors = np.minimum(errors, curve.length)
+        # The links rest where the whole vector vanishes, up to a multiple of its rounding.
         is_rest = speed <= REST_ROUNDING_FACTOR * links.rounding
         distances_to_ends = (s, curve.length - s)
         for end_status, distance in zip(curve.ends, distances_to_ends, strict=True):

@@ -29,8 +29,8 @@ VANISHING_SINE = 1e-9
 """Sines up to this are taken for zero, unless the error of the axes is larger. Larger:
 conditions are reported that are not quite fulfilled; smaller: rounding hides some."""
 UNDECIDED_FACTOR = 1e3
-"""Conditions that exceed the tolerance by less than this factor are reported as uncertain.
-Larger: more conditions are reported."""
+"""Conditions that miss by more than the tolerance, but by less than this factor times it,
+are reported as uncertain. Larger: more conditions are reported."""
 AXIS_ERROR_FACTOR = 10.0
 """A condition may be missed by this multiple of the error bound of the axes, because it
 combines several axes. Larger: more conditions are reported beside crossings."""
@@ -49,8 +49,8 @@ class FulfilledCondition:
     residual
         The largest sine of the angles between axes or planes that should coincide.
     certain
-        Whether the residual is within the tolerance. False if it exceeds the tolerance by
-        less than `UNDECIDED_FACTOR`.
+        Whether the residual is within the tolerance. False if it is larger, but less than
+        `UNDECIDED_FACTOR` times the tolerance.
     """
 
     label: str
@@ -97,13 +97,14 @@ class CoincidentPlanes:
         Axes that are parallel have no plane. The planes then count as coincident if one
         plane contains all six axes.
         """
-        first_normal, first_angle = poles.plane(self.first)
-        second_normal, second_angle = poles.plane(self.second)
+        # The normal of each plane, and the sine of the largest angle between its axes.
+        first_normal, first_sine = poles.plane(self.first)
+        second_normal, second_sine = poles.plane(self.second)
         sine = np.linalg.norm(cross(first_normal, second_normal), axis=-1)
         sine_to_common_plane = _sine_to_best_plane(
             poles.stacked([*self.first, *self.second])
         )
-        has_no_plane = np.minimum(first_angle, second_angle) < VANISHING_SINE
+        has_no_plane = np.minimum(first_sine, second_sine) < VANISHING_SINE
         return np.where(has_no_plane, sine_to_common_plane, sine)
 
     def describe(self, links: FourLinks, names: Sequence[str]) -> str:
@@ -217,14 +218,16 @@ def find_conditions(
     Returns
     -------
     For each configuration the certain conditions, then the uncertain ones, each in the
-    order of the table `FOUR_LINKS`: the most special ones first. Conditions that exceed the
-    tolerance by less than `UNDECIDED_FACTOR` are uncertain.
+    order of the table `FOUR_LINKS`. There, parallel axes stand before planes that coincide,
+    and all axes in one plane come last. A condition is uncertain if its sine is above the
+    tolerance, but below `UNDECIDED_FACTOR` times the tolerance.
     """
     links = relation.links
     # The possible conditions by their labels. All conditions of a label have to be
     # fulfilled. They depend on the form of the relation: the output is the rotation of link
-    # o relative to s (form "i") or relative to r (form "ii"). If the four links are only
-    # two different links, c and d never vanish, and there are no conditions.
+    # o relative to s (form "i") or relative to r (form "ii"). Some of the four links can be
+    # the same link. If there are only two different ones, c and d never vanish, and there
+    # are no conditions.
     listed: Mapping[str, tuple[Condition, ...]] = {}
     if len(links.different) == 4:
         listed = FOUR_LINKS[relation.form, kind]
@@ -257,14 +260,14 @@ def _condition_of_three_links(
     """Return the condition of a type of singularity for a relation of three links.
 
     The input is the rotation of link i relative to r, with the pole axis u_q. The output is
-    that of link o relative to s (form "i") or relative to r (form "ii"), with the pole axis
-    u_y. Here two of the four links are the same link. The three links have three pole axes
-    in one plane: u_q, u_y and a third one, p. In the relation c y' = d q', c is
-    proportional to the sine of the angle between u_y and p, and d to that between u_q and
-    p. Type I means d = 0, type II means c = 0, and type III means both.
+    that of link o relative to s (`relation.form` is "i") or relative to r (it is "ii"),
+    with the pole axis u_y. Here two of the four links are the same link. The three links
+    have three pole axes in one plane: u_q, u_y and a third one, p.
 
-    If r = s or o = i, R. Di Gregorio's lecture on singularities of spherical mechanisms
-    numbers the condition. Otherwise its label is the type alone.
+    In the relation c y' = d q', c is proportional to the sine of the angle between u_y and
+    p, and d to that between u_q and p. A singularity of type I (d = 0) therefore means that
+    u_q and p are parallel, type II (c = 0) that u_y and p are, and type III that all three
+    are.
 
     Parameters
     ----------
@@ -275,7 +278,8 @@ def _condition_of_three_links(
 
     Returns
     -------
-    The condition, by its label.
+    The condition, by its label: the type, with a number if R. Di Gregorio's lecture on
+    singularities of spherical mechanisms has one.
     """
     # Names of axes are those of fields of `SixPoles`; "or" is a word of Python.
     third_axis = find_third_axis(relation.form, relation.links)
@@ -292,13 +296,14 @@ def _condition_of_three_links(
 class RelationAt:
     """The input-output relation c y' = d q' at one singularity.
 
-    y' is the rate of the output and q' that of the input.
+    q' is the rate of the input: of link i relative to its reference r. y' is the rate of
+    the output, in one of two forms: of link o relative to its reference s, or to r.
 
     Attributes
     ----------
     form
         "i" if the output is the rotation of link o relative to s, "ii" if it is that
-        relative to r, the reference of the input. The links are those of the relation.
+        relative to r.
     c, d
         The coefficients, from the directions of pole axes alone.
     residual
@@ -306,7 +311,8 @@ class RelationAt:
     type
         The type according to the coefficients: I (d = 0), II (c = 0), III (both), or None.
     conditions
-        The geometric conditions that are fulfilled, the most special ones first.
+        The geometric conditions of this type that are fulfilled: parallel axes, planes that
+        coincide.
     note
         The type also follows from the rates: y' = 0 (I), q' = 0 (II) or both (III). If this
         type is not `type`, the note says why. It is empty if both are the same.
@@ -419,9 +425,9 @@ def _explain_disagreement(
     """Return why the coefficients c and d of c y' = d q' give another type than the rates.
 
     y' is the rate of the output and q' that of the input. c and d are triple products of
-    pole axes of the links of input and output. By the coefficients a singularity has type I
-    if d = 0 and type II if c = 0. By the rates it has type I if y' = 0 and type II if
-    q' = 0. Type III means both.
+    the six pole axes of four links: those of the input and those of the output. By the
+    coefficients a singularity has type I if d = 0 and type II if c = 0. By the rates it has
+    type I if y' = 0 and type II if q' = 0. Type III means both.
 
     Parameters
     ----------
@@ -435,7 +441,8 @@ def _explain_disagreement(
     # The same two links rotate relative to each other as input and as output.
     if len(links.different) == 2:
         return "the output is the input, and c and d are constant"
-    # Triple products of axes that are in one plane are all 0. They say nothing about rates.
+    # If all six axes are in one plane, every triple product is 0, and says nothing about
+    # rates. With other links the axes need not be in one plane.
     if kind == Type.III:
         cause = "the six axes of the chosen links lie in one plane"
         if resting_links:

@@ -124,7 +124,10 @@ def class_of(g: ArrayLike, a: ArrayLike, h: ArrayLike, b: ArrayLike) -> NDArray[
     sums = np.stack([t1, t2, t3, t4])
     input_turns_fully = (t1 * t2 > 0.0) & (t3 * t4 > 0.0)
     output_turns_fully = (t1 * t3 < 0.0) & (t2 * t4 < 0.0)
-    # The first condition that is fulfilled decides.
+    # The first condition that is fulfilled decides. If the product of all four sums is
+    # positive, Grashof's criterion is fulfilled: one link can turn fully relative to its
+    # neighbours. If neither input nor output turns fully, it is the coupler: a
+    # double-rocker. If the product is negative, no link turns fully: a triple-rocker.
     return np.select(
         [
             np.min(np.abs(sums), axis=0) < CHANGE_POINT_TOLERANCE_RAD,

@@ -173,22 +173,23 @@ class Relation:
 
     The input is the rotation of link i relative to r. The output is the rotation of link o
     relative to s, or relative to r. The coefficients are triple products of pole axes, in
-    which the rates of all other pairs of links are eliminated.
+    which the rates of all other pairs of links are eliminated. `make_relation` has the
+    formulas.
 
     Attributes
     ----------
     form
         "i" if the output is the rotation of link o relative to s, "ii" if it is that
-        relative to r. In form ii s is only needed for its pole axes.
+        relative to r. In form ii, s is one more link, whose pole axes are used.
     links, poles
         The four links, and the pole axes (axes of relative rotation) of any two of them,
         from which c and d are computed.
     output
         The links whose relative rate is y': (o, s) in form i, (o, r) in form ii.
     c, d
-        (n,) coefficients, at most 1 in size. With four links both are 0 where the pole axes
-        are all in one plane. With three links the axes always are, and both are NaN where
-        the axes are on one line.
+        (n,) coefficients, at most 1 in size. If the four links are different, both are 0
+        where all pole axes are in one plane. If two of them are the same link, both are NaN
+        where all pole axes are on one line.
     """
 
     form: Form
@@ -216,15 +217,15 @@ class ThirdAxis:
     """The third pole axis of the relation c y' = d q' between the rates of three links.
 
     q' is the rate of the input, y' that of the output. Each is the relative rate of two
-    links, so four links take part. If two of the four are the same link, there are three
-    links. The three pole axes (axes of relative rotation) of any two of them are in one
-    plane with the unit normal n. One is the axis u_q of the input, another the axis u_y of
-    the output, and the third axis p is the remaining one.
+    links. If one link takes part in both, there are three links. Their three pole axes
+    (axes of relative rotation) are in one plane with the unit normal n: the axis u_q of the
+    input, the axis u_y of the output, and a third axis p.
 
     The angular velocities of three links satisfy y' u_y - q' u_q = r' p or
     y' u_y + q' u_q = r' p, depending on the order in which input and output name the links.
-    The product with p and n removes r'. The coefficients are therefore c = n . (u_y x p)
-    and d = n . (u_q x p) in the first case, d = -n . (u_q x p) in the second one.
+    The rate r' is eliminated by the triple product of both sides with p and n. The
+    coefficients are therefore c = n . (u_y x p) and d = n . (u_q x p) in the first case,
+    d = -n . (u_q x p) in the second one.
 
     Attributes
     ----------
@@ -252,22 +253,28 @@ def find_third_axis(form: Form, links: FourLinks) -> ThirdAxis:
     `form` is "i" if the output is the rotation of link o relative to s, and "ii" if it is
     that relative to r. In both forms the input is the rotation of link i relative to r.
 
-    Names of axes are those of fields of `SixPoles`: "io" is the pole axis of the links i
-    and o. Where the name is a word of Python, an underscore follows. In the relation c y' =
-    d q' the sign of d is -1 if the rotations of input and output follow one another (of o
-    relative to i and of i relative to r, for example), and 1 otherwise.
+    Axes have the names of fields of `SixPoles`: "io" is the pole axis of the links i and o.
+    Where the name is a word of Python, an underscore follows.
+
+    In the relation c y' = d q', the sign of d is -1 if the rotations of output and input
+    follow one another, such as o relative to s and s relative to r. Their sum is then the
+    third rotation, o relative to r. If both end at the same link, the third rotation is
+    their difference, and the sign is 1.
+
+    R. Di Gregorio's lecture numbers the conditions for singularities of this relation in
+    two cases, .2 and .3. In the other cases the label has no number.
     """
-    # The arguments are the name of the axis, the sign of d, and the end of the label of
-    # conditions in Di Gregorio's lecture.
+    # 1. Form ii: the output is o relative to r, like the input i relative to r.
     if form == "ii":
         return ThirdAxis("os" if links.s == links.i else "io", 1.0, "")
+    # 2. The input is s relative to r, or the output is r relative to s.
     if links.i == links.s:
         return ThirdAxis("or_", -1.0, "")
     if links.o == links.r:
         return ThirdAxis("is_", -1.0, "")
+    # 3. Both are rotations of the same link, or relative to the same link r = s.
     if links.o == links.i:
         return ThirdAxis("rs", 1.0, ".2")
-    # The reference links r and s are the same link.
     return ThirdAxis("io", 1.0, ".3")
 
 
@@ -278,16 +285,15 @@ def make_relation(
 
     w_ab is the rate of link a relative to b, and u_ab their pole axis. The input is the
     rotation of link i relative to r. The output is the rotation of link o relative to s in
-    form i, relative to r in form ii. There is no form ii if o is r or i, and callers do not
-    ask for it.
+    form i, relative to r in form ii. Form ii needs a link o other than r and i.
 
-    - With four different links, c = u_os . (u_io x u_rs) and d = u_ir . (u_io x u_rs). In
-      form ii c = u_or . (u_os x u_is) and d = u_ir . (u_os x u_is), with any link other
-      than i, r and o for s (Di Gregorio 2012).
+    - With four different links, c = u_os . (u_io x u_rs) and d = u_ir . (u_io x u_rs) in
+      form i. In form ii c = u_or . (u_os x u_is) and d = u_ir . (u_os x u_is), where s can
+      be any fourth link (Di Gregorio 2012).
     - With three, their three pole axes are in a plane with the unit normal n: the axis u of
       the output, u_ir, and the remaining one, p. Then c = u . (p x n) and
       d = +-u_ir . (p x n). The sign is explained at `ThirdAxis`.
-    - With two, the relation is y' = q' or y' = -q'.
+    - With two, which exist in form i only, the relation is w_os = w_ir or w_os = -w_ir.
 
     Parameters
     ----------
@@ -305,12 +311,12 @@ def make_relation(
         output_axis = poles.or_
         output_name = "or_"
         output_links = (links.o, links.r)
-    # All coefficients are products of the axis of the output or input with one vector, here
-    # `normal`.
     if len(links.different) == 2:
         ones = np.ones(len(poles.ir))
         d = ones if links.o == links.i else -ones
-        return Relation(form, links, poles, (links.o, links.s), ones, d)
+        return Relation(form, links, poles, output_links, ones, d)
+    # The coefficients are scalar products of the axes of output and input with one vector,
+    # `normal`.
     sign_of_d = 1.0
     if len(links.different) == 3:
         third_axis = find_third_axis(form, links)
@@ -341,17 +347,18 @@ def _normal_to_third_axis(poles: SixPoles, output_name: str, third_name: str) ->
     possible in each row. The one at an acute angle with the vector of the row before is
     taken, so that the vectors are continuous along a curve of configurations.
     """
-    # Names have the letters of the two links: the input is the rotation of link i relative
-    # to r. `sine` is the largest sine of the angle between any two of the three axes.
+    # The normals of the plane of the axes. "ir" is the axis of the input, the rotation of
+    # link i relative to r. `sine` is the largest sine of the angle between two of the axes.
     normals, sine = poles.plane((output_name, "ir", third_name))
     normals[~(sine > ONE_LINE_SINE)] = np.nan
-    # A normal is reversed if it is opposite to that of the row before, so the signs of all
-    # rows are products of these reversals. Rows without a plane are left out.
+    # A normal of the plane is reversed if it is opposite to that of the row before, so the
+    # signs of all rows are products of these reversals. Rows without a plane are left out.
     rows = np.flatnonzero(all_finite(normals, 1))
     cosines = np.vecdot(normals[rows[1:]], normals[rows[:-1]])
     reversals = np.where(cosines < 0.0, -1.0, 1.0)
     signs = np.cumprod(np.append(1.0, reversals))
-    # There is one sign too many if no row has a plane.
+    # If no row has a plane, there are no reversals, and the sign of the first row is left.
     signs = signs[: len(rows)]
     normals[rows] *= signs[:, None]
+    # The result is in the plane and at right angles to the third axis.
     return cross(getattr(poles, third_name), normals)

@@ -88,7 +88,7 @@ class SingularityMeasure:
 
     @cached_property
     def _square_matrix(self) -> Floats:
-        """(n, k, k) the matrix B = E N, or B^T B if the sign of det B has no meaning."""
+        """(n, k, k) the matrix B = E N, or B^T B if det B does not change its sign."""
         matrix = self.constraint_on_basis
         return matrix if self.changes_sign else np.swapaxes(matrix, 1, 2) @ matrix
 
@@ -103,9 +103,10 @@ class SingularityMeasure:
 
         A configuration is singular if rates x close the loops and satisfy E x = 0, where E
         x are the rates of the inputs (type II) or of the output (type I). N is a basis of
-        the rates that close the loops, and B = E N. `value` is det B, or det(B^T B) if B is
-        not square or the sign of det B has no meaning. Both follow from
-        d det B = trace(adj(B) dB). The adjugate exists where B is singular, too.
+        the rates that close the loops, and B = E N. `value` is det B. It is det(B^T B) if B
+        is not square, or if a vector of the basis may be replaced by its opposite, which
+        changes the sign of det B. Both derivatives follow from d det B = trace(adj(B) dB).
+        The adjugate exists where B is singular, too.
 
         The derivatives are along the g columns of the basis of the tangent space, which
         are the changes of the configuration that keep the loops closed.
@@ -113,15 +114,16 @@ class SingularityMeasure:
         degrees_of_freedom = self.space.dimension
         basis = self.motion_space.basis[:, None]
         # B changes because E changes, and because N must continue to close the loops
-        # (`rate_corrections`). Both arrays have one more direction, that of the step that
-        # closes slightly open loops, which is left out.
+        # (`rate_corrections`). Both arrays have g + 1 directions. The last one, a step that
+        # closes slightly open loops, is left out.
         derivatives = self.constraint.equation_derivatives(self.space)
         derivatives = derivatives[:, :degrees_of_freedom] @ basis
         corrections = self.motion_space.rate_corrections[:, :degrees_of_freedom]
         equations = self.constraint.equations(self.space.linearisation)
         derivatives += equations[:, None] @ corrections @ basis
         if not self.changes_sign:
-            # `value` is det(B^T B) here. The derivative of B^T B is B'^T B + B^T B'.
+            # `value` is det(B^T B) here. The derivative of B^T B is B'^T B + B^T B', the
+            # sum of a matrix and its transpose.
             half = np.swapaxes(derivatives, 2, 3) @ self.constraint_on_basis[:, None]
             derivatives = half + np.swapaxes(half, 2, 3)
         # The letters are: n configuration, j direction of change, a and b rows and columns.
@@ -134,9 +136,9 @@ class LocusPoints(ArrayRows):
 
     The locus of a mechanism with g degrees of freedom is the set of configurations in which
     unit rates x of the V variables close the loops and satisfy the m equations E x = 0. E x
-    are the rates of the inputs (type II) or of the output (type I). x is a combination of k
-    rates that close the loops: of all of them (k = g), or of those of a part of the
-    mechanism. Rows in which Newton's method failed are NaN.
+    are the rates of the inputs (type II) or of the output (type I). k is the dimension of
+    the space of all possible x. It is g, or less if only a part of the mechanism can move
+    the output, and x moves this part only. Rows in which Newton's method failed are NaN.
 
     Attributes
     ----------
@@ -155,8 +157,9 @@ class LocusPoints(ArrayRows):
     first_step, step_ratio
         (n,) size of Newton's first step (rad), and of the second step relative to it.
     equations
-        (n, m + 1, g + k) the linearised equations E x = 0 and |x| = 1. The unknowns are
-        changes of the configuration and of x, by their coordinates in `basis`.
+        (n, m + 1, g + k) the linearised equations E x = 0 and |x| = 1. The unknowns are g
+        coordinates of the change of the configuration, and k coordinates of the change of
+        x, both in `basis`.
     basis
         (n, V, g + k) g columns for changes of the configuration that keep the loops closed
         (the tangent space), then k columns for x.
@@ -197,15 +200,18 @@ class _LinearisedLocus:
 
     Attributes
     ----------
-    space, motion_space
-        The g independent rates that close the loops, and the k of which x is a combination.
-        They are the same, or `motion_space` has those of a part of the mechanism.
+    space
+        The g independent rates that close the loops.
+    motion_space
+        The k independent rates of which x is a combination: those of `space`, or those of a
+        part of the mechanism, if only this part moves with the output.
     unit_motions
         (n, V) the motions x, projected onto `motion_space` and scaled to length 1.
     constraint_residual
         (n, m) E x.
     closing_change
-        (n, m) the change of E x if the loops are closed by `space.closing_step`.
+        (n, m) the change of E x by `space.closing_step`, the step of the variables that
+        closes slightly open loops.
     motion_corrections
         (n, V, g + 1) the changes of x that keep J x = 0 while the configuration changes:
         along each of the g rates of `space`, and, in the last column, by the step that
@@ -272,9 +278,9 @@ class SingularityLocus:
         """Return the space of motions among which singular motions are sought.
 
         A motion is given by the rates of all V variables, which close the loops. The space
-        of motions is `space`. If only a part of the mechanism moves with the output, it has
-        the k rates that close the loops of this part (`self.part`) while all other
-        variables rest.
+        of motions is `space`, unless only a part of the mechanism moves with the output
+        (`self.part`). Motions of the rest are then no singularities of this output. The
+        space therefore has the k motions of the part, in which all other variables rest.
 
         Parameters
         ----------
@@ -288,7 +294,7 @@ class SingularityLocus:
         if self.part is None:
             return space
         if reference_basis is not None:
-            # The last k columns.
+            # The last k columns belong to the motions.
             reference_basis = reference_basis[..., self.degrees_of_freedom :]
         return tangent_space(
             space.linearisation, self.motion_dimension, reference_basis, self.part, space
@@ -573,7 +579,8 @@ class SingularityLocus:
             (n,) 0 where the locus crosses itself, or where a row is not finite.
         """
         g = self.degrees_of_freedom
-        # At a regular point k of the equations E x = 0 and |x| = 1 are independent.
+        # At a regular point, k + 1 of the equations E x = 0 and |x| = 1 are independent, so
+        # that the null space has (g + k) - (k + 1) dimensions.
         rank = self.motion_dimension + 1
         svd = decompose(equations)
         null_space = np.swapaxes(svd.right[:, rank:], 1, 2)
@@ -583,9 +590,10 @@ class SingularityLocus:
         motion_changes = linearised.motion_space.basis @ null_space[:, g:]
         motion_changes += linearised.motion_corrections[..., :g] @ value_part
         # The basis of the null space is replaced by one whose changes of the variables are
-        # orthonormal. `lengths` are those of the changes before. A null vector with length
-        # zero only changes the motion. The locus is not regular at such a point, and the
-        # smallest divisor only prevents a division by zero.
+        # orthonormal: with the singular value decomposition U S W of these changes, they
+        # become U, and the changes of the motion are multiplied by W^T S^-1. If an element
+        # of S (`lengths`) is zero, the locus is not regular. The smallest divisor then only
+        # prevents a division by zero.
         left, lengths, mixing = np.linalg.svd(value_part, full_matrices=False)
         divisors = np.maximum(lengths, REDUNDANT_EQUATION_RATIO)[:, None]
         tangents = linearised.space.basis @ left
