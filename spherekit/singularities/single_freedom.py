@@ -76,18 +76,19 @@ NO_ZERO = np.array([[np.nan], [np.nan], [np.inf]])
 class CurveRelations:
     """Rates and input-output relations at n points of a configuration curve.
 
-    The input is the rotation of a link i relative to r, and the output that of a link o
-    relative to s. c y' = d q' is a relation between the rate q' of the input and a rate y'.
-    c and d are triple products of the pole axes of these four links.
+    The input is the rotation of a link i relative to r, with the rate q'. The output is the
+    rotation of a link o relative to s. A relation is an equation c y' = d q' in one of two
+    forms. In form i, y' is the rate of the output. In form ii it is the rate of o relative
+    to r. c and d are triple products of pole axes, the axes about which two of these links
+    turn relative to each other (Di Gregorio 2012).
 
     Attributes
     ----------
     input_rate, output_rate
         (n,) rates of the input and of the output by the arc length of the curve.
     relations
-        The relation in form i, in which y' is the rate of the output. If it exists, the
-        relation in form ii follows, in which y' is the rate of o relative to r. c and d are
-        NaN at points at which one of the pole axes is unknown.
+        The relation in form i, then that in form ii. Form ii does not exist if o is i or r.
+        c and d are NaN at points at which one of the pole axes is unknown.
     """
 
     input_rate: Floats
@@ -135,10 +136,12 @@ class SingleFreedomSingularities:
     ) -> None:
         """Prepare velocities along the curves, and choose the links of all relations.
 
-        The rate q' of the input, that of a link i relative to r, and a rate y' satisfy a
-        relation c y' = d q'. An output is the rotation of a link o relative to s. In form i
-        of the relation, y' is the rate of the output. In form ii it is the rate of o
-        relative to r, and s may be another link. The class explains the parameters.
+        The input is the rotation of a link i relative to r, with the rate q'. An output is
+        the rotation of a link o relative to s. A relation is an equation c y' = d q' whose
+        coefficients follow from the poles of these links. In form i, y' is the rate of the
+        output. In form ii it is the rate of o relative to r; an auxiliary link takes the
+        place of s if s is r. Each form has other configurations at which c = d = 0, so that
+        it says nothing. The class explains the parameters.
         """
         mechanism = position_analysis.mechanism
         if len(position_analysis.inputs) != 1:
@@ -184,15 +187,17 @@ class SingleFreedomSingularities:
     def _links_of_form_ii(self, links: FourLinks) -> FourLinks | None:
         """Return the links of form ii of the relation, None if this form does not exist.
 
-        The relation is c y' = d q'. q' is the rate of link i relative to r (the input). y'
-        is the rate of link o relative to s in form i, and relative to r in form ii. It
-        follows from pole axes, the axes of relative rotation of two links. In form ii, s is
-        an auxiliary link: the axes that it has with i and with o are used. There is no form
-        ii if o is r, which does not move relative to itself, or i, whose rate is q' itself.
+        The input is the rotation of link i relative to r, with the rate q'. Form ii relates
+        it to the rate y' of link o relative to r. There is no form ii if o is r, which does
+        not move relative to itself, or i, whose rate is q' itself. Let u_ab be the axis
+        about which link a rotates relative to b (pole axis). Form ii is c y' = d q' with
 
-        If s is r, form ii needs another link for s. Its two axes should span a well
-        determined plane. Of all other links, the one with the largest sum of the sines
-        between its two axes, over the nodes of all configuration curves, is taken.
+            c = u_or . (u_os x u_is),   d = u_ir . (u_os x u_is).
+
+        s is an auxiliary link. With s = r both coefficients would always be zero, so
+        another link is taken then: the one whose axes u_os and u_is are farthest from
+        parallel, by the sum of the sines between them over the nodes of all configuration
+        curves.
 
         Parameters
         ----------
@@ -238,8 +243,9 @@ class SingleFreedomSingularities:
     def evaluate_relations(self, curve: int, s: Floats, output: int) -> CurveRelations:
         """Return the rates of input and output and their relations at points of a curve.
 
-        A relation is an equation c y' = d q' between the rates of output and input. c and d
-        follow from pole axes, the axes about which links turn relative to each other.
+        Rates are derivatives by the arc length of the curve. A relation is an equation
+        c y' = d q' between the rates of output and input. c and d are triple products of
+        pole axes, the axes about which links turn relative to each other.
 
         Parameters
         ----------
@@ -253,7 +259,7 @@ class SingleFreedomSingularities:
         curve_motion = self.curve_motions[curve]
         # Unit vectors along the pole axes, with senses that are continuous along the curve.
         axes = curve_motion.oriented_axes(s, self.poles(output))
-        links = curve_motion.links_at(s)
+        links = curve_motion.links_at(s)  # the angular velocities of all links
         return CurveRelations(
             input_rate=_relative_rate(links, axes, self.input),
             output_rate=_relative_rate(links, axes, self.outputs[output]),
@@ -265,13 +271,14 @@ class SingleFreedomSingularities:
 
         q' is the rate of the input, of link i relative to r. In form i, y' is the rate of
         the output, of link o relative to s. In form ii it is the rate of o relative to r.
+        Form ii does not exist if o is i or r. c and d are triple products of the axes.
 
         Parameters
         ----------
         output
             Position of the output in `outputs`.
         axes
-            (n, 3) unit vectors by pole.
+            (n, 3) unit vectors along the pole axes, by pole (pair of links).
         """
         return [
             make_relation(form, links, axes.__getitem__)
@@ -389,11 +396,13 @@ class SingleFreedomSingularities:
     ) -> list[tuple[RelationAt, ...]]:
         """Return the relations of an output at singularities, compared with the rates.
 
-        A relation c y' = d q' between the rate q' of the input and a rate y' follows from
-        pole axes, the axes about which links turn relative to each other. y' is the rate of
-        the output, of link o relative to s, in form i. In form ii it is the rate of o
-        relative to the reference link r of the input. The type according to vanishing c and
-        d should be that according to vanishing rates.
+        A relation is an equation c y' = d q' with the rate q' of the input. c and d follow
+        from pole axes, the axes about which links turn relative to each other. In form i,
+        y' is the rate of the output, of link o relative to s. In form ii it is the rate of
+        o relative to the reference link r of the input.
+
+        At a singularity of type I y' is zero, so d should vanish. At type II q' is zero, so
+        c should vanish. This is compared with the types that follow from the rates.
 
         Parameters
         ----------
@@ -423,7 +432,8 @@ class SingleFreedomSingularities:
             speed, _ = links.speeds(pole)
             is_resting[pole] = speed <= REST_ROUNDING_FACTOR * links.rounding
         for relation in self._relations(output, axes.directions):
-            # Error bounds (rad) of all pole axes from which c and d are computed.
+            # Error bounds (rad) of all pole axes from which c and d are computed. The poles
+            # of a relation depend on its form.
             errors = [axes.errors[pole] for pole in relation.links.poles]
             relations_by_form.append(
                 compare_with_rates(
@@ -443,9 +453,10 @@ class SingleFreedomSingularities:
         """Texts about relations c y' = d q' whose c and d vanish on a whole curve.
 
         q' is the rate of the input and y' that of the output. A relation with c = d = 0
-        says nothing about them. The pole axes of its links are then in one plane, or on one
-        line, everywhere on the curve. Curves on which the input or the output rests are
-        left out.
+        says nothing about them. The axes about which its links turn relative to each other
+        are then in one plane everywhere on the curve, or on one line if only three links
+        are different. The types of singularities follow from the rates alone. Curves on
+        which the input or the output rests are left out.
         """
         names = self.position_analysis.mechanism.links
         notes: list[str] = []
@@ -456,9 +467,9 @@ class SingleFreedomSingularities:
                     continue
                 axes = curve_motion.pole_axes(curve_motion.curve.s, self.poles(output))
                 for relation in self._relations(output, axes.directions):
-                    # c and d can be far from zero at single nodes where a pole axis is not
-                    # accurate, and zero at single nodes of other relations. The median
-                    # tells what applies to most nodes.
+                    # The median over the nodes of the curve decides. A relation that
+                    # vanishes can be far from zero at nodes where a pole axis is not
+                    # accurate. One that does not vanish can be zero at single nodes.
                     sizes = np.nan_to_num(np.hypot(relation.c, relation.d))
                     if np.median(sizes) >= VANISHING_RELATION:
                         continue
@@ -537,9 +548,10 @@ class SingleFreedomSingularities:
         rate y' follows from these. In form i, y' is the rate of the output. In form ii it
         is that of the output link relative to the reference link of the input.
 
-        A crossing is of type III, so c and d should both vanish. If they do not, the motion
-        along the curve determines a pole axis that the configuration alone leaves open. A
-        note then says so.
+        At a crossing the configuration leaves the motion open, so c and d that follow from
+        the configuration both vanish (type III). On one of the curves the motion is known,
+        and so is a pole axis that the configuration leaves open. If c and d do not vanish
+        with this axis, the relation gets a note.
 
         Parameters
         ----------
@@ -564,7 +576,8 @@ class SingleFreedomSingularities:
             # not needed, because the motions are given exactly.
             bends=np.full_like(crossing.tangents, np.nan),
         )
-        # If the output is the input itself, c and d never vanish, and no note is needed.
+        # The input and an output are pairs of links. If the output is the input itself, c
+        # and d never vanish, and no note is needed.
         is_input = {*self.outputs[output]} == {*self.input}
         relations: list[RelationAt] = []
         types = [Type.III] * curve_count
@@ -580,10 +593,12 @@ class SingleFreedomSingularities:
     def everywhere(self) -> int | None:
         """Number of degrees of freedom, if the mechanism has more than one everywhere.
 
-        A mechanism that has one in general has configuration curves. So the number is None
-        if there are curves, or if it is 1 or 0 in some configuration. It follows from the
-        rank of the closure equations, and is the smallest one at a few samples of all
-        assembly modes, and at all variables zero if the loops close there.
+        A mechanism with one degree of freedom has configuration curves, and the result is
+        None. Without curves, the number follows from the rank of the closure equations. It
+        is the smallest one of some configurations, because the rank is lower at singular
+        ones. These are all assembly modes at a few samples, and the configuration in which
+        all variables are zero, if the loops close there. The result is also None if the
+        number is 1 or 0.
         """
         if self.curve_motions:
             return None
@@ -733,18 +748,20 @@ def explain_doubts(
 ) -> list[str]:
     """Return for each singularity why its type is not certain, or an empty text.
 
-    Two questions may be open:
+    Singularities are points of a curve of configurations. Two questions may be open:
 
-    - A self-motion is a point at which input and output both rest. If it is not known
-      accurately enough, they may rest at two points near each other instead.
-    - Two points of different types, at which only one of them rests, may be one point at
-      which both rest. This is open if they are not much farther apart than their errors:
-      less than `UNDECIDED_GAP_FACTOR` times the sum of both.
+    - A self-motion is a point at which input and output both rest. If its error is large,
+      they may rest at two points near each other instead.
+    - Two points at which only the input or only the output rests may be one point at which
+      both rest. This is open if their distance is less than `UNDECIDED_GAP_FACTOR` times
+      the sum of their errors.
 
     Parameters
     ----------
     rests
-        The n points at which the input or the output rests.
+        The n points at which the input or the output rests: arc lengths `s` and their
+        errors. Where both rest, `distances` (rad) are those between the two computed points
+        at which the input and the output rest.
     types
         Their types.
     is_input
@@ -799,7 +816,12 @@ def _relative_rate(
 
 
 def _explain_crossing_doubts(crossing: Crossing | None) -> str:
-    """Return why a loss of rank at the end of curves is not certain, or an empty text."""
+    """Return why a crossing at the end of curves is not certain, or an empty text.
+
+    At a crossing of curves the closure equations lose rank. `crossing` is None if no such
+    configuration was located. Its `miss` (rad) is how far it is from an exact crossing. It
+    is `resolved` if second-order terms determine the number of curves through it.
+    """
     if crossing is None:
         return (
             "the curve ends where the closure equations lose rank, but the configuration "

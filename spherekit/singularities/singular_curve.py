@@ -131,9 +131,10 @@ class SingularCurve:
     def find(self, values: Floats, motions: Floats) -> Bools:
         """Return which configurations are on the curve.
 
-        Each configuration is compared with the points of the curve that have the same
-        projection onto a chord beside it. Whole periods of the variables and signs of the
-        motions do not matter.
+        A chord is the straight line between two successive nodes of the curve; chord k
+        starts at node k. A configuration is projected onto each chord to which it is near,
+        and compared with the point of the curve that has the same projection. Whole periods
+        of the variables and signs of the motions do not matter.
 
         Parameters
         ----------
@@ -144,8 +145,8 @@ class SingularCurve:
         -------
         (n,) whether the configuration and its singular motion are on the curve.
         """
-        # The items of `projections` are pairs of a configuration and a chord beside it. A
-        # configuration may be beside several chords. `distances` are the lengths (rad) from
+        # The items of `projections` are pairs of a configuration and a chord near it. A
+        # configuration may have several chords. `distances` are the lengths (rad) from
         # the start of the chord to the projection. `differences` (m, V) are those of the
         # configuration from the start of the chord, less whole periods.
         projections = self.chords.project(values, self.periods)
@@ -168,9 +169,9 @@ class SingularCurve:
         """Return the points at which a function changes its sign along the curve.
 
         The signs at successive nodes are compared. Each change is then located between the
-        two nodes, to 1e-14 of their distance. Two zeros between the same nodes are not
-        noticed, because the signs at both nodes are equal. A function that is smaller than
-        `VANISHING_FUNCTION` counts as zero up to rounding, and has no zeros.
+        two nodes, up to rounding. Two zeros between the same nodes are not noticed, because
+        the signs at both nodes are equal. A function that is smaller than
+        `VANISHING_FUNCTION` at both nodes counts as zero up to rounding, and has no zeros.
 
         Parameters
         ----------
@@ -179,11 +180,11 @@ class SingularCurve:
             near 1, such as determinants of unit vectors.
         """
         node_values = function(self.nodes)
-        # Each point has a basis of the possible rates (`LocusPoints.basis`), on which the
-        # sign of the function may depend. Bases are aligned from node to node. But the last
-        # node of a closed curve is the first one, and has the basis of the first one. So
-        # the last value is computed at the end of the last chord instead, where the basis
-        # is aligned with that of the last node but one.
+        # The sign of the function may depend on the basis of possible rates that each point
+        # has (`LocusPoints.basis`). The basis of a node is aligned with that of the node
+        # before. Only the last node of a closed curve has the basis of the first node, with
+        # which it coincides. The last value is therefore computed again, at the end of the
+        # last chord, with a basis that is aligned with that of the last node but one.
         last_chord = np.array([len(node_values) - 2])
         node_values[-1] = function(self.points_on_chords(last_chord, np.ones(1)))[0]
         starts = node_values[:-1]
@@ -208,9 +209,8 @@ class SingularCurve:
         II) or the output (type I) rest. The image of the curve in the plane of the inputs,
         or of the output, therefore turns back.
 
-        If only a part of the mechanism moves in singular motions, these may form a space of
-        fewer dimensions than the mechanism has degrees of freedom (two). No cusps are
-        searched then.
+        The mechanism has two degrees of freedom. If only a part of it moves in singular
+        motions, and this part has fewer, no cusps are searched.
         """
         if self.locus.motion_dimension < self.locus.degrees_of_freedom:
             no_points = self.nodes.rows(slice(0))
@@ -218,10 +218,10 @@ class SingularCurve:
 
         def side_of_motion(points: LocusPoints) -> Floats:
             """Return the determinant (n,) of singular motion and tangent, 0 at a cusp."""
-            # (n, V, 2) both as rates of all variables.
+            # (n, V, 2) motion and tangent, as rates of all V variables.
             rates = np.stack([points.motions, points.tangents[:, :, 0]], axis=2)
-            # (n, V, 2) basis of the motions; the columns before it are a basis
-            # of the tangent space. It turns the rates into two coordinates each.
+            # (n, V, 2) orthonormal basis of the possible motions. The products with it are
+            # two coordinates of the motion, and two of the tangent.
             motion_basis = points.basis[:, :, self.locus.degrees_of_freedom :]
             return np.linalg.det(np.swapaxes(motion_basis, 1, 2) @ rates)
 

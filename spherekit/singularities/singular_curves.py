@@ -60,9 +60,9 @@ class CurveSeen:
     modes
         For a mid-plane symmetric architecture, numbers of the assembly modes of the curve.
     traced
-        For a curve that was followed numerically, two objects: the report of the type of
-        singularity, which computes inputs and poses of points, and the part of the followed
-        curve that is of this type. None for a curve in closed form.
+        Only for a curve that was followed numerically. The first object computes inputs and
+        poses of its points. The second one is the followed curve, as far as it is of this
+        type. None for a curve in closed form.
     """
 
     points: SingularPoints
@@ -77,7 +77,8 @@ class CurveSeen:
     def cusps(self) -> SingularPoints:
         """Points at which the curve turns back in the plane of the inputs or of the output.
 
-        For type II it is the plane of the inputs, for type I that of the output.
+        For type II it is the plane of the inputs, for type I that of the output. They are
+        not computed for curves in closed form.
         """
         if self.traced is None:
             return self.points.rows(slice(0))
@@ -287,8 +288,9 @@ def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[
     def measure_other_type(points: LocusPoints) -> Floats:
         """Return a function (n,) that vanishes at singularities of the other type.
 
-        Its size is the smallest singular value of the equations that the inputs, or the
-        output, rest, for unit rates that close the loops.
+        At type I the output can rest in a motion, at type II the inputs can. The function
+        is, up to its sign, the smallest speed of the output, or of the inputs, for unit
+        rates of the variables that close the loops.
         """
         space = other_locus.tangent_space(points.values)
         return other_locus.measure(space).value
@@ -302,6 +304,7 @@ def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[
             # A single node is no curve.
             continue
         nodes = curve.nodes.rows(slice(start, stop))
+        # A part of a closed curve is closed only if it has all nodes.
         is_closed = curve.closed and len(nodes) == len(is_of_type)
         part = replace(curve, nodes=nodes, closed=is_closed)
         yield CurveSeen(

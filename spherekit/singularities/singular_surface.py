@@ -186,22 +186,23 @@ class SingularSurface:
         part = first_distance / (first_distance + second_distance)
         guess = self._interpolate(ends, part[:, None])
 
-        # A point on the surface has two coordinates, so two linear equations in the
-        # variables select one: row . variables = row . variables of the guess. The first
-        # says that the input is at its limit. The second says that the point does not move
-        # along the tangent direction in which this input is constant.
+        # Newton's method moves the guess onto the surface. A surface has two dimensions, so
+        # two linear equations in the variables are added, which the guess satisfies. The
+        # first says that the input is at its limit. The second says that the point does not
+        # move along the tangent direction in which this input is constant.
         driven = self.view.solver.driven
         variable = driven[input_position]
         unit_vectors = np.eye(guess.values.shape[1])
         tangents = self.nodes.tangents[ends[:, 0]]
-        # (k, 2) change of the input along the two tangents; turned by 90 deg it is the
-        # direction in the tangent plane along which the input is constant.
+        # The tangent plane at the first end of the edge has two basis vectors. (k, 2) is
+        # the change of the input along each of them. Turned by 90 deg in this plane, it is
+        # the direction along which the input is constant.
         input_gradient = tangents[:, variable]
         level_coordinates = input_gradient[:, ::-1] * [-1.0, 1.0]
         second_rows = np.vecmat(level_coordinates, np.swapaxes(tangents, 1, 2))
-        # If another input is constant along an edge, the edge is at an end of its range,
-        # where the mesh was cut before, and the new point must stay there. The limited
-        # input itself is not constant along these edges, because they cross its limit.
+        # The mesh may have been cut before, at a limit of another input. This input is
+        # constant along the edges there, and has to keep its value at the new point. (The
+        # limited input itself is not constant along edges that cross its limit.)
         for other_variable in driven:
             edge_change = np.abs(guess.edge_vectors[:, other_variable])
             is_constant = edge_change < EQUAL_INPUT_TOLERANCE_RAD
@@ -245,10 +246,10 @@ class SingularSurface:
         """Return the singular configurations (points of the locus) near points on edges.
 
         A guess is a point on a straight edge of the mesh, with an interpolated singular
-        motion: the unit rates with which the inputs or the output rest. Newton's method
-        moves both onto the surface. A point that is farther from its guess than half the
-        edge belongs to another part of the locus. Its residual is set to NaN, so that it
-        counts as failed.
+        motion. This is a motion in which the inputs or the output rest, given by unit rates
+        of all variables. Newton's method moves both onto the surface. A point at more than
+        half the length of the edge from its guess may belong to another part of the locus.
+        Its residual is set to NaN, so that it counts as failed.
 
         Parameters
         ----------
@@ -265,6 +266,7 @@ class SingularSurface:
         )
         distance = np.linalg.norm(points.values - guess.values, axis=1)
         edge_length = np.linalg.norm(guess.edge_vectors, axis=1)
+        # The negated comparison also includes points that are NaN.
         points.residual[~(distance < 0.5 * edge_length)] = np.nan
         return points
 
@@ -315,6 +317,9 @@ def _subdivide_triangle(
 ) -> list[tuple[int, ...]]:
     """Return the triangles that cover the inside part of a triangle.
 
+    Sides get new vertices in two cases: where a limit cuts them, or in their middles, when
+    a mesh with all corners inside is refined.
+
     Parameters
     ----------
     corners
@@ -344,7 +349,8 @@ def _subdivide_triangle(
         return [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
     if not polygon:
         return []
-    # A fan from the first new vertex, or from the first corner if there is no new vertex.
+    # All triangles share one vertex (a fan): the first new one, or the first corner if
+    # there is no new vertex.
     start = next((k for k, vertex in enumerate(polygon) if vertex in side_vertices), 0)
     apex, *rim = polygon[start:] + polygon[:start]
     return [(apex, rim[k], rim[k + 1]) for k in range(len(rim) - 1)]

@@ -42,15 +42,16 @@ class SingularPoints(ArrayRows):
     Attributes
     ----------
     kind
-        The type of the configurations. II: the inputs rest in the singular motion; I: the
-        output rests; self-motion: both rest.
+        The type that was looked for. It says what rests in `motion`. II: the inputs; I: the
+        output; self-motion: both.
     type
-        (n,) `spherekit.singularities.several_inputs.RowType` of each configuration.
+        (n,) `spherekit.singularities.several_inputs.RowType` of each configuration. It can
+        be singular in another way, too, so this can be III where `kind` is I or II.
     values
         (n, V) variables (rad).
     motion
-        (n, V) unit rates x of the singular motion. The rates of pairs that do not move the
-        output are zero: a motion of these pairs alone is no singularity of the output.
+        (n, V) unit rates x of the singular motion. Pairs that do not move the output have
+        the rate zero, because their motion alone is no singularity of the output.
     inputs
         (n, g) values of the inputs (rad). They differ from the variables by whole
         revolutions, so that they are in their declared ranges or as near to these as
@@ -183,10 +184,10 @@ class SingularityReport:
     def describe(self, values: Floats, motions: Floats, residual: Floats) -> SingularPoints:
         """Return singular configurations with their inputs, poses and types.
 
-        A singular motion is a motion in which the inputs rest (type II), the output rests
-        (type I), or both (self-motion). The report looks for one of these types, which is
-        the `kind` of all points. A configuration can be singular in more than one way: the
-        `type` of each point tells which singular motions it has.
+        In a singular motion the inputs rest (type II), the output rests (type I), or both
+        (self-motion). The report looks for one of these types, which is the `kind` of all
+        points. A configuration can be singular in more than one way, for example of types I
+        and II. The `type` of each point takes all its singular motions into account.
 
         Parameters
         ----------
@@ -203,9 +204,10 @@ class SingularityReport:
         pointing = None
         if self.output.pointing is not None:
             pointing = orientation @ np.array(self.output.pointing)
-        # The rows of `equations` are the angular velocity of the output per unit rate of
-        # each variable, in the components that matter. Their products with the rates of the
-        # motion are the rates of the output.
+        # The rows of `equations` are components of the output's angular velocity, per unit
+        # rate of each variable: all three, or for a pointing output the two at right angles
+        # to its direction. Their products with the rates of the motion are the rates of the
+        # output.
         output_rates = np.matvec(self.output.equations(linearisation), motions)
         return SingularPoints(
             kind=self.kind,
