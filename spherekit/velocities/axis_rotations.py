@@ -75,26 +75,30 @@ class JointTransform:
 
     def reversed(self) -> "JointTransform":
         """Return the rotation from the second link to the first."""
-        return JointTransform(
-            tuple(constant.T for constant in reversed(self.constants)),
-            tuple(
-                AxisRotation(rotation.variable, -rotation.scale, -rotation.offset)
-                if isinstance(rotation, AxisRotation)
-                else rotation.T
-                for rotation in reversed(self.rotations)
-            ),
-        )
+        inverse_constants = tuple(constant.T for constant in reversed(self.constants))
+        inverse_rotations: list[VariableRotation] = []
+        for rotation in reversed(self.rotations):
+            if isinstance(rotation, AxisRotation):
+                # A rotation about z by the angle scale * variable + offset.
+                inverse_rotations.append(
+                    AxisRotation(rotation.variable, -rotation.scale, -rotation.offset)
+                )
+            else:
+                inverse_rotations.append(rotation.T)  # a rotation matrix (3, 3)
+        return JointTransform(inverse_constants, tuple(inverse_rotations))
 
 
 @dataclass(frozen=True)
 class ProfileSide:
     """One of the two profiles of a contact, as expressions.
 
-    A profile is the curve along which the contact point moves on one link. A circle is
-    written as a rotation about its centre. For other curves the numbers at the contact
-    point are symbols, whose values are computed from a series and passed to kernels. In
-    the order of `PROFILE_COLUMNS` they are the tangent t (3 components), the point p (3),
-    the curvature k, and dk/ds with the arc length s.
+    A profile is the curve along which the contact point moves on one link. A contact has
+    two sides: the profile on the first link and the one on the second link.
+
+    A circle is written as a rotation about its centre. For other curves, eight numbers at
+    the contact point are symbols: the tangent t (3 components), the point p (3), the
+    curvature k, and dk/ds with the arc length s (`PROFILE_COLUMNS`). Their values are
+    computed from a series, and passed to the compiled functions of the expressions.
 
     Attributes
     ----------
@@ -105,10 +109,10 @@ class ProfileSide:
     curvature, slope
         Curvature k and its derivative dk/ds: numbers of circles, symbols otherwise.
     column_symbols
-        These symbols, `curvature` and `slope` among them. Empty for circles that are
-        written as rotations.
+        The eight symbols. Empty for circles that are written as rotations.
     last_derivative
-        Symbol of d2k/ds2, the derivative of the last of the `column_symbols`.
+        Symbol of d2k/ds2, the derivative of the last of the `column_symbols`; 0.0 if there
+        are none.
     """
 
     track: ContactProfile
@@ -144,7 +148,8 @@ class PairRotations:
     chains
         For each pair the rotation from its first link to its second.
     sides
-        By the number of each contact, the profiles of its first and second link.
+        By the number of each contact, the profiles of its first and second link, called its
+        sides.
     followers
         R pairs whose angle follows from the inputs through wheels, by the number of the
         pair. The angle is the sum of a factor times each input angle, and of a constant.
@@ -166,10 +171,11 @@ class PairRotations:
 
     @property
     def sides_with_columns(self) -> tuple[ProfileSide, ...]:
-        """The profiles whose `PROFILE_COLUMNS` are variables of the expressions.
+        """The profiles (sides of contacts) with symbols in the expressions.
 
-        These numbers (tangent, point and curvature at the contact) are computed for each
-        configuration and follow the pair variables. The profiles are in the same order.
+        The symbols are tangent, point and curvature at the contact. In the arguments of a
+        compiled function, their values come after the pair variables, profile by profile in
+        this order.
         """
         return tuple(
             side

@@ -248,10 +248,13 @@ def _vector_along_profile(
 
     It is the angular velocity of the second link relative to the first, per unit of arc
     length along this profile. n is the normal of the profile, k its curvature, p the
-    contact point and t the tangent. The derivative k' by the arc length is called the slope
-    of the profile. The derivative of n + k p (``slide``) is k' p, because n' = -k t and
-    p' = t. Its second derivative is k' t + k'' p. The length of the first term is the bound
-    ``slide_change``. That of the last term is added by `CarriedVector.slide_change_bound`.
+    contact point and t the tangent. Primes are derivatives by the arc length, and k' is
+    called the slope of the profile.
+
+    - The derivative of n + k p, ``slide``, is k' p, because n' = -k t and p' = t.
+    - The second derivative is k' t + k'' p. Bounds of rates need a bound of its length.
+      ``slide_change`` is ``|k'|``. There is no expression of k'', for which
+      `CarriedVector.slide_change_bound` adds the largest value along the profile.
 
     Parameters
     ----------
@@ -264,10 +267,13 @@ def _vector_along_profile(
     variables
         Expressions of all variables. The arc length along the profile is one of them.
     """
+    # The chain leads from the link to the moving frame t, n, p. It consists of one rotation
+    # (about the centre of a circle, or a matrix of symbols) between two constant matrices.
     (rotation,) = side.chain.rotations
     if isinstance(rotation, AxisRotation):
         # The profile is a circle. n + k p is fixed in the link: it points to the centre of
         # the circle, and its length is the angle (`scale`) about the centre per arc length.
+        # Column 2 of the first constant is this centre in link axes.
         axis = placed.direction(side.chain.constants[0][:, 2]) * (sense * rotation.scale)
         return CarriedVector(axis, link, abs(rotation.scale))
     _, normal, point = _contact_frame(side, placed, variables)

@@ -35,8 +35,8 @@ class MotionRates:
     ----------
     scaled_speeds
         The rate of each input, divided by D, the determinant of the velocity equations.
-        Expressions for the motion at the rate 1 of one input are homogeneous: they contain
-        the factor D. Their sum, with these numbers as factors, belongs to the given rates.
+        Rates at the rate 1 of one input are known times D. They are multiplied by these
+        expressions, and added over the inputs.
     variable_rates
         The rate of each pair variable.
     w
@@ -73,16 +73,17 @@ class CoordinateRates(VelocityEquations):
         structure
             The mechanism with its inputs and groups.
         variables
-            Expressions (rad) of all variables. They are needed if `placed` is empty, and
-            for contacts, whose points depend on arc lengths along the profiles.
+            Expressions (rad) of all variables. Contact points depend on those of contacts,
+            the arc lengths along the profiles. The others have no effect if orientations
+            are given.
         placed
             Orientations of all links. By default they follow from the variables.
         """
         self.structure = structure
         mechanism = structure.mechanism
         placed = placed or place_by_variables(mechanism, structure.pairs, variables)
-        # Circles that roll on each other are computed as two rotations about their centres,
-        # which takes fewer expressions.
+        # The vector of two circles that roll on each other is written as the sum of two
+        # rotations about their centres. An expression by the contact point would be longer.
         super().__init__(mechanism, structure.pairs, placed, variables, about_centres=True)
 
     def _solve_groups(
@@ -100,10 +101,9 @@ class CoordinateRates(VelocityEquations):
         driven_rates
             The rate of each driven pair, by the number of the pair.
         offsets
-            Right-hand sides (3,) of the loop equations, such as the bias of accelerations
-            or the rates of closure residuals. Each belongs to a pair of the loop, by whose
-            number it is stored: the equation has its angular velocity less the offset. None
-            for zero.
+            Vectors (3,) by the number of a pair, such as the bias of accelerations or the
+            rates of closure residuals. In the loop equations the angular velocity of this
+            pair is reduced by its offset. None for zero.
         """
         # The (only) variable of each driven pair.
         rate_by_variable = {
@@ -157,21 +157,24 @@ class CoordinateRates(VelocityEquations):
     def closure_residual_rates(self, size: ExpressionNode) -> dict[int, Exprs]:
         """Return the derivatives (3,) of `closure_residuals` by a size of the mechanism.
 
-        A loop is closed by a pair, whose frame is reached along both sides of the loop: in
-        the second link of the pair, and from its first link by the rotation of the pair.
-        The closure residual is the rotation vector from the latter frame to the former. At
-        a closed configuration both coincide, so its derivative is the difference of the
-        angular velocities of both frames as the size grows. The variables are held
-        constant. The keys are the closing pairs.
+        A loop is cut at one pair, the closing pair. Its frame is then reached along both
+        sides of the loop: in the second link of the pair (`by_second_link`), and from its
+        first link by the rotation of the pair (`by_pair`). The closure residual is the
+        rotation vector from the latter frame to the former. At a closed configuration both
+        coincide, so its derivative is the difference of the angular velocities of both
+        frames as the size grows. The variables are held constant. The keys are the closing
+        pairs.
         """
         residual_rates: dict[int, Exprs] = {}
         for pair, frames in self._closing_frames.items():
             # Angular velocities (3,) of the two frames per unit rate of the size, in ground
-            # axes. If its second argument is the derivative of the first,
-            # `rotation_between` returns the angular velocity of the frame.
+            # axes.
             angular_velocities = []
             for frame in (frames.by_second_link, frames.by_pair):
+                # The size has the rate 1.
                 derivative = vector(differentiate([*frame.ravel()], {size: 1.0}))
+                # `rotation_between` is half the sum of b x c over the columns b, c of both
+                # matrices. With c = b' = w x b this is the angular velocity w.
                 angular_velocities.append(rotation_between(frame, derivative.reshape(3, 3)))
             by_second_link, by_pair = angular_velocities
             residual_rates[pair] = by_second_link - by_pair
@@ -203,8 +206,7 @@ class CoordinateRates(VelocityEquations):
         has constant components there, so these expressions are short.
         """
         orientation = self.placed[link]
-        # The homogeneous rates of all variables.
-        homogeneous_rates = self.tau[input_index]
+        homogeneous_rates = self.tau[input_index]  # of all variables
         # The sum of all variables on the path from the ground to the link: vector times
         # rate. The sense is 1 or -1, or 0 if the path does not contain the variable.
         parts: list[Exprs] = []
@@ -214,6 +216,8 @@ class CoordinateRates(VelocityEquations):
             # The vector of the variable in each link in which it is fixed, as the axis of
             # an R pair is in both of its links.
             fixed_vectors = self.structure.fixed_vectors(variable)
+            # `fixed_components` takes a vector in link axes, which gives constants.
+            # `components` takes a vector in ground axes, which gives expressions.
             if link in fixed_vectors:
                 components = orientation.fixed_components(fixed_vectors[link])
             else:

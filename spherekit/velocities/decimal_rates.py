@@ -101,11 +101,13 @@ class DecimalRates:
         rotations: Array | None = None
         is_known = np.zeros(n, dtype=bool)
         for mode, rows in _rows_of_modes(motion, [modes[k] for k in sorted(numbers)]):
-            # A dyad (two links and three pairs) has a sign in each assembly mode. Any other
-            # group of links has the sign of the determinant of its closure equations.
+            # The signs select the assembly mode. A dyad (two links and three pairs) closes
+            # in two ways, which its sign distinguishes. For any other group of links it is
+            # the sign of the determinant of its closure equations.
             placed = quad_assembly.place(
                 mode.signs, mode.determinants, motion.inputs[rows], motion.values[rows]
             )
+            # The number type (quad precision) is known from the first result.
             if rotations is None:
                 rotations = np.zeros((n, tree.count, 3, 3)).astype(placed.rotations.dtype)
             rotations[rows] = placed.rotations
@@ -204,13 +206,16 @@ class DecimalRates:
 
         The pole of two links has the direction u: the axis of a pair, or the direction of
         v, the angular velocity of the second link relative to the first. The velocity
-        coefficient is v . u, the acceleration coefficient dv . u. The rounding of each
-        quantity to float64 is included.
+        coefficient is v . u, the acceleration coefficient dv . u. The errors of all angular
+        velocities of links are at most `w_error`, those of their derivatives `dw_error`,
+        and those of pair axes `axis_error`. The rounding of each quantity to float64 is
+        included.
 
         Parameters
         ----------
         numbers
-            Arrays (k, n) as `pole` returns them.
+            The quantities as arrays (k, n), k = 3 for vectors and 1 for numbers, by their
+            names.
         speed
             (n,) size of the relative angular velocity v.
         dv
@@ -228,8 +233,9 @@ class DecimalRates:
         v_error = 2.0 * self.w_error
         dv_error = 2.0 * self.dw_error
         direction_bound = self.axis_error
-        # A pair axis a turns at w x a.
-        # It turns with a link, whose angular speed is at most that of the fastest link.
+        # The derivative of a pair axis a is w x a with the angular velocity w of its link.
+        # Its error is the error of w (a has length 1), plus the error of a times the speed
+        # of w, which is at most that of the fastest link.
         change_bound = self.w_error + self.axis_error * self._largest_speed
         if not is_pair_axis:
             # u = v / |v|, and du = (dv - (dv . u) u) / |v|. In du the size of dv is
@@ -239,6 +245,7 @@ class DecimalRates:
             change_bound = (dv_error + 2.0 * direction_bound * derivative_size) / speed
         # An error of u multiplies the part of dv that is perpendicular to u.
         acceleration_bound = dv_error + direction_bound * derivative_size
+        # Within its error v may be zero, and its direction any.
         if not is_pair_axis:
             direction_bound = np.where(speed <= v_error, np.inf, direction_bound)
         bounds = {

@@ -219,6 +219,9 @@ class DesignExpressions:
     def differentiate_by_sizes(self, items: Sequence[Expr]) -> list[list[Expr]]:
         """Return the derivatives of expressions by each size, while the loops stay closed.
 
+        A size is a number of the mechanism that varies, such as an arc of a link, a mass or
+        a number of a load. The inputs are held constant.
+
         Profiles other than circles are described by symbols, the profile columns: tangent,
         point, curvature k and its derivative dk/ds by the arc length at the contact. The
         derivatives by these columns follow after those by the sizes.
@@ -234,15 +237,17 @@ class DesignExpressions:
 
         Returns
         -------
-        For each size, then for each profile column, the derivative of each expression. In
-        closed form (inputs and dyads only) there are no profile columns.
+        For each size, then for each profile column, the derivative of each expression.
+        There are no profile columns if the pair variables have a closed form, as in
+        mechanisms of dyads.
 
         Raises
         ------
         EngineError
             If an expression contains d2k/ds2 of a profile.
         """
-        # In closed form the expressions contain no pair variables that change with a size.
+        # With a closed form the pair variables are no symbols: the expressions contain the
+        # inputs and sizes instead, and the loops are always closed.
         if self.has_closed_form:
             return [differentiate(items, {size: 1.0}) for size in self.size_symbols]
         sides = self.structure.pairs.sides_with_columns
@@ -260,8 +265,9 @@ class DesignExpressions:
         rates = self.coordinate_rates
         derivatives: list[list[Expr]] = []
         for size in (*self.size_symbols, *columns):
-            # The variables change such that the loops stay closed. The total derivative is
-            # d/d size + sum over the variables of (change of variable) d/d variable.
+            # The total derivative is
+            # d/d size + sum over the variables of (change of variable) d/d variable,
+            # where the changes keep the loops closed while the inputs rest.
             changes = rates.solve_loops(rates.closure_residual_rates(size))
             total = differentiate(items, {size: 1.0})
             for change, partial in zip(changes, by_variable, strict=True):
@@ -501,8 +507,9 @@ class DesignExpressions:
         """
         rates = self.coordinate_rates
         total: Expr = 0.0
-        # For each input: the rates of all variables and the angular velocities of all
-        # links. Both have the same scale, which cancels in the ratio.
+        # For each input: the rates tau of all variables and the angular velocities w of all
+        # links. Both are multiplied by the determinant of the velocity equations, which
+        # cancels in the ratio below.
         for tau, w in zip(rates.tau, rates.w, strict=True):
             pair_velocities = rates.pair_velocities(tau)
             residual_square: Expr = 0.0
@@ -579,8 +586,9 @@ class DesignExpressions:
 
         The pole axis is the axis of the relative rotation of the links. The unit vector
         times the velocity coefficient is the angular velocity of the first link relative to
-        the second one, per unit rate of the moving input. It is NaN if the links do not
-        move relative to each other and no pair joins them.
+        the second one, per unit rate of the moving input. It is NaN if the locked inputs
+        hold the links together. It is also NaN in configurations in which they happen to be
+        at rest relative to each other, unless a pair joins them.
 
         Parameters
         ----------
@@ -599,8 +607,8 @@ class DesignExpressions:
             return direction
         # The relative velocity of links at rest is a rounding error, which has a direction
         # too. Links count as at rest if their relative velocity is less than `NO_MOTION`
-        # times the reference velocity or times 1, whichever is larger. As in a run, the
-        # reference is the velocity of the link with the larger number.
+        # times the velocity of one of the links, or times 1 if that is larger. It is the
+        # link with the larger number, as in runs, so that both give NaN in the same rows.
         w = self._link_velocities[moving]
         reference_velocity = w[max(link, other)]
         relative_velocity = w[link] - w[other]
@@ -702,14 +710,14 @@ class DesignExpressions:
         These symbols are:
 
         - the angle of the input;
-        - the pair variables. In closed form expressions contain the inputs and the signs of
-          dyads instead;
+        - the pair variables, unless they have a closed form. Expressions then contain the
+          inputs and constant signs instead, and there are no profile columns;
         - the profile columns of contacts: tangent, point and curvature of each profile
-          (other than circles) at the contact. They are arguments of a compiled function,
-          one column for each, because their values come from series.
+          (other than circles) at the contact. Their values come from series.
 
         Rates are per unit rate of the moving input.
         """
+        # The first symbols of a sample are the angles of the inputs.
         rates: dict[ExpressionNode, Expr] = {self.sample_symbols[moving]: 1.0}
         if not self.has_closed_form:
             rates |= zip(
@@ -770,8 +778,9 @@ class DesignExpressions:
             sign_of_condition=sign_of,
             table_torque=self.table_symbols.__getitem__,
         )
-        # Homogeneous forces: `tau` and `w` are rates times the determinant of the velocity
-        # equations (`scale`), by which the sum is divided.
+        # `tau` and `w` are the rates of variables and links at the rate 1 of each input,
+        # times the determinant of the velocity equations (`scale`). The forces contain the
+        # same factor, by which their sum is divided.
         forces = (
             component_forces(components, load_state)[moving]
             for components in self._load_components
@@ -806,7 +815,9 @@ class DesignExpressions:
     def transmission_angle(self, pair: str) -> Expr:
         """Return the transmission angle (rad) of a dyad.
 
-        See `spherekit.velocities.transmission_angle`.
+        A dyad is two links joined by the middle one of three pairs. The transmission angle
+        is the acute angle between the planes of the arcs of its links, which meet in the
+        axis of the middle pair.
 
         Parameters
         ----------
@@ -817,7 +828,9 @@ class DesignExpressions:
         dyads = (group for group in self.structure.assembly.groups if group.is_dyad)
         # A pair is the middle one of a single dyad.
         (group,) = (dyad for dyad in dyads if dyad.middle == number)
-        # Unit vectors (3,) of the three axes of the dyad, in ground axes.
+        # Unit vectors (3,) of the three axes of the dyad, in ground axes. The positions in
+        # `group.pairs` are those of an outer pair, the middle pair and the other outer
+        # pair.
         dyad_axes = (
             self.coordinate_rates.vectors[self._variable_of_pair(group.pairs[position])]
             for position in group.dyad_positions

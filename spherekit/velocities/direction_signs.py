@@ -62,8 +62,9 @@ class SignContinuation:
     ----------
     last
         The keys are three numbers: that of the assembly mode, and the two links of a pole.
-        The values are the `VelocityPath` (8,) at the last sample, and the sign of the
-        direction at this sample.
+        The values are eight numbers of the last sample, and the sign of the direction
+        there. The eight numbers (`VelocityPath`) are the input, the sense in which it
+        moves, the relative angular velocity of the links (3) and its derivative (3).
     first_axis_sums
         By the number of the assembly mode, the sum (3,) of the axes and contact points of
         all pairs at the first sample of the mode. There, directions of poles are chosen
@@ -78,7 +79,7 @@ class SignContinuation:
     def state(self) -> dict[str, Any]:
         """Return the state as plain lists, from which JSON restores every bit."""
         return {
-            # The key is that of the journals of earlier versions.
+            # Files of interrupted runs have this key.
             "home": [
                 [mode, axis_sum.tolist()] for mode, axis_sum in self.first_axis_sums.items()
             ],
@@ -204,10 +205,11 @@ def signs_by_first_axis_sums(
 ) -> SignFunction:
     """Return a function of signs that depend only on the first row of each assembly mode.
 
-    The direction of a pole is determined up to its sign. Where rows are no path, the sign
+    The direction of a pole is determined up to its sign. If rows are no path, the sign
     cannot be continued from row to row. Each assembly mode then has one constant vector for
     all poles and rows: the sum of all pair axes at its first row. Signs are such that the
-    scalar products of directions with this vector are not negative.
+    scalar products of directions with this vector are not negative. So the sign of a row
+    does not depend on the order of the rows.
 
     Parameters
     ----------
@@ -220,6 +222,8 @@ def signs_by_first_axis_sums(
         added in place.
     """
     axis_sums = np.zeros((len(motion.assembly_modes), 3))
+    # Some rows that were selected from a motion count as one mode, although the motion
+    # still lists all modes. So `has_configuration` can be shorter.
     for mode_index, (mode, is_valid) in enumerate(
         zip(motion.assembly_modes, has_configuration, strict=False)
     ):
@@ -352,10 +356,10 @@ def _continue_along_path(
     """Return the continuous signs (k,) of a direction along a path of samples.
 
     The direction follows the relative angular velocity v of the links of its pole: where v
-    reverses between two samples, so does the sign. v can only have reversed if the scalar
-    product of its values at both samples is negative; otherwise the motion between them is
-    not examined. The last sample is stored, so that the next block of samples continues
-    from there.
+    passes through zero and reverses between two samples, so does the sign. If the scalar
+    product of its values at both samples is not negative, it counts as not reversed. If it
+    is negative, v can have turned instead, and an interpolation of v decides. The last
+    sample is stored, so that the next block of samples continues from there.
 
     Parameters
     ----------
@@ -369,8 +373,8 @@ def _continue_along_path(
         (8, k) at each sample the coordinate (index 0), the sense of the input (1), v (2 to
         4) and its derivative (5 to 7).
     may_reverse
-        (k - 1,) whether v may reverse between a sample and the next one. The caller knows
-        of the other gaps that it does not.
+        (k - 1,) whether v may reverse between a sample and the next one. The others are
+        not examined.
     """
     # -1 for the gaps between two samples in which v reverses, otherwise 1.
     reversals = np.ones(len(may_reverse))

@@ -308,7 +308,9 @@ def make_closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | N
     """Return the closed form of all variables as functions of inputs and signs.
 
     A dyad is two links in series between two other links. It can be closed in two ways,
-    between which its sign chooses.
+    between which its sign chooses. It does not close if its links are too short or too
+    long. The square of the triple product of its three axes, computed from the inputs and
+    arcs, is then negative.
 
     Parameters
     ----------
@@ -320,8 +322,8 @@ def make_closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | N
 
     Returns
     -------
-    The variables as expressions, with the squares of triple products by which dyads are
-    found that do not close. None if a group is not a dyad, or if there are no groups.
+    The variables as expressions, with the squares of the triple products. None if a group
+    is not a dyad, or if there are no groups.
     """
     if not assembly.has_closed_form or not assembly.groups:
         return None
