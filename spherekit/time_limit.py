@@ -45,11 +45,13 @@ class TimeLimit:
         share
             Share of the remaining time, from 0 to 1.
         what
-            Name of the search; by default it is the same search.
+            Name of a part of the search with progress reports of its own. By default the
+            part continues the reports of the whole search.
         """
         remaining = self.seconds - self.taken
         part = TimeLimit(max(0.0, share * remaining), what or self.what)
         if what is None:
+            # The reporter knows when it reported last, so reports stay some seconds apart.
             part._progress = self._progress
         return part
 

@@ -80,9 +80,11 @@ def configurations(solver: PositionSolver, q: Floats) -> tuple[Floats, Indices]:
         # Each group is a dyad (two links in series) that can be closed in two ways, which
         # its sign distinguishes.
         for signs in product((1, -1), repeat=len(solver.assembly.groups)):
-            mode = solver.evaluate(AssemblyMode(0, signs), q)
-            closed_rows = np.flatnonzero(mode.status == Status.OK)
-            value_parts.append(mode.values[closed_rows])
+            # `evaluate` uses the signs only; the number of the mode has no meaning here.
+            mode = AssemblyMode(number=0, signs=signs)
+            motion = solver.evaluate(mode, q)
+            closed_rows = np.flatnonzero(motion.status == Status.OK)
+            value_parts.append(motion.values[closed_rows])
             row_parts.append(closed_rows)
     else:
         for row, input_values in enumerate(q):
@@ -151,11 +153,11 @@ def _follow_slices(
 
 @dataclass(frozen=True)
 class LockedInputSection:
-    """Curves of configurations on which all inputs but one are locked.
+    """The slices of a mechanism at the values of a regular grid.
 
-    The configurations with all inputs but one locked at given values are called a slice of
-    the set of all configurations. It consists of curves. Each input is free in turn, and
-    the others are locked at the values of a regular grid.
+    The configurations with all inputs but one locked at given values are called a slice. It
+    consists of curves. Each input is free in turn, and the others are locked at the values
+    of the grid.
 
     Attributes
     ----------
@@ -235,15 +237,16 @@ def cut(
 def singular_points_on_slice(curve: ArcCurve, locus: SingularityLocus) -> LocusPoints:
     """Return the singular configurations of one type on a curve of configurations.
 
-    The locus has a measure, a function of the configuration that is zero at its
-    singular configurations. The zeros along the curve are located, and
-    the configurations are then corrected by Newton's method for the singularity itself,
-    which also gives the singular motion.
+    The locus has a measure, a function of the configuration that is zero at its singular
+    configurations. The zeros along the curve are located first. From each of them, Newton's
+    method solves for a configuration together with its singular motion: rates that close
+    the loops while the inputs (or an output) rest.
 
     Parameters
     ----------
     curve
-        Configurations in which all inputs but one have fixed values.
+        A curve of configurations in which all inputs but one have fixed values (a slice
+        consists of such curves).
     locus
         The locus: all singular configurations of the type.
     """
@@ -252,7 +255,9 @@ def singular_points_on_slice(curve: ArcCurve, locus: SingularityLocus) -> LocusP
         """Return the measure (n,) of the locus and its derivative by the arc length."""
         space = locus.tangent_space(points.values)
         measure = locus.measure(space)
-        # The gradient is in coordinates of the tangent space, as is the tangent here.
+        # The tangent space has the rates that close the loops. The gradient is given by its
+        # components along an orthonormal basis of this space, so the tangent of the curve
+        # is too. Their scalar product is the derivative along the curve.
         tangent_coordinates = np.vecmat(points.tangents, space.basis)
         return measure.value, np.vecdot(measure.gradient, tangent_coordinates)
 

@@ -101,25 +101,34 @@ class OutputStationary:
         return directions @ np.swapaxes(angular_velocities, 1, 2)
 
     def equation_derivatives(self, space: TangentSpace) -> Floats:
-        """Return the derivatives (n, g + 1, m, V) of E along `space.directions`.
+        """Return the derivatives (n, g + 1, m, V) of E along g + 1 directions of change.
 
-        E are the components of the output's angular velocity, per unit rate of each of the
-        V variables, along m directions that are fixed in the output link. These directions
-        turn with the link, and the angular velocities per unit rate change: the derivative
-        has two terms accordingly. It is taken along g + 1 changes of the configuration: the
-        basis of the tangent space, and the step that closes the loops.
+        E x = 0 says that the output does not turn about m directions fixed in its link.
+        Entry (i, v) of E is the scalar product of direction i with the angular velocity of
+        the output per unit rate of variable v. Both factors change with the configuration,
+        so the derivative has two terms.
+
+        A configuration has g degrees of freedom. It changes along the g rates of a basis of
+        the tangent space (the rates that close the loops), and along the step that closes
+        loops which are slightly open.
         """
         linearisation = space.linearisation
         directions = self._constrained_directions(linearisation)
         angular_velocities = self._angular_velocities(linearisation)
-        # The angular velocity of the output link along each change of the configuration.
+        # 1. The directions turn with the output link. `tree.paths` has, for each link, 1 or
+        # -1 for the variables on the path from body 0 to it, 0 for others. The sum of these
+        # numbers times rates times vectors is the angular velocity of the link.
         # The letters are: n configuration, v variable, g direction of change, k component.
         link_vectors = linearisation.tree.paths[self.link][:, None] * linearisation.vectors
         link_velocity = np.einsum("nvg,nvk->ngk", space.directions, link_vectors)
         direction_changes = cross(link_velocity[:, :, None], directions[:, None])
+        # 2. The changes of the angular velocities. The path now leads from the reference
+        # link to the output link.
         velocity_changes = (
             self._path_senses(linearisation)[:, None] * space.vector_derivatives
         )
+        # The scalar products are matrix products over the three components: (m, 3) times
+        # (3, V), for each configuration and direction of change.
         from_directions = direction_changes @ np.swapaxes(angular_velocities, 1, 2)[:, None]
         return from_directions + directions[:, None] @ np.swapaxes(velocity_changes, 2, 3)
 
@@ -197,9 +206,10 @@ def output_of(
         Name of an output.
     pointing
         The direction that must rest: the name of an R pair on the output's link, for the
-        axis of this pair, or a vector (3,) in the link's axes. By default a mechanism with
-        two inputs moves the direction that the output declares, since a direction has two
-        degrees of freedom. Otherwise the orientation of the link must rest.
+        axis of this pair, or a vector (3,) in the link's axes. If it is not given, the
+        number of inputs decides. With two inputs it is the direction that the output
+        declares, because a direction has two degrees of freedom. With another number, or
+        without a declared direction, the orientation of the link must rest.
 
     Raises
     ------

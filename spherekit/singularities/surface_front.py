@@ -165,13 +165,16 @@ class SurfaceFront:
 
         The first triangle is an equilateral one with a corner at the seed. The mesh then
         grows at its open edges, which have a triangle on one side only, until no edge needs
-        a triangle, or the limits of vertices or time are reached. Nothing is done if
-        surfaces cross at the seed, or if the mesh covers it already.
+        a triangle, or the limits of vertices or time are reached. An edge needs one if it
+        has an end within the ranges of the inputs. Nothing is done if surfaces cross at the
+        seed, or if the mesh covers it already.
 
         Returns
         -------
-        Whether the mesh was extended.
+        Whether the seed became a vertex of the mesh. It then counts as meshed, even if the
+        surface could not be continued from it.
         """
+        # At a crossing of surfaces the equations of a singular configuration are singular.
         is_crossing = seed.reciprocal_condition[0] < SURFACE_CROSSING_CONDITION
         covering = self.find_vertices_near(
             seed.values[0], seed.motions[0], self.edge_length
@@ -341,9 +344,12 @@ class SurfaceFront:
         ideal = self._ideal_apex(edge)
         ideal_offset = self.vertices.tangents[a] @ [ideal.real, ideal.imag]
         # Only vertices in this neighbourhood are candidates, and only open edges between
-        # them are tested for crossings. Vertices of another sheet of the surface, which
-        # passes nearby, are left out: their singular motion (unit rates with inputs or
-        # output at rest) differs.
+        # them are tested for crossings. Its radius has to exceed `MAX_EDGE_LENGTH`, the
+        # largest distance of a candidate from the ideal apex, since open edges beyond a
+        # candidate can cross the triangle too.
+        # The surface may have another sheet, which passes nearby. Its vertices are left
+        # out. They are recognised by their singular motion: the rates of the variables
+        # with which the inputs (or the output) rest.
         neighbours = self.find_vertices_near(
             self.vertices.values[a] + ideal_offset,
             self.vertices.motions[a],
@@ -374,6 +380,8 @@ class SurfaceFront:
             new_point = None
             if apex == NEW_VERTEX:
                 new_point = self._new_vertex(edge)
+                # A new vertex is crowded if another one is nearer than
+                # `MIN_VERTEX_DISTANCE`.
                 if new_point is None or self._is_crowded(new_point):
                     continue
             if self._triangle_fits(edge, apex, positions, nearby_open_edges):

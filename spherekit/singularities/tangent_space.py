@@ -177,16 +177,17 @@ class TangentSpace:
     def rate_corrections(self) -> Floats:
         """(n, g + 1, V, V) the changes of rates that keep J x = 0 as configurations change.
 
-        The mechanism has V variables and g degrees of freedom. The g + 1 `directions` of
-        change are the basis of the rates that close the loops of the whole mechanism, and
-        the step that closes loops which are slightly open. This tangent space may be that
-        of the part of the mechanism that moves an output. J is the Jacobian of the loop
-        closure, J' its derivative along direction j of `directions`, J^+ its
-        pseudo-inverse. If the configuration changes along direction j, the smallest change
-        of rates x that keeps J x = 0 is -J^+ J' x, to first order. The array consists of
-        the matrices -J^+ J'.
+        J is the Jacobian of the loop closure with the pseudo-inverse J^+, and J' is its
+        derivative as the configuration changes along a direction. The smallest change of
+        rates x that keeps J x = 0 is -J^+ J' x, to first order. The array has the matrix
+        -J^+ J' for each direction.
+
+        The whole mechanism has V variables and g degrees of freedom. There are g + 1
+        directions of change: a basis of the rates that close the loops of the whole
+        mechanism, and the step that closes loops which are slightly open.
         """
-        # Configurations change along the directions of the whole mechanism.
+        # This tangent space may be that of the part of a mechanism that moves an output. J
+        # belongs to the part, but configurations change as those of the whole mechanism.
         mechanism_space = self.mechanism_space or self
         # (n, directions, V, 3) derivatives of the velocity vectors of all variables.
         derivatives = mechanism_space.vector_derivatives

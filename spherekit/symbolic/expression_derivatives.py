@@ -32,8 +32,9 @@ def differentiate(
         expressions, whose arguments are then not differentiated. The derivative of all
         other variables is zero.
     """
-    # If the derivative of the node -1 * x is given, that of x is its negative. It is added
-    # because expressions may contain x alone: minus signs are moved outwards.
+    # The derivative of a node -1 * x may be given. When expressions are built, minus signs
+    # are moved outwards: (-1 * x) * y becomes -1 * (x * y), which contains x alone. The
+    # derivative of x is therefore needed too.
     known_rates: dict[Any, Expr] = {}
     for node, rate in rates.items():
         negated_node = negated_operand(node)  # None if the node is not -1 * x
@@ -43,10 +44,12 @@ def differentiate(
 
     def differentiate_node(node: ExpressionNode, argument_rates: list[Expr]) -> Expr:
         """Return the derivative of a node, from the derivatives of its arguments."""
-        # A given derivative has precedence. A node with constant arguments is constant
-        # itself.
-        if node in known_rates or not any(argument_rates):
-            return known_rates.get(node, 0.0)
+        if node in known_rates:
+            return known_rates[node]
+        # The derivative of a constant argument is the number 0.0, which counts as false. A
+        # node counts as true. If all arguments are constant, so is the result.
+        if not any(argument_rates):
+            return 0.0
         return _CHAIN_RULES[node.operation](node, node.arguments, argument_rates)
 
     return rewrite(expressions, lambda number: 0.0, differentiate_node)

@@ -126,6 +126,14 @@ def _write_maximum(a: Array, b: Array, result: Array) -> None:
     np.maximum(a, b, out=result)
 
 
+def _float_maximum(a: float, b: float) -> float:
+    """Return the larger number, or NaN if one of both is NaN, as NumPy's maximum does."""
+    # Only NaN differs from itself. If b is NaN, both comparisons are false.
+    if a >= b or a != a:
+        return a
+    return b
+
+
 def float_function(
     outputs: Sequence[Expr], inputs: Sequence[ExpressionNode]
 ) -> FloatFunction:
@@ -141,6 +149,7 @@ def float_function(
     inputs
         Variables, in the order of the argument.
     """
+    # The operations in order, with a name for each input, constant and result.
     program = _write_program(outputs, inputs)
     # The body of a Python function with one line per operation, which is then compiled.
     lines = [f"[{', '.join(program.input_names)}] = input_values"]
@@ -155,8 +164,8 @@ def float_function(
     namespace: dict[str, Any] = {
         **vars(math),
         "power": math.pow,
-        # Like NumPy's maximum, it returns NaN if one of the arguments is NaN.
-        "maximum": lambda a, b: a if a >= b or a != a else b,
+        "maximum": _float_maximum,
+        # `math` has no such function.
         "sign": lambda a: np.sign(a).item(),
         **program.constants,
     }

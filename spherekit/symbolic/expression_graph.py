@@ -225,7 +225,9 @@ def dot(a: Iterable[Any], b: Iterable[Expr]) -> Any:
 def vector_product(operation: str, a: Expr, b: Expr) -> Expr:
     """Return the dot or cross product of two nodes that each represent a whole vector.
 
-    Products with zero vectors are 0, and minus signs are moved outwards.
+    A product with a zero vector is 0. Minus signs are moved outwards: (-a) . b becomes
+    -(a . b). Products that differ in signs only then contain the same node, which is
+    evaluated once.
 
     Parameters
     ----------

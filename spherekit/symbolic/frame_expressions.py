@@ -138,9 +138,9 @@ def _rotate_by_size_changes(
     """Return the frame of a pair in a link whose sizes differ from the reference pose.
 
     The axis of a pair in a link has two sizes (rad): its arc from the axis of the link's
-    first R pair, and the angle of this arc about that axis. If the arc is changed, the
-    frame rotates about the normal of its plane by the change. If the angle is changed, the
-    frame rotates about the first axis.
+    first R pair, and the angle of this arc about that axis. A change of the arc rotates the
+    frame about the normal of the plane of the arc. A change of the angle rotates it, with
+    this plane, about the first axis.
 
     Parameters
     ----------
@@ -154,13 +154,14 @@ def _rotate_by_size_changes(
     frame
         (3, 3) frame of the pair in the reference pose.
     """
-    # The growth axis is the one about which the frame rotates if the size increases. That
-    # of an arc is known in the reference pose only, before the angle has moved the plane of
-    # the arc. `pose_sizes` therefore lists the arc to an axis before its angle.
-    for kind, size_pair, value, growth_axis in pose_sizes(mechanism, link):
+    # The growth axis is the one about which the frame rotates if the size increases, in the
+    # reference pose. The rotation by the arc comes first: once the angle has turned the
+    # plane of the arc, the growth axis of the arc is no longer its normal. `pose_sizes`
+    # lists the arc to an axis before its angle.
+    for kind, size_pair, reference_size, growth_axis in pose_sizes(mechanism, link):
         size = design.get((kind, (link, pair)))
         if size_pair == pair and size is not None:
-            frame = _rotation_about(growth_axis, size - value) @ frame
+            frame = _rotation_about(growth_axis, size - reference_size) @ frame
     return frame
 
 

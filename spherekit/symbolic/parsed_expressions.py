@@ -83,8 +83,9 @@ def convert_to_graph(
             Full and reduced value of each operand.
         """
         full_operands, reduced_operands = zip(*operands, strict=True)
-        # A denominator that is the number 0 is an error. One that is zero only at some
-        # values of its variables is not.
+        # Operands are numbers or nodes of the graph. A denominator that is the number 0 is
+        # an error. A node, which may be zero at some values of its variables, differs from
+        # 0.0 in this comparison.
         if name == "/" and full_operands[1] == 0.0:
             subject = f'"{expression.text}"' if expression.text else "a load"
             raise EngineError(f"{subject} divides by what is zero everywhere")
@@ -97,7 +98,7 @@ def convert_to_graph(
             full_result = function(name, *arguments)
         # Sums of reduced values differ from the full result by whole revolutions. So does
         # the product of an integer k and a reduced value: k (x - n turns) is k x, less k n
-        # turns.
+        # turns. The reduced value of the number k is k.
         is_integer_multiple = name == "*" and any(
             isinstance(x, float) and x % 1.0 == 0.0 for x in full_operands
         )

@@ -38,9 +38,13 @@ ENDING_EVENTS: tuple[IntegrationEventKind, ...] = (
 class EventFunction:
     """A function of the state whose zeros are events of an integration.
 
-    Events of the `ENDING_EVENTS` end the integration. At a switch the equations change
-    abruptly, as dry friction does where the sliding rate changes its sign. The integration
-    then restarts with another parameter. Events of other kinds are only noted.
+    There are three sorts of events:
+
+    - Those of the `ENDING_EVENTS` end the integration.
+    - At a switch the equations change abruptly, as dry friction does where the sliding rate
+      changes its sign. They contain this sign as a parameter. The parameter is set to its
+      new value, 1 or -1, and the integration continues with a new step.
+    - Others are only noted.
 
     Attributes
     ----------
@@ -52,15 +56,14 @@ class EventFunction:
         Number of the pair variable to which the event belongs, or -1 without one.
     sense
         Only for ending events: the sign that the function must have after the zero. If it
-        is 0, passages in both directions count.
+        is 0, zeros at which the function rises and those at which it falls both count.
     switch
-        Only for switches: number of the parameter that is set to the new sign of the
-        function.
+        Only for switches: index of the parameter that is the sign of the function.
     sticks
         Only for switches: a function of the state, the time (s) and the parameters after
-        the switch. It returns whether the motion would switch back at once, as if dry
-        friction holds a body at rest. The equations do not describe such a state, so the
-        integration ends.
+        the switch. It returns whether the motion would switch back at once, as it does if
+        dry friction holds a body at rest. The equations do not describe such a state, so
+        the integration ends.
     """
 
     expression: Expr
@@ -199,9 +202,11 @@ class Integrator:
             time = float(adaptive.time)
             self.seen_events.append((index, time))
             # If the rate is zero, the sign is 0 and the parameter stays as it is.
+            # `event.switch` is the index of the parameter.
             if sign:
                 adaptive.pars[event.switch] = sign
-            # Copies, because both are views of the integrator's own arrays.
+            # `event.sticks`, if given, tests whether dry friction would hold a body at
+            # rest. It gets copies, because both are views of the integrator's own arrays.
             would_switch_back = event.sticks and event.sticks(
                 adaptive.state.copy(), time, adaptive.pars.copy()
             )
@@ -242,9 +247,12 @@ class Integrator:
     def step(self, max_length: float) -> tuple[StepEnd, float]:
         """Take one step, and return why it ended and its length (s).
 
-        A step also ends at a switch, where the equations change abruptly. A parameter then
-        has another sign, and the integration can continue. If an event ends the
-        integration, it is the last one of `seen_events`.
+        A step also ends at a switch, where the equations change abruptly. The callback of
+        the switch has noted it in `seen_events` and has set a parameter to its new sign. It
+        decides whether the integration can continue ("switch") or must end ("event").
+
+        Whenever the result is "event", the event that ends the integration is the last one
+        of `seen_events`.
 
         Parameters
         ----------
@@ -260,9 +268,9 @@ class Integrator:
         # and -n - 1 if it must end.
         if code >= 0:
             return "switch", length
+        # A switch is noted already, by its callback. Other events that end the integration
+        # have no callback and are noted here.
         index = self._terminal_indices[-code - 1]
-        # A switch also ends the integration if its callback says so, for example because
-        # the motion would switch back at once. The callback has noted it already.
         if self.events[index].kind != "switch":
             self.seen_events.append((index, self.time))
         return "event", length

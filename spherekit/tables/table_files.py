@@ -79,10 +79,13 @@ def to_frame(table: Table, data: TableArrays, degrees: bool = False) -> "pd.Data
             columns[column.name] = pd.Categorical.from_codes(values, pd.Index(STATUS_NAMES))
         elif column.unit_in(degrees) != column.unit:
             columns[column.name] = np.degrees(values)
-    # A stated unit differs from the unit in that pure numbers have "1".
+    # `unit_in` is the unit after the conversion. A stated unit is the same, except that
+    # pure numbers have "1".
     units = {column.name: column.stated_unit(degrees) for column in table.columns}
-    # `JoinedBlocks` makes new arrays each time, which the frame need not copy.
-    return make_frame(columns, {"units": units}, copy=not isinstance(data, JoinedBlocks))
+    # `JoinedBlocks` has rows in several blocks and joins them in new arrays each time. The
+    # frame can use these arrays, and has to copy those of other data.
+    has_new_arrays = isinstance(data, JoinedBlocks)
+    return make_frame(columns, {"units": units}, copy=not has_new_arrays)
 
 
 def make_frame(

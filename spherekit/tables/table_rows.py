@@ -92,9 +92,10 @@ class JoinedBlocks(Mapping[str, Array]):
             # Texts have no declared type: the longest text decides about the width.
             dtype = self._dtypes[name] or np.result_type(*(part.dtype for part in parts))
             joined[name] = np.empty(sum(map(len, parts)), dtype=dtype)
-        # Write the rows of each block to their positions in the joined columns. `spans` are
-        # slices of rows with the first position of each. All columns of a block are passed
-        # together, because lazy columns are then computed together.
+        # Write the rows of each block to their positions in the joined columns. A span is a
+        # slice of rows of the block, with the row of the joined column at which it begins.
+        # A column of a block can be lazy: its numbers are computed when it is copied. All
+        # columns of a block are passed together, because this computes them together.
         for block, spans in zip(self._blocks, self._spans, strict=True):
             copy_columns([(block[name], column) for name, column in joined.items()], spans)
         return joined
@@ -176,9 +177,11 @@ def sort_by_mode(block: TableData, by_mode: bool = True) -> ModeRows:
     """
     if not by_mode:
         return ModeRows(block, [(0, slice(0, row_count(block)))])
-    # A column may repeat each number for several subjects, such as poles. `modes` and
-    # `samples` have each number once. If only one of both columns is stored in this way,
-    # the rows are sorted below, as if they were in any order.
+    # A row of the batch may have several rows in the table, one for each subject, such as a
+    # pole. The columns of modes and samples then repeat each number `repeats` times. They
+    # can be stored without the repetitions, which `remove_repetitions` returns. If only
+    # one of both is stored in this way, the rows are sorted below, as if they were in any
+    # order.
     modes, repeats = remove_repetitions(block[ASSEMBLY_MODE.name])
     samples, sample_repeats = remove_repetitions(block[SAMPLE.name])
     if sample_repeats == repeats:
