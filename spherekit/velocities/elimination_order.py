@@ -195,7 +195,8 @@ def _judge_candidates(
     Parameters
     ----------
     rows
-        (k, 3, variables) equations of the loop at k configurations, after the steps so far.
+        (k, 3, variables) equations of the loop at k configurations. Variables that were
+        eliminated before, with other loops, are inserted.
     loop_variables
         Numbers of the variables that these equations contain.
 
@@ -261,19 +262,22 @@ def _choose_pivot(
     for loop, loop_contains in zip(loops, contains_variable, strict=True):
         loop_variables = [c for c in columns if loop_contains[c]]
         for independence, chosen in candidates[loop]:
+            # Dependent axes would make the solved equations inaccurate. Written with "not",
+            # so that NaN is left out, too.
             if not independence >= MIN_INDEPENDENCE_RATIO * best_independence:
                 continue
             # The variables of the pivot are expressed by the other variables of the loop
             # and inserted into the other loops that contain a variable of the pivot. Each
             # of these loops needs one product per other variable and one more for the right
-            # side. Entries that are zero so far are filled, which costs products in later
-            # steps (`FILL_COST`). The loop of the pivot contains all other variables, so it
-            # adds nothing to `filled`.
+            # side. An other variable that was not in such a loop is then in it (`filled`),
+            # which costs products in later steps.
             other_variables = [c for c in loop_variables if c not in chosen]
             loops_with_pivot = contains_variable[
                 np.any(contains_variable[:, chosen], axis=1)
             ]
             filled = int(np.sum(~loops_with_pivot[:, other_variables]))
+            # `loops_with_pivot` has the loop of the pivot, too, into which nothing is
+            # inserted.
             products = (len(loops_with_pivot) - 1) * (1 + len(other_variables))
             cost = FILL_COST * filled + products
             judged.append((-cost, independence, (loop, chosen)))
@@ -326,7 +330,8 @@ def eliminated_inverse_sizes(jacobians: Floats, order: EliminationOrder) -> Floa
             if len(chosen) == 3:
                 inverse = left_inverse(axes)
             else:
-                # Fewer variables than equations: normal equations, as in `loop_inverse`.
+                # Some of the three equations of this loop follow from those of other loops.
+                # So there are fewer variables, which normal equations (least squares) give.
                 transposed = np.swapaxes(axes, 1, 2)
                 inverse = left_inverse(transposed @ axes) @ transposed
             # The equations of this loop, solved for the variables of the pivot, are

@@ -119,9 +119,12 @@ class EquivalentLinkage:
 
         A linkage of R pairs replaces a mechanism with contacts of circles. In place of a
         sliding contact it has a link between the centres of the circles, with an R pair at
-        each centre. `numbers` are the Euler angles of all constant rotations, from link
-        axes to the frames of pairs. Some of them may be symbols, of which results are then
-        functions.
+        each centre. Rolling contacts are left out: pairs that follow the inputs through
+        wheels (followers) have angles that are linear functions of the input angles.
+
+        The property `numbers` has the Euler angles of all constant rotations, from link
+        axes to the frames of pairs, and then the factors of the followers. Some numbers may
+        be symbols, of which the results are then functions.
 
         Parameters
         ----------
@@ -156,11 +159,13 @@ class EquivalentLinkage:
                 chains.append(JointTransform((first, second), (AxisRotation(variable),)))
         followers: dict[int, list[Expr]] = {}
         if self.train is not None:
-            # The remaining numbers: ratios to all inputs and an offset for each follower.
+            # The remaining numbers are a ratio for each input and an offset. The angle of a
+            # follower is the sum of the ratios times the input angles, and the offset.
             rows = np.array([*numbers], dtype=object)
             rows = rows.reshape(len(self.train.followers), -1)
             followers = dict(zip(self.train.followers, rows.tolist(), strict=True))
-        return PairRotations(tuple(chains), {}, followers)
+        # A linkage of R pairs has no profiles of contacts (`sides`).
+        return PairRotations(tuple(chains), sides={}, followers=followers)
 
 
 def find_equivalent_linkage(

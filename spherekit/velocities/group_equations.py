@@ -307,11 +307,14 @@ class GroupEquations:
     ) -> list[LoopEquation]:
         """Return the scalar equations for the unknowns.
 
-        An equation is the component of the vector equation of a loop along a direction. If
-        a loop has two private variables, which occur in no other loop, the direction is
-        perpendicular to both of their vectors, so that the equation is free of them. Such a
-        loop gives one equation, others give three. If some equations repeat others, only
-        the `chosen_equations` are used instead.
+        The vector equation of a loop is sum of a_v x_v + c = 0, with the vectors a_v and
+        the rates x_v of its unknown variables v. A scalar equation is its component along a
+        direction. If a loop has two private variables, which occur in no other loop, the
+        direction is perpendicular to both of their vectors, so that the equation is free of
+        them. Such a loop gives one equation, others give three.
+
+        If some equations repeat others, the constructor has chosen independent ones. Then
+        `chosen_equations` are used instead.
 
         Parameters
         ----------
@@ -330,6 +333,7 @@ class GroupEquations:
                 self.private_variables, loop_vectors, known_parts, strict=True
             ):
                 directions: Sequence[Exprs] = [*GROUND_DIRECTIONS]
+                # `private` has two variables or none.
                 if private:
                     directions = [cross(*(by_variable[v] for v in private))]
                 equations += [
@@ -380,21 +384,27 @@ def _solve_private_rates(
     """
     a, b = (vectors[v] for v in private)
     other_variables = [v for v in vectors if v not in private]
-    if len(rates) == 1 and len(other_variables) == 1:
-        # A dyad: the group has one loop of three unknown variables, with the vectors a, b
-        # and d. The component along a x b has given the rate of the third variable, so D
-        # is (a x b) . d. Cramer's rule for x a + y b + z d + c = 0 gives D x = b . (c x d)
-        # and D y = -a . (c x d). It needs no division, and no digits cancel as in s.
+    # `rates` has the other variables of the group. With one of them, which is in this loop,
+    # the group has one loop of three unknown variables.
+    is_dyad = len(rates) == 1 and len(other_variables) == 1
+    if is_dyad:
+        # The vectors of the three variables are a, b and d. The component along a x b has
+        # given the rate z of the third one, so D is (a x b) . d. Cramer's rule for
+        # x a + y b + z d + c = 0 gives D x = b . (c x d) and D y = -a . (c x d). It needs
+        # no division. No digits are lost, whereas they may cancel in the sum s.
         normal = cross(known_part, vectors[other_variables[0]])
         return dot(b, normal), -1.0 * dot(a, normal)
+    # The vector s.
     other_terms = known_part * scale
     for variable in other_variables:
         other_terms = other_terms + vectors[variable] * rates[variable]
+    # With n = a x b, the vectors n x b and a x n are at right angles to b and to a. So the
+    # scalar products of x a + y b + s = 0 with these give x = (n x b) . s / |n|^2 and
+    # y = (a x n) . s / |n|^2.
+    # The quotients with vectors are formed first: they depend on a and b alone. Calls with
+    # other s, for each input and for accelerations, then share their expressions.
     normal = cross(a, b)
     inverse_square = 1.0 / dot(normal, normal)
-    # The vectors that multiply s depend on a and b alone. This function is called for each
-    # input and for accelerations, with other s. All of these calls share the expressions of
-    # the vectors.
     return (
         dot(cross(normal, b) * inverse_square, other_terms),
         dot(cross(a, normal) * inverse_square, other_terms),

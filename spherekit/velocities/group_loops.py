@@ -30,19 +30,22 @@ def find_group_loops(
     Parameters
     ----------
     mechanism, group
-        The mechanism, and the group. Numbers of pairs and links are those of the mechanism.
-        `group.ends` counts bodies and pairs by their position in the group.
+        The mechanism, and the group.
     closed_pairs
         Numbers of the driven pairs and of the pairs of earlier groups. A body of the group
-        consists of links that these pairs join, so loops can lead through them.
+        can consist of several links, which these pairs join. Loops lead through such a body
+        along these pairs.
 
     Returns
     -------
     The closed path of each loop, as numbers of pairs. The pair that closes it is the last
     one. If possible these are sliding contacts.
     """
+    # Until the loops are listed, `k` is the position of a pair in the group; its number in
+    # the mechanism is `group.pairs[k]`. `ends[k]` are the positions of its two bodies.
     ends = group.ends
     leaves = _find_leaves(group)
+    # The pairs that join no leaf.
     inner_pairs = [k for k, bodies in enumerate(ends) if not leaves.keys() & set(bodies)]
     # Pairs with few variables come first into the tree. Sliding contacts, with two
     # variables each, then close the loops, where both variables occur in one loop only.
@@ -62,6 +65,7 @@ def find_group_loops(
         closings.append((second_pair, [first_pair], sense))
     closings += [(k, [], 1) for k in inner_pairs if k not in tree]
 
+    # The loops lead along pairs and links with their numbers in the mechanism.
     loops: list[LoopPath] = []
     for closing_pair, further_pairs, sense in closings:
         pair = group.pairs[closing_pair]
@@ -79,9 +83,12 @@ def _find_leaves(group: Group) -> dict[int, list[int]]:
     """Return the leaves of a group, each with its two pairs.
 
     A group is a set of bodies whose loops are closed together. A leaf is a body that two
-    pairs join to two different other bodies. A loop through the leaf gives the rates of
-    both pairs, and no other loop passes them. This needs a path through the bodies that are
-    no leaves. Leaves are therefore chosen such that no two of them are neighbours and the
+    pairs join to two different other bodies. Only one loop passes through a leaf, so the
+    rates of both pairs can be eliminated from the equations of this loop. The equations of
+    the group become fewer.
+
+    The loop leads from one neighbour of the leaf to the other through bodies that are no
+    leaves. Leaves are therefore chosen such that no two of them are neighbours and the
     other bodies stay connected. Bodies and pairs are given by their indices in the group.
     """
     leaves: dict[int, list[int]] = {}

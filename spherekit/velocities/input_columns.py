@@ -147,9 +147,10 @@ class InputColumns:
         self._request = request
         tree = rows.tree
         moving_variable = rows.pair_variables[request.plan.input][0]
-        # `solve_loops` takes offsets: the relative angular velocity of the links of a pair
-        # is that of its variables less the offset. While inputs rest in it, the moving
-        # input has its vector (angular velocity at unit rate) as negative offset.
+        # `solve_loops` solves for the passive variables while all inputs rest. It takes an
+        # offset for a pair: a vector that is subtracted from the relative angular velocity
+        # of its links. So the velocity of the moving input at unit rate, its vector, is
+        # given as a negative offset. Its rate 1 is added to the solution.
         self._rates = rows.solve_loops(
             {request.plan.input: -1.0 * rows.vectors[moving_variable]}
         )
@@ -278,20 +279,21 @@ class InputColumns:
         A carried vector belongs to a variable. It turns with a link and may slide on it.
         Its derivative is w x a + r s, with the angular velocity w of the link, the vector
         a, its slide s (derivative with respect to the variable, seen from the link) and the
-        rate r of the variable. The bound is the sum of each factor times the error of the
-        other one. Products of two errors are neglected.
+        rate r of the variable. Products of two errors are neglected.
 
         Parameters
         ----------
         carried
             The vector a with its link and its slide.
         speed
-            Absolute value of r.
+            Absolute value of the rate r.
         rate_error, axis_error, slide_error
             Bounds of the errors of r, a and s.
         """
-        w_bound = self._w_bounds[carried.link]  # of the length of w
+        # w x a has an error of at most |a| (error of w) + |w| (error of a).
+        w_bound = self._w_bounds[carried.link]
         error = carried.length * self._w_errors[carried.link] + w_bound * axis_error
+        # r s has one of at most |s| (error of r) + |r| (error of s).
         return error + carried.slide_length * rate_error + speed * slide_error
 
     def _solution_errors(
@@ -299,10 +301,10 @@ class InputColumns:
     ) -> tuple[list[Expr], list[Expr]]:
         """Return error bounds of the solution of the velocity or acceleration equations.
 
-        The equation of each loop is a sum of terms, one for each variable: its vector times
-        its rate. Errors of terms leave an error in the equations, which the solution has to
-        balance. The angular velocity of a link is the sum of the terms on the path from the
-        ground to the link. The same applies to the derivatives.
+        The equation of each loop says that a sum of terms is zero. There is one term for
+        each variable: its vector times its rate. If terms have errors, the sum has an
+        error, which changes the solution. The angular velocity of a link is the sum of the
+        terms on the path from the ground to the link. The same applies to the derivatives.
 
         Parameters
         ----------
@@ -319,19 +321,20 @@ class InputColumns:
             Error bound of the solution for each variable, the rate or its derivative.
         """
         rows = self._rows
-        # A bound of the error of the equations of all loops. A variable contributes to each
-        # loop that contains it; `loop_counts` has the number of these loops. If the
-        # equations have an error of 1, the solution for a variable has one of at most
-        # `variable_shifts`, and the vector of a link one of at most `link_turns`.
+        # A bound of the error of the equations of all loops. The term of a variable is in
+        # `loop_counts` loops.
         equation_error = residual + dot(rows.loop_counts, term_errors)
-        # The terms on the path to a link have errors themselves.
+        # An error of 1 in the equations changes the vector of a link by at most
+        # `link_turns`. The terms on the path to the link have errors themselves.
         link_errors = [
             turn * equation_error + path_error
             for turn, path_error in zip(
                 rows.link_turns, rows.sum_along_paths(term_errors), strict=True
             )
         ]
-        return link_errors, [shift * equation_error for shift in rows.variable_shifts]
+        # It changes the solution for a variable by at most `variable_shifts`.
+        variable_errors = [shift * equation_error for shift in rows.variable_shifts]
+        return link_errors, variable_errors
 
     def _add_columns(self, columns: ColumnList) -> None:
         """Add all columns: first those of the signed poles, which are not shared.

@@ -41,9 +41,9 @@ class MovingLink:
         (3,) for each input i the homogeneous angular velocity y_i = D w_ji: the angular
         velocity w_ji of the link per unit rate of this input, times D.
     momenta
-        (3,) for each input the angular momentum I y_i with the inertia tensor I of the
-        link, divided by a unit of inertia (`InputMoments.unit`). It is about the size of
-        the tensors, so that numbers in expressions have sizes near one.
+        (3,) for each input the angular momentum I y_i. The inertia tensor I of the link is
+        divided by a unit of inertia (`InputMoments.unit`), so that its numbers have sizes
+        near one.
     """
 
     link: int
@@ -72,8 +72,10 @@ class InputMoments:
         """Derive expressions of the velocities and momenta of the links.
 
         For each link and input these are the angular velocity and the angular momentum of
-        the link while this input moves alone. Their components are along the basis of the
-        link (`LinkOrientation`), three unit vectors that are fixed in the link.
+        the link while this input moves alone. Velocities are those per unit rate of the
+        input, times the determinant of the velocity equations, so that they need no
+        division. Components are along the basis of the link (`LinkOrientation`), three unit
+        vectors that are fixed in the link.
 
         Parameters
         ----------
@@ -82,7 +84,8 @@ class InputMoments:
         tensors
             (3, 3) by number of the link, the inertia tensor in link axes, kg m2.
         unit
-            The unit of inertia, kg m2. With 0 it is the largest number in the tensors.
+            The unit of inertia, kg m2, if the caller uses one for other quantities, too.
+            With 0 it is the largest number in the tensors.
         """
         self._coordinate_rates = coordinate_rates
         # Numbers in expressions that are nearly zero are taken for rounding errors and made
@@ -92,8 +95,7 @@ class InputMoments:
         sizes = (abs(float(x)) for x in entries if not isinstance(x, ExpressionNode))
         largest_size = max(sizes, default=0.0)
         self.unit = unit or largest_size or 1.0
-        # `tau` has for each input the rates of all variables at unit rate of this input,
-        # times the determinant of the velocity equations.
+        # `tau` has an entry for each input: the rates of all variables.
         input_count = len(coordinate_rates.tau)
         self._links: list[MovingLink] = []
         for link, tensor in tensors.items():
@@ -150,8 +152,8 @@ class InputMoments:
             y_i . I b = I y_i . b,
             y_i . (w x h) = sum over k of s_k h . (y_i x y_k).
 
-        In the second sum, the products for (i, k) and (k, i) only differ in sign, so each
-        is computed once.
+        The last product changes its sign if i and k are exchanged. So it is computed once
+        for both moments, and is zero for i = k.
 
         Parameters
         ----------
@@ -162,13 +164,14 @@ class InputMoments:
         """
         input_indices = range(len(scaled_speeds))
         moments: list[Expr] = [0.0 for _ in input_indices]
-        # By (k, i) with k < i: sum of h . (y_i x y_k) over the links.
+        # By (k, i) with k < i: sum over the links of h . (y_i x y_k). Multiplied by s_k it
+        # is a part of moment i, and multiplied by -s_i a part of moment k.
         gyroscopic: dict[tuple[int, int], Expr] = dict.fromkeys(
             combinations(input_indices, 2), 0.0
         )
         for link in self._links:
             acceleration = link.orientation.components(bias_accelerations[link.link])
-            # `link.momenta` are I y_k, so this is h.
+            # h = I w is the sum of s_k I y_k; `link.momenta` are I y_k.
             momentum = dot(link.momenta, scaled_speeds)
             for i in input_indices:
                 moments[i] = moments[i] + dot(link.momenta[i], acceleration)
@@ -183,12 +186,13 @@ class InputMoments:
     def inertia_torque(
         self, input_index: int, speeds: Sequence[Expr], accelerations: Sequence[Expr]
     ) -> Expr:
-        """Return the moment (N m) at an input that accelerates the links as given.
+        """Return the moment (N m) at an input for given rates and accelerations of inputs.
 
-        Loads are not counted. D is the determinant of the velocity equations. Velocities
-        per unit rate of an input are expressions without a division if they are multiplied
-        by D. `matrix` contains two such velocities in each product, and `velocity_moments`
-        one, so their sum has to be divided by D^2 and by D.
+        It is the moment that the inertia of the links requires, without loads. Velocities
+        per unit rate of an input are written times the determinant D of the velocity
+        equations, so that they need no division. Each product in `matrix` contains two such
+        velocities, so the inertia matrix is `matrix` / D^2. `velocity_moments` contain one,
+        and are divided by D.
 
         Parameters
         ----------
@@ -198,7 +202,7 @@ class InputMoments:
             Rates and accelerations of all inputs.
         """
         coordinate_rates = self._coordinate_rates
-        inverse_scale = 1.0 / coordinate_rates.scale
+        inverse_scale = 1.0 / coordinate_rates.scale  # 1 / D
         motion_rates = coordinate_rates.motion_rates(speeds)
         bias_accelerations = coordinate_rates.bias_accelerations(
             motion_rates.variable_rates, motion_rates.w
@@ -206,8 +210,8 @@ class InputMoments:
         velocity_moments = self.velocity_moments(
             bias_accelerations, motion_rates.scaled_speeds
         )
-        # One division by D for the accelerations, and one for the sum. The unit of inertia
-        # (kg m2), by which the tensors were divided, is multiplied again.
+        # (`matrix` (accelerations / D) + `velocity_moments`) / D, times the unit of inertia
+        # (kg m2) by which the tensors were divided.
         scaled_accelerations = [x * inverse_scale for x in accelerations]
         inertia_moment = dot(self.matrix[input_index], scaled_accelerations)
         total = inertia_moment + velocity_moments[input_index]

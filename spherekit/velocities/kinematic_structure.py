@@ -163,10 +163,12 @@ class KinematicStructure:
     def _refuse_coincident_axes(self) -> None:
         """Raise `EngineError` if two private variables of a loop have the same axis.
 
-        A loop has two private variables, or none. They occur in no other loop and are
-        eliminated together: the equation of the loop is taken along the normal of both
-        axes. If the axes coincide in a link, at all configurations, there is no normal, and
-        only a sum of both rates follows from the equations.
+        The equation of a loop is a vector equation: a sum of axes times rates is zero. Two
+        variables that occur in no other loop, the private ones, can be eliminated at once:
+        the component of the equation along the normal of both axes does not contain them.
+        Loops without two such variables have none that are called private. If both axes
+        coincide in a link, and so at all configurations, there is no normal. Only the sum
+        or the difference of both rates then follows from the equations.
         """
         for group in self.groups:
             for private_variables in group.private_variables:
@@ -232,7 +234,9 @@ def _find_closed_configuration(
 ) -> Floats:
     """Return the variables (rad) of a closed configuration within the input range.
 
-    A few evenly spaced inputs are tried in all assembly modes.
+    A few evenly spaced inputs are tried in all assembly modes (ways to assemble the
+    mechanism). If closure equations repeat each other, independent ones are chosen at the
+    configuration.
 
     Raises
     ------
@@ -240,11 +244,12 @@ def _find_closed_configuration(
         If none is found.
     """
     position_analysis = position_analysis_of(driven_at(mechanism, input_pairs))
+    # The modes at this number of samples, evenly spread over the range.
     motion = position_analysis.sparse(CLOSED_CONFIGURATION_SAMPLES)
-    # The first row that has not failed.
     if all(motion.failed):
         raise EngineError(
             f"{mechanism.name}: no configuration was found at which to choose "
             "independent equations; give a range of the input where it closes"
         )
-    return motion.values[int(motion.failed.argmin())]
+    first_closed_row = int(motion.failed.argmin())
+    return motion.values[first_closed_row]

@@ -106,8 +106,9 @@ def component_forces(
     determinant of the velocity equations. Here the homogeneous rates are used, which have
     no division. The results are therefore the generalised forces times the determinant.
 
-    A component of a load has a magnitude. It acts on the variable of a pair, or as moments
-    on links.
+    A component of a load has a magnitude. It acts on the variable of a pair, or on links as
+    moments and forces. A force has an `arm`: the point at which it acts. For a moment it is
+    None. The vector `direction` has its components along ground or link axes (`axes`).
 
     Parameters
     ----------
@@ -119,7 +120,7 @@ def component_forces(
         (`w`), and the orientations of all links (`placed`).
     """
     forces: list[Expr] = [0.0] * len(load_state.tau)
-    # Moments that act on one link in the same way are added before they are projected.
+    # Moments on one link in the same axes, and forces at the same point, are added.
     moment_sums: dict[tuple[str, str, Vector | None], Exprs] = {}
     for component in components:
         law = component.magnitude
@@ -138,8 +139,9 @@ def component_forces(
     # The power of a moment is its scalar product with the angular velocity of the link.
     for (link, axes, arm), components_sum in moment_sums.items():
         number = load_state.mechanism.link_number[link]
-        # Moments on the ground (link 0), and forces at the centre, do no work.
-        if number and (arm is None or any(arm)):
+        # Neither loads on the ground (link 0) nor forces at the centre do work.
+        is_force_at_centre = arm is not None and not any(arm)
+        if number and not is_force_at_centre:
             orientation = load_state.placed[number]
             moment_vector = _ground_moment(orientation, axes, arm, components_sum)
             powers = (dot(w[number], moment_vector) for w in load_state.w)

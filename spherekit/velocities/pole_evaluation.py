@@ -65,8 +65,9 @@ def evaluate(
     route
         How the poles are computed. "best" and "equations" solve the velocity equations of
         the whole mechanism, "best" in more digits where float64 is doubtful. "first" and
-        "conditioned" follow the plan of the poles, by the first two or the two best great
-        circles of each pole.
+        "conditioned" follow the plan, which gives each pole as the intersection of two
+        great circles. "first" takes the first two of the plan, "conditioned" those whose
+        intersection is best conditioned.
     engine
         "numpy", "compiled" (by heyoka), or "extended": quad precision for all rows.
 
@@ -86,8 +87,9 @@ def evaluate(
         apply_continuous_signs(
             field, motion, request, sign_continuation or SignContinuation()
         )
-    # A run reports how many rows this flag marks, as rows by the velocity equations in more
-    # digits. On this route the equations are asked for, and all rows are counted.
+    # A run reports the number of rows with this flag as rows that were computed from the
+    # velocity equations. On the route "best" these are rows in quad precision. On the route
+    # "equations" they are all rows, whatever their precision is.
     if route == "equations":
         field.is_quad_precision[:] = True
     return field
@@ -350,7 +352,8 @@ def make_certified_field(
         The expressions of the kernel while one input moves. The mapping `column_indices`
         has the indices of columns by the name of a field, then by pole or link.
     columns
-        (columns, n) all columns of the kernel, in which pole directions have their sign.
+        (columns, n) all columns of the kernel. The signs of pole directions have been made
+        continuous along the motion before.
     motion, request
         The n rows, and the requested poles.
     """
@@ -361,10 +364,10 @@ def make_certified_field(
         pole_status=dict.fromkeys(directions, motion.status),
         is_quad_precision=np.zeros(n, dtype=bool),
         is_certified=np.ones(n, dtype=bool),
-        # No row needed the sizes in all decimals of the file.
+        # Rows near a dead centre can be computed from the decimal numbers of the file
+        # instead of float64 numbers. Certified rows are not among these.
         is_decimal=np.zeros(n, dtype=bool),
-        # This bound is computed for other rows only. By definition it is 0 in certified
-        # ones.
+        # The bound is not computed for certified rows, whose errors are below fixed limits.
         relative_error_bound=np.zeros(n),
     )
     for name, indices_by_key in input_columns.column_indices.items():

@@ -42,7 +42,8 @@ class Request:
     derivatives
         Whether the derivatives of the velocity coefficients are requested.
     planes
-        Poles for which two great circles through the pole are requested as well.
+        Poles for which two great circles that meet in the pole are requested as well, for
+        drawings.
     links
         Links whose angular velocities are requested.
     """
