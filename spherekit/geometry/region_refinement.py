@@ -345,8 +345,8 @@ class RegionRefinement:
         centroids = self.points[triangles].sum(axis=1)
         # The samples are middles of edges, check points on edges, and centroids as further
         # check points. The interpolation is exact at the middle of an edge, so its check
-        # point is at a quarter, from the vertex with the lower number. One per edge saves
-        # evaluations. `unit_rows` makes unit vectors of the sums.
+        # point is at a quarter, from the vertex with the lower number. Triangles with a
+        # common edge share its samples. `unit_rows` makes unit vectors of the sums.
         samples = np.concatenate([low + high, 3.0 * low + high, centroids])
         margins = self.evaluate(unit_rows(samples))
         middle, check, centroid = np.split(margins, [len(edges), 2 * len(edges)])
