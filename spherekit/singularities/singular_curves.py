@@ -51,14 +51,15 @@ class CurveSeen:
     both
         The points at which both types I and II occur.
     s
-        (n,) arc lengths (rad) of the points, in the space of the pair variables.
+        (n,) arc lengths (rad) of the points, in the space of the pair variables. For a
+        mid-plane symmetric architecture, the path of the normal of the mid-plane.
     closed
         Whether the curve is closed.
     why
         The geometric reason of the singularity, if it is the same on the whole curve,
         otherwise empty.
     modes
-        For a mid-plane symmetric architecture, numbers of the assembly modes of the curve.
+        For a mid-plane symmetric architecture, the sign of each leg on the curve, 1 or -1.
     traced
         Only for a curve that was followed numerically. The first object computes inputs and
         poses of its points. The second one is the followed curve, as far as it is of this

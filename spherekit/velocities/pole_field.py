@@ -38,7 +38,8 @@ class PoleQuantity:
         Whether it changes its sign if the direction of the pole is reversed.
     declared_in
         The set of poles in the `Needs` of an analysis that makes it available: "rates" or
-        "turns", or "any" if each of the sets does. `Needs` declares what an analysis reads.
+        "turns", or "any" if each of the sets `directions`, `rates` and `planes` does.
+        `Needs` declares what an analysis reads.
     is_derivative
         Whether it is a derivative by the input, so that `Needs` has to have
         ``derivatives=True``.

@@ -215,7 +215,8 @@ def ticks(low: float, high: float, is_degrees: bool) -> tuple[float, Floats]:
     steps = [power * factor for factor in STEPS]
     if is_degrees and ideal_step >= 1.0:
         # Several turns between ticks are whole turns times a round number.
-        steps = [*ANGLE_STEPS, *(360.0 * power * factor for factor in STEPS)]
+        turn_power = max(1.0, 10.0 ** np.floor(np.log10(ideal_step / 360.0)))
+        steps = [*ANGLE_STEPS, *(360.0 * turn_power * factor for factor in STEPS)]
     # The step with the ratio nearest to 1 to the ideal step.
     step = min(steps, key=lambda candidate: abs(np.log(candidate / ideal_step)))
     first = np.ceil(low / step - TICK_ROUNDING)
