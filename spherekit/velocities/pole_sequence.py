@@ -199,17 +199,23 @@ class PlannedPoles:
             for variable in self.plan.mechanism.variables_of(pair)
         }
         tree = LoopTree(
-            len(step.links),
-            tuple((body_index[a], body_index[b]) for a, b in ends),
-            tuple(pair_of_variable.values()),
+            count=len(step.links),
+            ends=tuple((body_index[a], body_index[b]) for a, b in ends),
+            pair_of_variable=tuple(pair_of_variable.values()),
         )
         vectors = self.motion.vectors[:, [*pair_of_variable]]
         null_motion = solve_null_motion(tree, vectors)
+        # (n, bodies, 3) angular velocities, up to a common factor.
         w = tree.body_rates(vectors, null_motion.rates)
+        # The equations have errors of about `EPS`. They change the rates by up to this
+        # error times the norm of the inverse.
         error_growth = np.linalg.norm(null_motion.inverse, axis=(1, 2))
         for pole in step.poles:
             i, j = (body_index[link] for link in pole)
             v = (w[:, j] - w[:, i]).T
+            # The error of v, relative to its length, is an angle. The second `EPS` avoids a
+            # division by zero if the bodies rest relative to each other. The direction is
+            # unknown then, and its error is the upper limit.
             error = EPS * error_growth / np.maximum(norm_columns(v), EPS)
             self.directions[pole] = _unit_vectors(v)
             self.errors[pole] = np.minimum(error, MAX_DIRECTION_ERROR_RAD)
@@ -268,9 +274,11 @@ class PlannedPoles:
         A body of the plan is one link, or several links that the locked inputs hold
         together. The plan computes the pole of two bodies as the intersection of two great
         circles, as the axis of a pair, or from velocity equations. In the first case the
-        result is these two circles. Otherwise each circle passes through the poles that the
-        two bodies have with a third one. The result is NaN if there are fewer than two such
-        bodies, or if both links belong to one body.
+        result is these two circles. Otherwise two circles are chosen here, each through the
+        poles that the two bodies have with a third one.
+
+        The result is NaN if there are fewer than two such bodies, if both links belong to
+        one body, or where the two poles on a circle coincide.
 
         Parameters
         ----------
@@ -295,9 +303,9 @@ class PlannedPoles:
                 ]
                 if len(third_bodies) < 2:
                     return no_circles
-                # The circles are chosen as for a step of the plan in which the pole is the
-                # intersection of circles through the poles of these bodies. The round says
-                # when a plan takes a step, and has no effect here.
+                # If there are more than two third bodies, the two circles with the smallest
+                # error bound of their intersection are chosen. The function for this takes
+                # a step of a plan. Its round, the order of steps, has no effect here.
                 circles = self._choose_great_circles(
                     LinePole(body_pole, round=0, via=tuple(third_bodies))
                 )
@@ -323,8 +331,10 @@ class NullMotion:
         (n, variables) null vector of the velocity equations, of unit length. The scale and
         the sign of the motion are arbitrary.
     inverse
-        (n, variables, equations + 1) left inverse of the equations with `rates` as a last
-        row. It gives the derivatives of the motion.
+        (n, variables, equations + 1) left inverse of the matrix (equations + 1, variables)
+        that has the velocity equations as its first rows and `rates` as its last row. The
+        last row keeps the length of the rates constant. Multiplied by the changes of the
+        equations, the inverse gives the change of the rates along the motion.
     """
 
     rates: Floats
@@ -341,13 +351,20 @@ def solve_null_motion(tree: LoopTree, vectors: Floats) -> NullMotion:
     tree
         The loops of the mechanism, or of a part of it.
     vectors
-        (n, variables, 3) vectors of the variables in ground axes.
+        (n, variables, 3) vector of each variable in ground axes: the angular velocity of
+        its pair at unit rate.
+
+    Returns
+    -------
+    The rates of unit length, and the left inverse of the equations by which they were
+    computed. Both are NaN at configurations at which these equations are singular.
     """
     jacobian = tree.jacobian(vectors)
     n, _, count = jacobian.shape
-    # One more equation, border . rates = 1, fixes the scale. Its first coefficients are
-    # arbitrary numbers. The null vector (last column of the inverse) that follows from them
-    # is the border of the second pass, which is better conditioned.
+    # One more equation, border . rates = 1, fixes the scale. The last column of the inverse
+    # is its solution, the null vector. The coefficients (border) of the first pass are
+    # arbitrary numbers, which can be nearly perpendicular to the null vector. In the second
+    # pass the null vector itself is the border, so that the equations are well conditioned.
     border = np.broadcast_to(np.cos(1.0 + np.arange(count)), (n, count))
     for _ in range(2):
         inverse = left_inverse(np.concatenate([jacobian, border[:, None, :]], axis=1))

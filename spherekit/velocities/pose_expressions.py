@@ -68,10 +68,13 @@ def place_link(
 ) -> LinkOrientation:
     """Return the orientation of the link that a pair joins to a placed link.
 
-    An orientation R = basis @ basis_from_link leads from link axes to ground axes. The
-    basis consists of expressions of the variables, and `basis_from_link` is constant. The
-    result is R_placed C_0 Z_1 C_1 ... Z_k C_k, where C are constants and Z are rotations by
-    variables. The last constant becomes its `basis_from_link`.
+    A pair with k variables has the chain of rotations C_0 Z_1 C_1 ... Z_k C_k, with
+    constants C and rotations Z by the variables. The orientation of the new link is that of
+    the placed link times this chain.
+
+    Orientations are stored in two factors, basis and `basis_from_link`. Their product leads
+    from link axes to ground axes. The basis consists of expressions of the variables. The
+    other factor is the constant rotation from link axes to the basis, here C_k.
 
     Parameters
     ----------
@@ -90,15 +93,16 @@ def place_link(
         # `constants` makes entries exact that are 0, 1 or -1 up to rounding, so that
         # products with them are left out.
         basis = basis @ constants(basis_from_link @ constant)
-        # The constant factor of the orientation is used up by the first step.
+        # The basis contains the constant factor of the placed link from here on.
         basis_from_link = np.eye(3)
         # A contact with a profile of any shape has a rotation matrix of symbols.
         if not isinstance(rotation, AxisRotation):
             basis = basis @ rotation
             continue
         # The rotation is by the angle scale * variable + offset about z. If the scale is
-        # negative, the opposite angle is written, and the sine changes its sign. The
-        # rotation in the reversed chain then has the same expressions of sine and cosine.
+        # negative, the sine and cosine of the opposite angle are written, and the sign of
+        # the sine is changed. If a pair is passed in the opposite sense, its scale and
+        # offset have the opposite signs, and it still has the same two expressions.
         sense = 1.0 if rotation.scale > 0.0 else -1.0
         angle = abs(rotation.scale) * variables[rotation.variable] + sense * rotation.offset
         cosine = function("cos", angle)

@@ -47,14 +47,15 @@ class QuadPrecisionRows:
     columns
         (columns, n) all columns of the kernel: velocities, poles and their error bounds.
     bounds
-        (bounds, n) measures of the loops at each row, as `RowKernel.row_bounds` returns
-        them: condition number, inverse and residuals of the loop equations.
+        (numbers, n) numbers on the loop equations at each row: their condition number, all
+        entries of their inverse, and residuals. `RowKernel.row_bounds` describes them.
     opening_changes
         (columns, n) sensitivity of each column to the opening of loops. Each loop can open
         about three axes. For each loop and axis the derivative of the column by the opening
         angle (rad) is taken without its sign, and all are added.
     is_closed
-        (n,) whether Newton's method closed the loops. Other rows keep their variables.
+        (n,) whether Newton's method closed the loops. Other rows were computed at the
+        variables that were given.
     """
 
     columns: Floats
@@ -66,12 +67,17 @@ class QuadPrecisionRows:
 def recompute_in_quad(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
     """Return all columns (quantities) of rows, computed in quad precision.
 
+    A row is a configuration. Newton's method closes its loops to 33 digits first. The
+    result also has the changes of the columns if loops open a little, from which error
+    bounds follow.
+
     Parameters
     ----------
     kernel
-        A kernel whose functions are not compiled, since only arrays have quad precision.
+        A kernel whose functions are evaluated by NumPy. Compiled functions compute in
+        float64 only, but NumPy arrays can have numbers of quad precision.
     values
-        (variables, n) nearly closed configurations (rad).
+        (variables, n) configurations (rad), closed up to errors of float64.
     """
     batches = [
         _recompute_batch(kernel, values[:, start : start + BATCH_ROWS])
@@ -90,7 +96,8 @@ def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
 
     Newton's method first closes the loops, for all rows together, until all steps are small
     or their number is `MAX_NEWTON_STEPS`. A row keeps its variables if its last step was
-    not small, or if it has moved far.
+    not small. It also keeps them if it has moved by more than `MAX_QUAD_CORRECTION_RAD`,
+    because it may then have reached another solution.
 
     Parameters
     ----------
@@ -105,7 +112,7 @@ def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
     x = start.copy()
     for _ in range(MAX_NEWTON_STEPS):
         # Profiles of contacts that are no circles are stored as float64 series. They are
-        # evaluated at `values` and extrapolated linearly from there.
+        # evaluated at `values` and extrapolated linearly to the iterate, which is near.
         extended = append_profile_columns(x, kernel.profiles, expansion_point=values)
         # The passive variables after a step. Inputs are not changed.
         passive_values = kernel.newton_step.function(extended)
@@ -120,10 +127,13 @@ def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
     extended = append_profile_columns(x, kernel.profiles, expansion_point=values)
     columns = kernel.all_columns.function(extended).astype(float)
     bounds = kernel.row_bounds.function(extended).astype(float)
+    # The bounds contain the inverse of the loop equations: the movement of each passive
+    # variable per unit opening of each loop about three axes.
     inverse = bounds[kernel.row_bounds.slices["inverse"]].reshape(
         len(passive), 3 * kernel.loop_count, values.shape[1]
     )
-    # How much the columns change if the loops are open by a small angle.
+    # The sizes of a mechanism are rounded to float64, so its loops remain open by tiny
+    # angles. The changes of the columns per unit opening give bounds of their errors.
     opening_changes = _sum_opening_changes(kernel, x.astype(float), inverse)
     return QuadPrecisionRows(columns, bounds, opening_changes, is_closed)
 
@@ -131,9 +141,12 @@ def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
 def _sum_opening_changes(kernel: RowKernel, values: Floats, inverse: Floats) -> Floats:
     """Return the absolute changes of columns as loops open, summed over all directions.
 
-    A loop can open about three axes, so there are three directions for each loop. The
-    derivatives are computed with complex steps: f'(x) = Im f(x + ih) / h (Squire and Trapp
-    1998).
+    The sizes of a mechanism are rounded, so that its computed loops remain open by tiny
+    angles. Such an angle times the sum is a bound of the error of a column. A loop can open
+    about three axes, so there are three directions for each loop.
+
+    The derivatives are computed with complex steps: f'(x) = Im f(x + ih) / h (Squire and
+    Trapp 1998).
 
     Parameters
     ----------
@@ -156,13 +169,14 @@ def _sum_opening_changes(kernel: RowKernel, values: Floats, inverse: Floats) -> 
     # for `BATCH_ROWS` rows.
     directions_per_call = max(1, BATCH_ROWS // max(count, 1))
     for start in range(0, direction_count, directions_per_call):
-        # The configurations are repeated once for each direction of this call.
+        # All n configurations are repeated, once for each direction of this call. The
+        # movements (variables, directions, n) become columns in the same order.
         movements = inverse[:, start : start + directions_per_call]
         repeated = np.tile(values, movements.shape[1])
         stepped = repeated.astype(complex)
         stepped.imag[passive] = COMPLEX_STEP_RAD * movements.reshape(len(passive), -1)
         # Stored series of profiles cannot be evaluated at complex numbers. They are
-        # extrapolated from the real configurations.
+        # evaluated at the real configurations and extrapolated linearly by the step.
         extended = append_profile_columns(
             stepped, kernel.profiles, expansion_point=repeated
         )

@@ -85,6 +85,9 @@ class RowExpressions(VelocityEquations):
     ) -> None:
         """Write loop equations, their inverse and error bounds as expressions.
 
+        The bounds are those of the errors of variables and axes, which arise because the
+        loops of a computed configuration are never closed exactly.
+
         The loop equations say that the sum of the variables' vectors times their rates is 0
         in each loop. The vector of a variable is the relative angular velocity of the links
         of its pair per unit rate of the variable.
@@ -116,12 +119,13 @@ class RowExpressions(VelocityEquations):
         ]
         # (loops, 3, variables) the Jacobian of the loop equations: the vector of each
         # variable, times 1 or -1 for the direction in which the loop passes its pair, or
-        # times 0 outside of the loop. Inputs are fixed, so their columns are zero, and so
-        # are their rows of the inverse.
+        # times 0 outside of the loop. Inputs are fixed, so their columns are zero. The
+        # inverse then has zero rows for the inputs.
         equations = np.stack(self.vectors, axis=1) * self.tree.signs[:, None]
         equations[..., input_variables] = 0.0
         self.inverse = loop_inverse(equations, pivots)
         self.residual = root(self.closure_residual_square)
+        # Bounds of the errors that open loops and rounded sizes cause.
         self._set_error_bounds()
 
     def _set_error_bounds(self) -> None:
@@ -272,18 +276,21 @@ class RowExpressions(VelocityEquations):
 
 
 def curvature_uncertainties(rows: RowExpressions) -> list[Expr]:
-    """Return for each contact a number that exceeds 1 if its profiles nearly fit.
+    """Return for each contact a number that exceeds 1 if its curvatures are nearly equal.
 
-    The number is 2 `EQUAL_CURVATURE` / (k1 - k2), with the curvatures k1 and k2 of the two
-    profiles. It is NaN if k2 exceeds k1, because the two profiles then overlap. Contacts of
-    two circles are left out, because their curvatures do not change.
+    Profiles of equal curvature fit into each other, and do not determine their relative
+    motion. The number is 2 `EQUAL_CURVATURE` / (k1 - k2), with the curvatures k1 and k2 of
+    the two profiles. It exceeds 1 if the difference is below twice the one at which a row
+    counts as undetermined. It is NaN if k2 exceeds k1, because the profiles then overlap.
+
+    Contacts of two circles are left out, because their curvatures do not change.
     """
-    differences = (
-        first.curvature - second.curvature for first, second in rows.pairs.sides.values()
-    )
-    # The product of two roots, not the difference itself, is NaN for negative differences.
-    return [
-        2.0 * EQUAL_CURVATURE / (root(difference) * root(difference))
-        for difference in differences
-        if isinstance(difference, ExpressionNode)
-    ]
+    uncertainties: list[Expr] = []
+    for first, second in rows.pairs.sides.values():
+        difference = first.curvature - second.curvature
+        # The curvatures of circles are numbers, and so is their difference.
+        if isinstance(difference, ExpressionNode):
+            # The product of two roots is NaN for negative differences.
+            positive_difference = root(difference) * root(difference)
+            uncertainties.append(2.0 * EQUAL_CURVATURE / positive_difference)
+    return uncertainties

@@ -268,11 +268,14 @@ class RowKernel:
         2. the number in Kantorovich's theorem: if it is at most 1/2, Newton's method
            converges, and there is exactly one solution near,
         3. the sum of the uncertainties, which are error bounds and condition numbers
-           relative to the largest allowed ones,
+           relative to the largest allowed ones: if it is at most 1, all are allowed,
         4. the closure residual (rad),
-        5. the sum (3,) of the vectors of all variables (for R pairs their axes), which
-           decides about the arbitrary signs of pole directions,
+        5. the sum (3,) of the vectors of all variables (for R pairs their axes). The sign
+           of a pole direction is arbitrary. At the start of a motion it is chosen so that
+           the scalar product with this sum is positive,
         6. all columns: velocities and poles, with error bounds.
+
+        Outputs 2 to 6 are computed at the variables before the step.
         """
         rows = self._rows
         columns = [
@@ -304,19 +307,19 @@ class RowKernel:
         Parameters
         ----------
         values
-            With a closed form, the inputs and the signs of dyads. Otherwise variables near
-            a closed configuration. Newton's method closes their loops as long as
-            Kantorovich's theorem says that exactly one solution is near.
+            With a closed form, the inputs (rad), and for each dyad (two links and three R
+            pairs) the sign +1 or -1 that selects one of the two ways to assemble it.
+            Otherwise variables near a closed configuration. Newton's method closes their
+            loops as long as Kantorovich's theorem says that exactly one solution is near.
         """
         count = len(self._variables)
         for _ in range(MAX_NEWTON_STEPS):
-            # All variables (after a Newton step), three numbers that decide about the row,
-            # the sum (3,) of the vectors of all variables, and all columns. The sum of the
-            # vectors decides about the signs of pole directions.
             try:
                 numbers = self._scalar_function(values)
             except (ArithmeticError, ValueError):
                 return None
+            # The outputs are all variables (after a Newton step), these three numbers, the
+            # sum (3,) of the vectors of all variables, and all columns.
             kantorovich_number, uncertainty_sum, residual = numbers[count : count + 3]
             # "not <=" also refuses NaN.
             if not kantorovich_number <= MAX_KANTOROVICH_NUMBER:

@@ -103,7 +103,11 @@ class RowQuantity:
 
 
 class QuantityTable(dict[str, RowQuantity]):
-    """Quantities of rows by their names."""
+    """Quantities of rows by their names.
+
+    A row is one configuration of one design of a mechanism, with rates and accelerations of
+    its inputs. The quantities are computed by methods of `DesignExpressions`.
+    """
 
     def add(
         self,
@@ -115,21 +119,38 @@ class QuantityTable(dict[str, RowQuantity]):
     ) -> None:
         """Add a quantity with its unit and the method that computes it.
 
-        The parameters are the attributes of `RowQuantity`. Names of links and pairs can
-        contain underscores, so two quantities can have the same name. Such a name is
-        refused when it is used.
+        Names of links and pairs can contain underscores, so two quantities can have the
+        same name. An example is ``pole_1_2_3_x`` with links "1", "2_3", "1_2" and "3". Such
+        a name is refused when it is used.
+
+        Parameters
+        ----------
+        name
+            Name of the quantity.
+        unit
+            Its unit, empty for a pure number.
+        method, arguments
+            Name and arguments of the method of `DesignExpressions` that returns the
+            expression of the quantity.
+        component
+            Index of the component (0 to 2) if the method returns a vector.
         """
         if name in self:
-            # A method that raises an error, with the arguments of both quantities.
-            arguments = (name, arguments, self[name].arguments)
+            # The method of this name raises an error. Its message names both quantities by
+            # their arguments.
+            other_arguments = self[name].arguments
             method = "refuse_ambiguous_name"
+            arguments = (name, arguments, other_arguments)
             component = None
         self[name] = RowQuantity(unit, method, arguments, component)
 
     def add_vector(
         self, name: str, unit: str, method: str, *arguments: Any, ending: str = ""
     ) -> None:
-        """Add the components of a vector, with x, y and z after `name`."""
+        """Add the components of a vector, as `add` does for each.
+
+        The names are `name`, then ``_x``, ``_y`` or ``_z``, then `ending`.
+        """
         for index, axis in enumerate("xyz"):
             self.add(f"{name}_{axis}{ending}", unit, method, *arguments, component=index)
 
@@ -197,7 +218,7 @@ def _add_kinematic_quantities(
     moving_inputs
         For each input that can move while the others rest, the ending of the names of
         quantities that depend on it, and its index. For the input at pair 21 the ending is
-        ``_by_21``. It is empty if there is one input only.
+        ``_by_21``. With one input only, the ending is empty.
     """
     links = mechanism.links
     revolute_pairs = [pair.name for pair in mechanism.pairs if pair.kind.has_axis]
@@ -277,11 +298,12 @@ def _add_dynamic_quantities(
     moving_inputs
         For each input that can move while the others rest, the ending of the names of
         quantities that depend on it, and its index. For the input at pair 21 the ending is
-        ``_by_21``. It is empty if there is one input only.
+        ``_by_21``. With one input only, the ending is empty.
     """
     has_one_input = len(inputs) == 1
-    # The inertia matrix M of the inputs. The entry of two inputs is called M_ij in formulas
-    # and B_PAIR_by_PAIR here. With one input it is the number B.
+    # With one input, the inertia is the equivalent inertia B: twice the kinetic energy at
+    # unit rate of the input. With several inputs, it is a matrix with an entry for each two
+    # of them, which is called B_PAIR_by_PAIR.
     for (row, pair), (ending, column) in product(enumerate(inputs), moving_inputs):
         name = "B" if has_one_input else f"B_{pair}{ending}"
         table.add(name, "kg m2", "inertia", row, column)
@@ -294,9 +316,9 @@ def _add_dynamic_quantities(
         pair_ending = "" if has_one_input else f"_{pair}"
         name = f"free_acceleration{pair_ending}"
         table.add(name, "rad/s2", "free_acceleration", index)
-        # Derivatives of the acceleration of this input with respect to the angle (A_q), the
-        # rate (A_dq) and the torque (B_torque) of each input, while other torques are
-        # constant.
+        # The equation of motion is linearised: the acceleration of this input changes with
+        # the angle of each input (derivative A_q), its rate (A_dq) and its torque
+        # (B_torque). `LINEARISATION_UNITS` has the units of these derivatives.
         for (kind, unit), (ending, other) in product(
             LINEARISATION_UNITS.items(), moving_inputs
         ):
