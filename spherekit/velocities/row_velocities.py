@@ -195,12 +195,14 @@ class RowVelocities:
         ----------
         name
             Field of `PoleField`. An example is "w", the angular velocity of a link per unit
-            rate of the input. It is the one by the plan of the poles if
-            `use_planned_velocities` has been called.
+            rate of the input. It follows from the velocity equations. After a call of
+            `use_planned_velocities` it follows from poles that are intersections of great
+            circles.
         key
-            The pole, or the number of the link.
+            The pole as numbers of its links, or the number of one link.
         """
-        # There are no columns if no kernel could be made. Then all is NaN.
+        # There are no columns if the velocity equations are singular at all rows, so that
+        # they cannot be written as compiled functions (a kernel). Then all is NaN.
         if not self._column_indices:
             return nans((COMPONENT_COUNTS.get(name, 1), len(self.status)))
         values = self._columns[self._column_indices[name][key]]
@@ -223,11 +225,14 @@ class RowVelocities:
     def use_planned_velocities(self, planned_poles: PlannedPoles) -> None:
         """Replace w by the angular velocities that follow from the plan of the poles.
 
-        The plan computes poles one after another, as intersections of great circles. w are
-        the angular velocities of links per unit rate of the moving input. Their derivatives
-        dw remain those of the velocity equations. The difference between w by the plan and
-        w by the equations is added to the error of the velocity coefficients. The rows no
-        longer count as certified or as computed in quad precision. Rows in which the plan
+        The plan computes poles one after another, as intersections of great circles. The
+        user can choose this method instead of the velocity equations. w are the angular
+        velocities of links per unit rate of the moving input. The plan does not give their
+        derivatives dw, so these remain those of the equations.
+
+        The difference of both w is added to the error of the velocity coefficients. The
+        error bounds of the equations do not apply to w by the plan, so no row counts as
+        certified or as computed in quad precision any more. Rows in which the plan
         determines directions only with an error above `USABLE_DIRECTION` (rad) become
         ILL_CONDITIONED. All changes are made in place.
 
@@ -274,8 +279,8 @@ class RowVelocities:
         is_certified &= self._bound("curvature_uncertainty") <= 1.0
         # dw are the derivatives of the angular velocities of all links by the input.
         is_certified &= self._bound("dw_error") <= MAX_CERTIFIED_DW_ERROR
-        # Poles that are axes of pairs are known exactly. The other ones follow from v, and
-        # have an arbitrary sign.
+        # Poles that are axes of pairs are known exactly. The other ones, `_signed_poles`,
+        # follow from v.
         for pole in self._signed_poles:
             errors = self.pole_errors[pole]
             direction_error = errors["direction_error"]
@@ -288,15 +293,18 @@ class RowVelocities:
             # The direction may have the error `MAX_CERTIFIED_ERROR_RAD`, and its derivative
             # `MAX_DIRECTION_DQ_ERROR`. The ratio of both limits converts an error of the
             # derivative to an equally serious error of the direction. The sum of both must
-            # not exceed the limit of the direction. The error of the derivative is at most
-            # (dv_error + direction_error |dv|) / |v|. The bound dv_error contains the
-            # second term, so 2 dv_error / |v| is more.
+            # not exceed the limit of the direction.
+            # The derivative of the direction has the error 2 dv_error / |v| or less: the
+            # error of dv counts, and that of the direction times |dv|. The coefficient
+            # dv . u depends on both as well, so dv_error is at least as large as each. If
+            # v is zero, the sum is infinite or NaN, and only the next test can certify.
             uncertainty = (
                 direction_error
                 + 2.0 * MAX_CERTIFIED_ERROR_RAD / MAX_DIRECTION_DQ_ERROR * dv_error / v_size
             )
             # The links do not move relative to each other: v and dv are zero within their
-            # error bounds, and the bound of dv is small enough to call that no motion.
+            # error bounds. With a large error bound they could still move, so that of dv
+            # must not exceed the limit below which a relative rate counts as rest.
             has_no_motion = (v_size <= v_error) & (dv_size <= dv_error)
             has_no_motion &= dv_error <= NO_MOTION
             is_certified &= (uncertainty <= MAX_CERTIFIED_ERROR_RAD) | has_no_motion
@@ -423,9 +431,9 @@ class RowVelocities:
             (k,) indices of the rows in the motion.
         """
         tree = self.motion.linearisation.tree
-        # The rounded axes of all pairs on a way add up to a tilt at its end. `longest_loop`
-        # and `longest_path` are the largest numbers of variables in a loop, and on the way
-        # from the ground to a link.
+        # The rounded axes of all pairs on a way add up to a tilt at its end, at most `EPS`
+        # for each. `longest_loop` and `longest_path` are the largest numbers of variables
+        # in a loop, and on the way from the ground to a link. Two are added to them.
         loop_error = EPS * (2.0 + tree.longest_loop)
         axis_error = EPS * (2.0 + tree.longest_path)
         # Closed loops are open by these tilts. Rows that Newton's method did not close stay
@@ -434,14 +442,17 @@ class RowVelocities:
         # A chord is a pair that closes a loop. Each loop can open about three axes, so
         # there are three directions of opening for each loop.
         direction_count = 3 * len(tree.chords)
-        # (passive variables, directions, k): movement of variables per unit opening.
+        # Inverse of the loop equations (passive variables, directions, k): movement of the
+        # variables per unit opening of a loop.
         inverse = quad_rows.bounds[self._bound_slices["inverse"]].reshape(
             len(self.motion.passive_variables), direction_count, len(rows)
         )
         # For the variable that moves most, the sum of its movements over all directions.
         movements = np.sum(np.abs(inverse), axis=1)
         largest_movement = np.max(movements, axis=0, initial=0.0)
-        # Only contacts have profiles, whose sizes are rounded too.
+        # Only contacts have profiles, whose sizes are rounded too. The effect is bounded by
+        # the sums of the sizes of all terms of the velocity equations (`rate_size`) and of
+        # the acceleration equations (`acceleration_size`).
         has_contacts = self.motion.mechanism.has_contacts
         no_profiles = np.zeros_like(gap)
         w_indices = self._column_indices["w"]
@@ -450,8 +461,9 @@ class RowVelocities:
             gap=gap,
             axis_error=axis_error,
             loop_error=loop_error,
-            # Angular velocities of the links per unit rate of the input, their derivatives
-            # by the input, and how much both change in all as the loops open.
+            # Angular velocities of the links per unit rate of the input, and their
+            # derivatives by the input. The spreads are their changes per rad of opening,
+            # summed over all directions.
             w=np.array([quad_rows.columns[indices] for indices in w_indices.values()]),
             dw=np.array([quad_rows.columns[indices] for indices in dw_indices.values()]),
             w_spread=np.array([self._spread(quad_rows, "w", link) for link in w_indices]),
@@ -468,9 +480,9 @@ class RowVelocities:
         """Return (k,) the sensitivity of a quantity of each row to open loops.
 
         The sizes of a mechanism are rounded to float64, so its loops remain open by tiny
-        rotations. A bound of the error of a quantity is this rotation times the spread,
-        which is returned: the absolute changes of all components per rad, summed over all
-        directions in which loops can open. Each loop can open about three axes.
+        rotations. Times the sensitivity, such a rotation gives an error bound of the
+        quantity. The sensitivity is the sum of the absolute changes of all components per
+        rad, over all loops and the three axes about which each can open.
 
         Parameters
         ----------
@@ -479,6 +491,7 @@ class RowVelocities:
         name, key
             Name of the quantity, and its pole or the number of its link.
         """
+        # (components, k) absolute changes, which are summed over loops and axes already.
         changes = quad_rows.opening_changes[self._column_indices[name][key]]
         return np.sum(changes, axis=0)
 
@@ -561,13 +574,16 @@ class RowVelocities:
             put_columns("dw", link, decimal_rates.dw[:, link].T.astype(float))
         pairs = axis_pairs(plan)
         for pole, errors in self.pole_errors.items():
-            # The pole of the bodies to which the two links belong. If it is the axis of a
-            # pair, `pairs` has the number of this pair. Its axis is then taken as it is,
-            # and does not follow from the relative angular velocity.
+            # Links that do not move relative to each other while other inputs are locked
+            # are one body. The plan has the poles of bodies. If that of the bodies of these
+            # two links is the axis of a pair, `pairs` has the number of this pair. Its axis
+            # is then taken as it is, and does not follow from the relative angular
+            # velocity.
             body_pole = plan.pole(*pole)
             assert body_pole is not None
             quantities, bounds = decimal_rates.pole(pole, pairs.get(body_pole))
             for quantity in POLE_QUANTITIES:
+                # A quantity that was not computed from decimal sizes becomes NaN.
                 unknown = nans((quantity.components, len(has_rates)))
                 put_columns(quantity.name, pole, quantities.get(quantity.name, unknown))
             for name, error in errors.items():
@@ -588,33 +604,35 @@ class RowVelocities:
         pairs = axis_pairs(plan)
         for links, errors in self.pole_errors.items():
             pole = plan.pole(*links)
+            if not pole:
+                continue
             # The plan computes poles in rounds, each from poles of earlier rounds. In round
-            # 0 are the axes of pairs that join the two links themselves. `pairs` has the
-            # pair whose axis a pole is. `rounded_axes` are pairs whose axis is equal to
-            # that of another pair but for rounding.
-            is_common_axis = (
-                pole and plan.rounds[pole] > 0 and pairs.get(pole) in plan.rounded_axes
-            )
-            if not is_common_axis:
+            # 0 are the axes of pairs that join the two links themselves. These are exact.
+            is_computed = plan.rounds[pole] > 0
+            # `pairs` has the pair whose axis a pole is, if there is one. `rounded_axes` are
+            # pairs whose axis is equal to that of another pair but for rounding.
+            if not is_computed or pairs.get(pole) not in plan.rounded_axes:
                 continue
             v_size = norm_columns(self.relative_velocity(links))
             dv_size = norm_columns(self.relative_velocity_derivative(links))
             # `SAME_AXIS_SINE` is the largest sine of axes that count as equal. `rate_size`
             # is the sum of the sizes of all terms of the velocity equations, which are
-            # rates times unit vectors; `acceleration_size` is the same for the acceleration
-            # equations. An error of v turns the direction u = v / |v| by v_error / |v|. In
-            # the coefficient dv . u this adds at most |dv| times this angle. The derivative
-            # of u is dv / |v| without its part along u, so it has the errors of dv and u
-            # over |v|.
+            # rates times unit vectors.
             v_error = SAME_AXIS_SINE * self._bound("rate_size")
+            # An error of v turns the direction u = v / |v| by this angle.
             direction_error = v_error / v_size
-            dv_error = (
+            # The acceleration coefficient dv . u has the error of dv, and that of u times
+            # |dv|. `acceleration_size` is the same as `rate_size` for the acceleration
+            # equations.
+            coefficient_error = (
                 SAME_AXIS_SINE * self._bound("acceleration_size")
                 + direction_error * dv_size
             )
-            direction_dq_error = (dv_error + direction_error * dv_size) / v_size
+            # The derivative of u is (dv - (dv . u) u) / |v|. The second term contains the
+            # coefficient, and u once more.
+            direction_dq_error = (coefficient_error + direction_error * dv_size) / v_size
             self.axis_separations[links] = direction_error
             errors["direction_error"] += direction_error
             errors["velocity_coefficient_error"] += v_error
-            errors["acceleration_coefficient_error"] += dv_error
+            errors["acceleration_coefficient_error"] += coefficient_error
             errors["direction_dq_error"] += direction_dq_error

@@ -213,18 +213,18 @@ def passive_equations(
     Passive variables are those that no input locks. A vector of a variable is the relative
     angular velocity of the links of its pair per unit rate of the variable.
 
-    The equations are a product of two orthonormal bases, so that their singular values have
-    a meaning:
+    The matrix of the equations is a product C P of two matrices. The relative velocities in
+    all pairs are a vector of 3 components for each pair.
 
-    - The vectors are a basis of the space P of relative velocities that the passive pairs
-      allow.
-    - Let B be the space of relative velocities that moving bodies can have: they add up to
-      0 around each loop. The cycles of the graph of links and pairs are a basis of all
-      relative velocities perpendicular to B.
+    - The columns of P are an orthonormal basis of the relative velocities that the passive
+      pairs allow.
+    - The rows of C are an orthonormal basis of the cycles of the graph of links and pairs.
+      C times relative velocities is 0 if these add up to 0 around each loop, as those of
+      moving bodies do.
 
-    The singular values are the cosines of the angles between P and the perpendicular space
-    of B. So they are the sines of the angles between P and B. A value of 0 means that the
-    passive pairs allow a motion of the bodies.
+    The singular values of C P are therefore the sines of the angles between two spaces: the
+    velocities that the pairs allow, and those that moving bodies can have. A value of 0
+    means that the passive pairs allow a motion of the bodies.
 
     Parameters
     ----------
@@ -243,9 +243,11 @@ def passive_equations(
     """
     passive = passive_variables(tree, driven)
     columns = np.swapaxes(_orthonormal_vectors(tree, vectors)[:, passive], 1, 2)
-    # (loops, passive) coefficient of each variable's pair in each cycle.
+    # (loops, passive) coefficient of each variable's pair in each cycle. `tree.cycles`
+    # (loops, pairs) has orthonormal rows.
     cycles = tree.cycles[:, [tree.pair_of_variable[v] for v in passive]]
-    # (n, loops, 3, passive)
+    # (n, loops, 3, passive) C P: a column of P is zero except for the vector of its
+    # variable in the components of its pair, so each entry is one product.
     loops = cycles[:, None] * columns[:, None]
     return columns, loops.reshape(len(vectors), 3 * len(cycles), len(passive))
 
@@ -314,10 +316,14 @@ def _orthonormal_vectors(tree: LoopTree, vectors: Floats) -> Floats:
 def _motion_by_singular_values(output_motion: Floats, loops: Floats) -> Floats:
     """Return the motion of the output per unit misfit if equations are nearly singular.
 
-    If the passive pairs move at any rates, the loops do not close: their relative angular
-    velocities do not add up to 0. What is missing are the misfits. A motion of the passive
-    pairs whose misfits are only rounding errors makes the result practically infinite if it
-    moves the output. If it moves other links only, it has no effect.
+    If the passive pairs move at any rates, the relative angular velocities around a loop do
+    not add up to 0, but to the misfits. The result is the basis of the transmission
+    measure: it is large if small misfits, which the play of pairs allows, move the output
+    much.
+
+    In a nearly singular mechanism some motions of the passive pairs have practically no
+    misfits. If such a motion moves the output, the result is practically infinite. If it
+    moves other links only, it is left out.
 
     Parameters
     ----------
@@ -334,8 +340,8 @@ def _motion_by_singular_values(output_motion: Floats, loops: Floats) -> Floats:
     left, sizes, right = np.linalg.svd(loops, full_matrices=False)
     moved = output_motion @ np.swapaxes(right, 1, 2)
     is_resting = np.linalg.norm(moved, axis=1) < MIN_OUTPUT_MOTION
-    # A singular value this small is caused by rounding: the inverse of the equations would
-    # have entries that are not trusted.
+    # A singular value this small counts as zero. Its reciprocal, by which the result is
+    # multiplied, is only a product of rounding.
     is_self_motion = (sizes < 1.0 / MAX_INVERSE_ENTRY) & is_resting
     # The smallest divisor prevents a division by zero.
     inverse_sizes = np.where(is_self_motion, 0.0, 1.0 / np.maximum(sizes, 1e-300))

@@ -106,16 +106,19 @@ class VelocityEquations(ABC):
             Expressions (rad) of all pair variables. Contacts need them.
         about_centres
             Whether the vector of two circles that roll on each other is the sum of two
-            vectors about their centres. It takes fewer expressions than the other form, but
-            loses digits if the circles are small.
+            vectors about their centres. This takes fewer expressions than a multiple of the
+            direction to the contact point, but loses digits if the circles are small.
         """
         self.mechanism = mechanism
         self.pairs = pairs
         self.placed = placed
         self.variables = variables
         self.tree = LoopTree.of_mechanism(mechanism)
-        # A vector turns with a link that carries it, and slides on it if the pair is a
-        # contact. Contact lines are the vectors of some rolling contacts.
+        # The vector of an R pair is fixed in a link. That of a contact changes its
+        # direction relative to the link as the contact moves. The contact line of a rolling
+        # contact is the direction to the contact point. The vector of its variable is a
+        # multiple of it, which is 0 if both curvatures are equal. The line itself is never
+        # 0.
         self.carried, self.contact_lines = carried_vectors(
             mechanism, pairs, placed, variables, about_centres
         )
