@@ -356,9 +356,9 @@ def test_signs_are_nan_right_at_a_crossing():
 def test_wrong_signs_beyond_a_crossing_are_noticed(monkeypatch, capsys, tmp_path):
     """An export fails if a mode keeps the signs that it has before a crossing.
 
-    The table has the signs of a mode (its places) in each interval between crossings. It is
-    falsified before the export compares it with the mechanism: all four intervals get the
-    signs of interval 1.
+    The table has the signs of a mode (its mode values) in each interval between crossings.
+    It is falsified before the export compares it with the mechanism: all four intervals get
+    the signs of interval 1.
     """
     from spherekit.exchange import mode_table
 
@@ -366,7 +366,9 @@ def test_wrong_signs_beyond_a_crossing_are_noticed(monkeypatch, capsys, tmp_path
 
     def find_wrong_candidate(*arguments):
         candidate = find_candidate(*arguments)
-        return replace(candidate, places=np.broadcast_to(candidate.places[1], (4, 1)))
+        return replace(
+            candidate, mode_values=np.broadcast_to(candidate.mode_values[1], (4, 1))
+        )
 
     monkeypatch.setattr(mode_table, "_find_candidate", find_wrong_candidate)
     arguments = ["export", str(FILES / "parallelogram.toml"), "--to", "c", "--crossings"]

@@ -261,14 +261,14 @@ def test_a_mode_that_formulas_do_not_give_is_not_written(tmp_path, monkeypatch, 
     """A mode with wrong signs is noticed before the export, left out, and named.
 
     The formulas of a four-bar select a mode by the sign of its dyad, the only entry of
-    `places`. That of mode 1, -1, is replaced by its absolute value. A page still has mode
-    0. If no other mode is wanted, the export is refused.
+    `mode_values`. That of mode 1, -1, is replaced by its absolute value. A page still has
+    mode 0. If no other mode is wanted, the export is refused.
     """
     find_candidate = mode_table._find_candidate
 
     def find_wrong_candidate(tracer, sampled, mode, *others):
         candidate = find_candidate(tracer, sampled, mode, *others)
-        return replace(candidate, places=np.abs(candidate.places))
+        return replace(candidate, mode_values=np.abs(candidate.mode_values))
 
     monkeypatch.setattr(mode_table, "_find_candidate", find_wrong_candidate)
     path = tmp_path / "x.c"

@@ -149,9 +149,10 @@ C_SMOOTH_MODE_TEMPLATE = """\
         {mode}[n] = {written};
 {returned}}}
 """
-"""Template of the function that returns the places of a mode on its smooth curve.
+"""Template of the function that selects a mode on its smooth curve.
 
-Places are the numbers that select a mode in the formulas, such as the signs of its dyads.
+Its array ``places`` has the values that select a mode in the formulas, such as the signs of
+its dyads, by interval and mode.
 """
 
 C_MOVED_INPUT_TEMPLATE = """\
@@ -242,7 +243,7 @@ def _write_constants(source: Source, storage: str) -> Iterator[str]:
     """Yield the declarations of constants for the users of the formulas.
 
     They are the index of each result in the array of results, the values of the sizes in
-    the mechanism file, and the places of each assembly mode. The places are the numbers
+    the mechanism file, and the mode values of each assembly mode. These are the numbers
     that select a mode in the formulas. In closed form they are the sign (+1 or -1) of each
     dyad. Otherwise they are approximate variables (rad) of all pairs, which Newton's method
     improves.

@@ -80,9 +80,10 @@ def {name}(number, q):
         )
 {next_input}    return {returned}
 """
-"""Template of the function that returns the places of a mode on its smooth curve.
+"""Template of the function that selects a mode on its smooth curve.
 
-Places are the numbers that select a mode in the formulas, such as the signs of its dyads.
+Its array ``places`` has the values that select a mode in the formulas, such as the signs of
+its dyads, by interval and mode.
 """
 
 CASADI_MOVED_INPUT_TEMPLATE = """\

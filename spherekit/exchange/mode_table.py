@@ -1,7 +1,7 @@
 """Finds the assembly modes of explicit formulas, and compares each with the mechanism.
 
-Exported source code contains a table of assembly modes. Each mode has *places*, the numbers
-that select it in the formulas (see `formula_expressions`):
+Exported source code contains a table of assembly modes. Each mode has *mode values*, the
+numbers that select it in the formulas (see `formula_expressions`):
 
 - If the formulas are in closed form, they are the sign of each dyad (+1 or -1). This is the
   sign of the triple product of its three axes. An assembly mode of a run has one sign for
@@ -12,7 +12,7 @@ that select it in the formulas (see `formula_expressions`):
   conditioned. Newton's method starts from them.
 
 If modes follow smooth curves through crossings, the inputs at which curves cross divide the
-range of the input into *intervals*, and a mode has places in each of them. Otherwise there
+range of the input into *intervals*, and a mode has values in each of them. Otherwise there
 is one interval.
 
 The formulas then compute each mode at several inputs. A mode that deviates from the mode of
@@ -101,7 +101,7 @@ class ModeCandidate:
     starts.
 
     If modes follow smooth curves, the inputs at which curves cross divide the range of the
-    input into intervals. The places of a mode can differ between intervals. Otherwise there
+    input into intervals. The values of a mode can differ between intervals. Otherwise there
     is one interval.
 
     Attributes
@@ -116,8 +116,8 @@ class ModeCandidate:
         links.
     interval
         (n,) number of the interval in which each configuration is.
-    places
-        (intervals, places) in closed form the sign (+1 or -1) of each dyad, otherwise the
+    mode_values
+        (intervals, values) in closed form the sign (+1 or -1) of each dyad, otherwise the
         variables (rad) from which Newton's method starts. They may be NaN for an interval
         in which the mode has no configuration.
     """
@@ -126,12 +126,12 @@ class ModeCandidate:
     motion: Motion
     values: Floats
     interval: Indices
-    places: Floats
+    mode_values: Floats
 
     def find_known_input(self, interval: int) -> Floats | None:
         """Return the inputs (inputs,) rad of one configuration in an interval, if any.
 
-        Without a closed form the places of the interval are those of this configuration.
+        Without a closed form the values of the interval are those of this configuration.
         """
         row = _middle_row(self.interval, interval)
         return None if row is None else self.motion.inputs[row]
@@ -253,18 +253,18 @@ def compare_modes(
             )
             continue
         known_input = candidate.find_known_input(first_interval)
-        places = candidate.places[first_interval]
+        mode_values = candidate.mode_values[first_interval]
         if known_input is None:  # The mode has no configuration in that interval.
             middle = len(motion) // 2
             known_input = motion.inputs[middle]
-            if np.any(np.isnan(places)):
-                places = candidate.places[candidate.interval[middle]]
+            if np.any(np.isnan(mode_values)):
+                mode_values = candidate.mode_values[candidate.interval[middle]]
         modes.append(
             Mode(
                 number=mode.number,
                 name=mode.title,
                 at=tuple(known_input.tolist()),
-                values=tuple(places.tolist()),
+                values=tuple(mode_values.tolist()),
             )
         )
         written.append(candidate)
@@ -277,7 +277,7 @@ def compare_modes(
         )
     smooth = None
     if crossings == "pass":
-        smooth = _join_places(position_analysis, crossing_inputs, written)
+        smooth = _join_mode_values(position_analysis, crossing_inputs, written)
     return ModeTable(tuple(modes), tuple(left_out), min(compared), max(differences), smooth)
 
 
@@ -313,16 +313,16 @@ def _sample_intervals(crossing_inputs: Floats, low: float, high: float) -> Float
     return inputs[(inputs >= low) & (inputs <= high)]
 
 
-def _join_places(
+def _join_mode_values(
     position_analysis: PositionAnalysis,
     crossing_inputs: Floats,
     candidates: Sequence[ModeCandidate],
 ) -> SmoothModes:
-    """Return the places of all modes in the intervals of the input.
+    """Return the mode values of all modes in the intervals of the input.
 
     Places are the values that select a mode in the formulas. Crossings divide the range of
-    the input into intervals, in which the places of a mode differ. In a further short
-    interval about each crossing the places are unknown (NaN) for modes that change there.
+    the input into intervals, in which the values of a mode differ. In a further short
+    interval about each crossing the values are unknown (NaN) for modes that change there.
 
     Parameters
     ----------
@@ -335,26 +335,26 @@ def _join_places(
     """
     low, high = position_analysis.range
     (period,) = position_analysis.solver.periods
-    # Axes of `places`: interval, mode, place; of `inputs`: interval, mode.
-    places = np.stack([candidate.places for candidate in candidates], axis=1)
-    inputs = np.full(places.shape[:2], np.nan)
+    # Axes of `mode_values`: interval, mode, value; of `inputs`: interval, mode.
+    mode_values = np.stack([candidate.mode_values for candidate in candidates], axis=1)
+    inputs = np.full(mode_values.shape[:2], np.nan)
     for interval, mode in np.ndindex(*inputs.shape):
         known_input = candidates[mode].find_known_input(interval)
         if known_input is not None:
             inputs[interval, mode] = known_input[0]  # there is one input
     # Lists with one item for each interval, with those about the crossings.
     starts = [-np.inf]
-    all_places = [places[0]]
+    all_mode_values = [mode_values[0]]
     all_inputs = [inputs[0]]
     gaps = np.diff(crossing_inputs, prepend=-np.inf, append=np.inf)
     for k, crossing in enumerate(crossing_inputs.tolist()):
         # Crossing k lies between the intervals k and k + 1.
-        changes = np.any(places[k] != places[k + 1], axis=1)
+        changes = np.any(mode_values[k] != mode_values[k + 1], axis=1)
         half_width = min(UNKNOWN_AT_CROSSING_RAD, 0.25 * min(gaps[k], gaps[k + 1]))
         starts += [crossing - half_width, crossing + half_width]
-        all_places += [
-            np.where(changes[:, None], np.nan, places[k]),
-            places[k + 1],
+        all_mode_values += [
+            np.where(changes[:, None], np.nan, mode_values[k]),
+            mode_values[k + 1],
         ]
         all_inputs += [np.where(changes, np.nan, inputs[k]), inputs[k + 1]]
     if position_analysis.solver.gear_phases is not None:
@@ -362,8 +362,8 @@ def _join_places(
         # these crossings were not looked for.
         margin = 2.0 * UNKNOWN_AT_CROSSING_RAD
         starts = [-np.inf, low - margin, *starts[1:], high + margin]
-        unknown = np.full_like(places[0], np.nan)
-        all_places = [unknown, *all_places, unknown]
+        unknown = np.full_like(mode_values[0], np.nan)
+        all_mode_values = [unknown, *all_mode_values, unknown]
         all_inputs = [inputs[0] * np.nan, *all_inputs, inputs[0] * np.nan]
     return SmoothModes(
         low=low,
@@ -372,7 +372,7 @@ def _join_places(
         crossings=tuple(crossing_inputs.tolist()),
         are_all_known=position_analysis.claim.guarantee is Guarantee.COMPLETE,
         starts=tuple(starts),
-        mode_values=np.array(all_places),
+        mode_values=np.array(all_mode_values),
         inputs=np.array(all_inputs),
     )
 
@@ -394,7 +394,7 @@ def _find_candidate(
     varied: VariedMechanism,
     terms: DesignExpressions,
 ) -> ModeCandidate:
-    """Choose configurations of an assembly mode, and determine its places.
+    """Choose configurations of an assembly mode, and determine its mode values.
 
     *Places* are the numbers that select the mode in the formulas: the signs of its dyads in
     closed form, otherwise the variables from which Newton's method starts. A dyad consists
@@ -406,7 +406,7 @@ def _find_candidate(
         The position analysis of the mechanism, and its motion at `MODE_SAMPLES` samples.
     crossing_inputs
         Inputs (rad) at which curves of configurations cross. They divide the range into
-        intervals, in which the mode has different places if it follows a smooth curve.
+        intervals, in which the mode has different values if it follows a smooth curve.
     varied, terms
         The mechanism of the formulas, and the terms from which they are built. The formulas
         can be those of an equivalent linkage, in which links replace contacts of circles.
@@ -433,21 +433,21 @@ def _find_candidate(
         # crossings consists of pieces, one in each interval, with different signs.
         signs = [piece.signs for _, piece in mode.pieces] or [mode.signs] * interval_count
         return ModeCandidate(mode, motion, values, interval, np.array(signs, dtype=float))
-    # The places of each interval are read from the configurations in it.
-    places: list[Floats | None] = []
+    # The mode values of each interval are read from the configurations in it.
+    mode_values: list[Floats | None] = []
     for number in range(interval_count):
         middle_row = _middle_row(interval, number)
         if middle_row is None:
-            places.append(None)
+            mode_values.append(None)
         elif terms.has_closed_form:
-            places.append(_dyad_signs(terms, values[interval == number]))
+            mode_values.append(_dyad_signs(terms, values[interval == number]))
         else:
-            places.append(values[middle_row])
+            mode_values.append(values[middle_row])
     # Intervals without a configuration get NaN.
-    place_count = max(len(x) for x in places if x is not None)
-    unknown_places = np.full(place_count, np.nan)
-    all_places = np.array([unknown_places if x is None else x for x in places])
-    return ModeCandidate(mode, motion, values, interval, all_places)
+    value_count = max(len(x) for x in mode_values if x is not None)
+    unknown_values = np.full(value_count, np.nan)
+    all_mode_values = np.array([unknown_values if x is None else x for x in mode_values])
+    return ModeCandidate(mode, motion, values, interval, all_mode_values)
 
 
 def _select_well_conditioned_rows(
@@ -639,12 +639,12 @@ def _compute_deviations(
     # because the variables of pairs do not depend on them.
     motion[: len(inputs)] = inputs
     if terms.has_closed_form:
-        # (places, configurations): for each configuration the places in its interval
-        places = np.concatenate(
-            [candidate.places[candidate.interval] for candidate in candidates]
+        # (values, configurations): for each configuration the mode values in its interval
+        mode_values = np.concatenate(
+            [candidate.mode_values[candidate.interval] for candidate in candidates]
         ).T
         evaluate = formulas.numpy_function(angles)
-        computed = evaluate(motion, places, formulas.size_values)
+        computed = evaluate(motion, mode_values, formulas.size_values)
         deviation = wrap(computed - expected[[*passive_variables(terms).values()]])
     else:
         sensitivity = np.concatenate(

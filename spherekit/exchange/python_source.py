@@ -79,7 +79,10 @@ def {name}(number, q):
     {mode}_there = np.moveaxis(places[interval, mode], -1, 0)
     return {returned}
 """
-"""Template of the function that returns the places of a mode on its smooth curve."""
+"""Template of the function that selects a mode on its smooth curve.
+
+Its array ``places`` has the values that select a mode, by interval and mode.
+"""
 
 PYTHON_MOVED_INPUT_TEMPLATE = """\
     above = q - np.floor((q - {low}) / {period}) * {period}
@@ -133,16 +136,16 @@ def _write_function(source: Source, function: SourceFunction) -> str:
 def _write_smooth_modes(source: Source) -> Iterator[str]:
     """Yield the Python text of the function that selects an assembly mode at an input.
 
-    An assembly mode is one way to assemble the mechanism. *Places* are the numbers that
-    select it in the formulas: the signs of its dyads (two links and three R pairs), or the
-    variables from which Newton's method starts. A mode can follow a smooth curve of
-    configurations through crossings with other curves. Its places then change at the
+    An assembly mode is one way to assemble the mechanism. *Mode values* are the numbers
+    that select it in the formulas: the signs of its dyads (two links and three R pairs), or
+    the variables from which Newton's method starts. A mode can follow a smooth curve of
+    configurations through crossings with other curves. Its mode values then change at the
     crossings, which divide the range of the input into intervals. The written function
-    returns the places in the interval of its input q. Without such modes nothing is
+    returns the values in the interval of its input q. Without such modes nothing is
     yielded.
 
-    If positions have no closed form, the places of an interval are the pair variables in a
-    known configuration. The written function then also returns the input of this
+    If positions have no closed form, the mode values of an interval are the pair variables
+    in a known configuration. The written function then also returns the input of this
     configuration, from which steps of Newton's method lead to q.
     """
     if source.smooth_modes is None:
@@ -157,7 +160,7 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
     input_lines = ""
     docstring_end = ""
     # The written function has the local variables `interval` and `mode` (indices), and the
-    # places at q, whose name ends with "_there". Both results are NaN where q is.
+    # mode values at q, whose name ends with "_there". Both results are NaN where q is.
     returned = f"np.where(np.isnan(q), np.nan, {source.mode_argument}_there)"
     if source.formulas.step:  # the step of Newton's method; empty in closed form
         input_lines = f"    inputs = np.array(\n        {texts.known_inputs}\n    )\n"

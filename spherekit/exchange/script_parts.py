@@ -57,10 +57,10 @@ class SmoothModeTexts:
     """Source code for the function that selects an assembly mode at a given input.
 
     An assembly mode is one of the ways to assemble the mechanism. In formulas it is
-    selected by numbers, which are called its places. In closed form they are the signs of
+    selected by numbers, the mode values. In closed form they are the signs of
     its dyads (two links and three R pairs). Otherwise they are the pair variables (rad) of
     a known configuration, from which Newton's method starts. If a mode follows a smooth
-    curve of configurations, the places are constant in intervals of the input.
+    curve of configurations, the mode values are constant in intervals of the input.
 
     Attributes
     ----------
@@ -88,10 +88,10 @@ def smooth_mode_texts(
     """Return source code for the function that selects an assembly mode at a given input.
 
     An assembly mode is one of the ways to assemble the mechanism. In formulas it is
-    selected by numbers, which are called its places. In closed form they are the signs of
-    its dyads (two links and three R pairs). Otherwise they are the pair variables (rad) of
-    a known configuration, from which Newton's method starts. If a mode follows a smooth
-    curve of configurations, its places are constant in intervals of the input. The function
+    selected by numbers, the mode values. In closed form they are the signs of its dyads
+    (two links and three R pairs). Otherwise they are the pair variables (rad) of a known
+    configuration, from which Newton's method starts. If a mode follows a smooth curve of
+    configurations, the mode values are constant in intervals of the input. The function
     returns those of the interval of its input.
 
     Parameters
@@ -107,7 +107,7 @@ def smooth_mode_texts(
     fields = source.smooth_mode_fields
     shift_lines = moved_template.format(**fields) if source.is_periodic else ""
     # Three arrays are written as nested lists in brackets: the input at which each interval
-    # begins, the places, and the input of the known configuration with these places.
+    # begins, the mode values, and the input of the known configuration with these values.
     text_by_name = {
         name: nested_with_nan(fields[name], "[]", nan_literal, infinity_literal)
         for name in ("starts", "places", "inputs")

@@ -211,16 +211,16 @@ def _idle_arguments(formulas: Formulas) -> list[str]:
     inputs = np.array([mode.at for mode in modes]).T
     motion[: len(inputs)] = inputs
     # The values that select each mode: signs of dyads in closed form, or pair variables.
-    places = np.array([mode.values for mode in modes]).T.reshape(-1, len(modes))
+    mode_values = np.array([mode.values for mode in modes]).T.reshape(-1, len(modes))
     evaluate = formulas.numpy_function(outputs)
-    values_before = evaluate(motion, places, formulas.size_values)
+    values_before = evaluate(motion, mode_values, formulas.size_values)
     # The scale of a result is its largest value in the modes. A result that is zero in all
     # of them, up to rounding, has no scale of its own. Angles and velocity coefficients
     # have a smallest scale, so that their rounding errors do not count as changes.
     units = [*formulas.results.values(), *("" for _ in formulas.step)]
     floor = np.where([unit in KINEMATIC_UNITS for unit in units], MIN_KINEMATIC_SCALE, 0.0)
     scale = np.maximum(np.max(np.abs(np.nan_to_num(values_before)), axis=1), floor)
-    noise = _estimate_noise(evaluate, (motion, places, formulas.size_values))
+    noise = _estimate_noise(evaluate, (motion, mode_values, formulas.size_values))
     # A change of a result that is smaller than this can be rounding. The rounding error is
     # estimated twice, by the scale of the result and by its noise; the larger one counts.
     least_effect = np.maximum(MIN_RELATIVE_EFFECT * scale, MIN_EFFECT_OVER_NOISE * noise)
@@ -228,7 +228,7 @@ def _idle_arguments(formulas: Formulas) -> list[str]:
     for row, size in enumerate(sizes):
         changed_design = formulas.size_values.copy()
         changed_design[row] += RELATIVE_STEP * (abs(size.value) or 1.0)
-        values_after = evaluate(motion, places, changed_design)
+        values_after = evaluate(motion, mode_values, changed_design)
         # A result that is NaN before and after has not changed. If it is NaN only once, it
         # has.
         change = np.where(
@@ -256,7 +256,7 @@ def _estimate_noise(
         Function of the arguments that returns the results (r, n) in n configurations.
     arguments
         Three arrays, as `evaluate` takes them: the motion (inputs, rates, loads), the
-        places (values that select the assembly mode) and the sizes.
+        mode values (numbers that select the assembly mode) and the sizes.
 
     Returns
     -------
@@ -266,10 +266,10 @@ def _estimate_noise(
     before = evaluate(*arguments)
     noise = np.zeros(len(before))
     for _ in range(NOISE_TRIALS):
-        motion, places, sizes = (
+        motion, mode_values, sizes = (
             values * (1.0 + NOISE_STEP * random.uniform(-1.0, 1.0, values.shape))
             for values in arguments
         )
-        change = np.abs(evaluate(motion, places, sizes) - before)
+        change = np.abs(evaluate(motion, mode_values, sizes) - before)
         noise = np.maximum(noise, np.max(np.nan_to_num(change), axis=1))
     return noise

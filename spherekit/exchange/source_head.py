@@ -62,16 +62,16 @@ def _argument_lines(source: Source) -> Iterator[str]:
     """Yield a list of the elements of each argument and of the result, with units.
 
     The arguments are arrays: the motion (inputs, rates, ...), the numbers that select the
-    assembly mode (called places), and the sizes (numbers of the mechanism file). In closed
-    form the places are the signs of the dyads (two links and three R pairs). Otherwise they
-    are the pair variables from which Newton's method starts.
+    assembly mode (called mode values), and the sizes (numbers of the mechanism file). In
+    closed form the mode values are the signs of the dyads (two links and three R pairs).
+    Otherwise they are the pair variables from which Newton's method starts.
     """
     formulas = source.formulas
     # `step` has the expressions of a step of Newton's method. It is empty in closed form.
-    place_note = "rad" if formulas.step else "+1 or -1: the side of a dyad"
+    value_note = "rad" if formulas.step else "+1 or -1: the side of a dyad"
     notes_by_array = {
         "motion": [(argument.name, argument.unit) for argument in formulas.motion],
-        source.mode_argument: [(name, place_note) for name in formulas.mode_value_names],
+        source.mode_argument: [(name, value_note) for name in formulas.mode_value_names],
         # Each size with its key and its value in the mechanism file.
         "size": [
             (size.name, f"{size.unit}; {size.key} = {size.value:.12g}")
@@ -87,12 +87,12 @@ def _argument_lines(source: Source) -> Iterator[str]:
 
 
 def _mode_lines(source: Source, position: int, mode: Mode) -> Iterator[str]:
-    """Yield the lines on an assembly mode: its number, name, places and a known input.
+    """Yield the lines on an assembly mode: its number, name, mode values and a known input.
 
     Places are the values that the source takes to select the mode: the signs of its dyads,
     or the pair variables (rad) from which Newton's method starts. If modes follow smooth
-    curves through crossings, the places may change with the input. A further line then
-    gives the places of each interval of the input.
+    curves through crossings, the mode values may change with the input. A further line then
+    gives the mode values of each interval of the input.
 
     Parameters
     ----------
@@ -101,24 +101,25 @@ def _mode_lines(source: Source, position: int, mode: Mode) -> Iterator[str]:
     position
         Position of the mode in the table of modes.
     mode
-        The mode, with the inputs (rad) at which its places are known.
+        The mode, with the inputs (rad) at which its mode values are known.
     """
-    place_text = ", ".join(f"{value:.9g}" for value in mode.values) or "none"
+    value_text = ", ".join(f"{value:.9g}" for value in mode.values) or "none"
     input_text = ", ".join(f"{q:.6g}" for q in mode.at)
     yield (
-        f"  {mode.number} ({mode.name}): {source.mode_argument} {place_text}; inputs "
+        f"  {mode.number} ({mode.name}): {source.mode_argument} {value_text}; inputs "
         f"{input_text}"
     )
     if source.smooth_modes is None:
         return
     pieces = source.smooth_modes.pieces(position)
-    # Intervals of the input with other places: start, an input with known places, places.
-    if len(pieces) < 2:  # The mode has the same places everywhere.
+    # Intervals of the input with different mode values: the start, an input at which a
+    # configuration with these values is known, and the values.
+    if len(pieces) < 2:  # The mode has the same values everywhere.
         return
-    for start, known_input, places in pieces:
-        place_text = ", ".join(f"{value:.9g}" for value in places)
+    for start, known_input, mode_values in pieces:
+        value_text = ", ".join(f"{value:.9g}" for value in mode_values)
         yield (
-            f"    from {start:.6g} rad on: {source.mode_argument} {place_text}; "
+            f"    from {start:.6g} rad on: {source.mode_argument} {value_text}; "
             f"input {known_input:.6g}"
         )
 

@@ -185,7 +185,7 @@ class Source:
 
     @property
     def smooth_modes(self) -> SmoothModes | None:
-        """The modes on smooth curves, if modes follow these and have places at all."""
+        """The modes on smooth curves, if modes follow these and have mode values at all."""
         return self.formulas.mode_table.smooth if self.formulas.mode_value_names else None
 
     @property
@@ -196,7 +196,7 @@ class Source:
         follows a smooth curve of configurations, which can cross curves of other modes. The
         crossings divide the range of the input into intervals.
 
-        The function returns numbers called places, which are constant in an interval. In
+        The function returns the mode values, numbers that are constant in an interval. In
         closed form they are the signs of the dyads (two links and three R pairs). Otherwise
         they are the pair variables of a configuration that is known in this interval, from
         which Newton's method starts. Keys of the result are:
@@ -204,13 +204,13 @@ class Source:
         - ``name``, ``mode``: names of the function and of the argument that selects a mode,
         - ``low``, ``high``, ``period``: range and period of the input (rad), as text,
         - ``starts`` (intervals,): the input (rad) at which each interval begins,
-        - ``places`` (intervals, modes, count): the places,
+        - ``places`` (intervals, modes, count): the mode values,
         - ``inputs`` (intervals, modes): the input (rad) of the known configuration,
         - ``intervals``, ``modes``, ``count``: the lengths of these axes.
         """
         smooth_modes = self.smooth_modes
         assert smooth_modes is not None
-        interval_count, mode_count, place_count = smooth_modes.mode_values.shape
+        interval_count, mode_count, value_count = smooth_modes.mode_values.shape
         return {
             "name": self.smooth_function,
             "mode": self.mode_argument,
@@ -223,7 +223,7 @@ class Source:
             "inputs": smooth_modes.inputs,
             "intervals": interval_count,
             "modes": mode_count,
-            "count": place_count,
+            "count": value_count,
         }
 
     @property
