@@ -60,25 +60,25 @@ def _circle(tilt, radius):
     return Profile("circle", centre=centre, radius=float(np.radians(radius)))
 
 
-def with_cam(made, pivot_arc, cam, roller, driving="2"):
+def with_cam(mechanism, pivot_arc, cam, roller, cam_link="2"):
     """Return a special mechanism with a roller follower on the ground.
 
     Cam and roller are circles that slide on each other (a pair of type Cs).
 
     Parameters
     ----------
-    made
+    mechanism
         The mechanism of R pairs.
     pivot_arc
         Arc (deg) on the ground from its first axis to the pivot of the follower. Its angle
         about the first axis is always 200 deg.
     cam, roller
-        The circles of the driving link and of the follower, each as a tuple: the tilt of
+        The circles of the cam link and of the follower, each as a tuple: the tilt of
         its centre from the z axis of the link (deg), and its radius (deg).
-    driving
-        The link that carries the cam.
+    cam_link
+        The link that has the cam on it.
     """
-    links = dict(made.geometry.links)
+    links = dict(mechanism.geometry.links)
     ground = links["1"]
     links["1"] = replace(
         ground,
@@ -87,43 +87,51 @@ def with_cam(made, pivot_arc, cam, roller, driving="2"):
         angles=(*ground.angles, float(np.radians(200.0))),
     )
     links["f"] = LinkSizes(("f1",))
-    contact = Pair("cam", "Cs", (driving, "f"), (_circle(*cam), _circle(*roller)))
-    pairs = (*made.pairs, Pair("f1", "R", ("1", "f")), contact)
+    contact = Pair("cam", "Cs", (cam_link, "f"), (_circle(*cam), _circle(*roller)))
+    pairs = (*mechanism.pairs, Pair("f1", "R", ("1", "f")), contact)
     return replace(
-        made, links=(*made.links, "f"), pairs=pairs, geometry=SizeGeometry(links)
+        mechanism,
+        links=(*mechanism.links, "f"),
+        pairs=pairs,
+        geometry=SizeGeometry(links),
     )
 
 
 def limited_cam(random):
     """Return a random cam with a roller follower, whose cam cannot turn fully.
 
-    A link between the centres of cam and roller replaces their contact by a four-bar. Its
-    arcs are ground, cam, the sum of both radii, and follower. At some angle of the cam, its
-    centre has a given distance from the pivot of the follower. The arc of the follower is
-    this distance minus or plus the sum of both radii. The last two arcs are then in line,
-    so that the cam can turn no further.
+    The contact of two circles acts like a link between their centres, whose arc is the sum
+    of both radii. This link and the follower join the centre of the cam to the pivot of the
+    follower. The follower arc is chosen so that both arcs are in line at one angle of the
+    cam. The cam can turn no further there.
     """
     ground_deg = float(random.integers(35, 80))
     cam_tilt_deg = float(random.integers(8, 30))
     cam_radius_deg = float(random.integers(8, 25))
     roller_radius_deg = float(random.integers(4, 15))
     radii_deg = cam_radius_deg + roller_radius_deg
-    # The distance is between ground minus tilt and ground plus tilt, at all cam angles.
+    # Distance from the cam centre to the follower pivot where the cam can turn no further.
+    # While the cam turns, the distance varies by the tilt to both sides of the ground arc.
     distance_deg = ground_deg + cam_tilt_deg * random.uniform(-0.9, 0.9)
-    # Sizes have few or many decimals, as in files.
-    arm_deg = float(np.round(distance_deg - radii_deg, random.integers(0, 6)))
+    # Arcs in line: the distance is the sum or the difference of follower arc and radii. A
+    # difference counts without its sign, since the longer arc may be either of the two.
+    # Sizes are rounded as in a file.
+    difference_deg = float(np.round(distance_deg - radii_deg, random.integers(0, 6)))
     if random.random() < 0.5:
-        arm_deg = abs(arm_deg)
+        follower_arc_deg = abs(difference_deg)
     else:
-        arm_deg = float(np.round(distance_deg + radii_deg, 2))
+        follower_arc_deg = float(np.round(distance_deg + radii_deg, 2))
+    # An arc of 0 would let the roller turn about its own centre. With 3 degrees the cam is
+    # limited too, at other angles: the distance varies by 16 degrees or more, but must be
+    # within 3 degrees of the sum of the radii.
+    follower_arc_deg = max(follower_arc_deg, 3.0)
     links = {
         "1": LinkSizes(("21", "f1"), (float(np.radians(ground_deg)),)),
         "2": LinkSizes(("21",)),
         "f": LinkSizes(("f1",)),
     }
-    # The arm is at least 3 degrees, so that the roller does not turn about its own centre.
     cam = _circle(cam_tilt_deg, cam_radius_deg)
-    roller = _circle(max(arm_deg, 3.0), roller_radius_deg)
+    roller = _circle(follower_arc_deg, roller_radius_deg)
     pairs = (
         Pair("21", "R", ("1", "2")),
         Pair("f1", "R", ("1", "f")),
@@ -134,23 +142,26 @@ def limited_cam(random):
 
 
 def folding_mechanism(seed):
-    """Return a random mechanism that can fold, and its kind.
+    """Return the kind of a random mechanism that can fold, and the mechanism.
 
-    The kind is "cam" (`limited_cam`), "contact" (a special mechanism with a cam beside it,
-    `with_cam`) or "redundant" (`with_second_coupler`).
+    - "cam": a cam with a roller follower that cannot turn fully (`limited_cam`).
+    - "contact": a four-bar of special geometry, for example a rhombus, perhaps with dyads,
+      and a cam on its crank or rocker (`with_cam`).
+    - "redundant": such a four-bar with the same coupler twice (`with_second_coupler`).
     """
+    # The offset gives other random numbers than those of `special_mechanism(seed)` below.
     random = np.random.default_rng(seed + 10**7)
     kind = str(random.choice(["cam", "contact", "redundant"], p=[0.4, 0.2, 0.4]))
     if kind == "cam":
         return kind, limited_cam(random)
-    _, mechanism, _ = special_mechanism(seed)
+    _geometry_name, mechanism, _inputs = special_mechanism(seed)
     if kind == "redundant":
         return kind, with_second_coupler(mechanism)
     pivot_arc = float(random.integers(30, 90))
     cam = (float(random.integers(5, 30)), float(random.integers(10, 30)))
     roller = (float(random.integers(30, 60)), float(random.integers(5, 20)))
-    driving = str(random.choice(["2", "4"]))
-    return kind, with_cam(mechanism, pivot_arc, cam, roller, driving)
+    cam_link = str(random.choice(["2", "4"]))  # the crank or the rocker of the four-bar
+    return kind, with_cam(mechanism, pivot_arc, cam, roller, cam_link)
 
 
 def inputs_beside_folds(mechanism, seed):

@@ -130,11 +130,11 @@ POINTS = 96
 
 def grow_dyad_chain(random, links, triads):
     """Return a four-bar with dyads, or dyads and triads, added at random links."""
-    edges = _grown_edges(random, links, triads)
+    edges = _grow_edges(random, links, triads)
     return mechanism_from_chain(edges, random_axes(random, len(edges)))
 
 
-def _grown_edges(random, links, triads):
+def _grow_edges(random, links, triads):
     """Return the joined links of a chain with one freedom, grown from a four-bar.
 
     A dyad adds two links in a row between two others. A triad adds four links: three that
@@ -173,26 +173,32 @@ def _grown_edges(random, links, triads):
 def random_contact_chain(random, links, rolling, sliding, shaped=False):
     """Return a random mechanism of dyads in which some pairs are contacts.
 
-    A Cs pair takes away one freedom, as a link with two R pairs does; a Cr pair takes away
-    two, as an R pair does. So the chain is grown with `sliding` additional links, which
-    then become Cs pairs, and `rolling` of its R pairs become Cr pairs. One freedom stays.
+    The result has one freedom, as has the chain of R pairs from which it is made:
+
+    - A Cs pair (sliding contact) takes away one freedom, as a link with two R pairs does.
+      The chain therefore has `sliding` additional links, which become Cs pairs.
+    - A Cr pair (rolling contact) takes away two freedoms, as an R pair does. So `rolling`
+      of the R pairs become Cr pairs.
+
+    Link 1 is the ground, and the pair of links 1 and 2 is the input.
 
     Parameters
     ----------
     random
         Random number generator.
     links
-        Number of links.
+        Number of links of the result. Their numbers may have gaps.
     rolling, sliding
-        Number of Cr pairs (rolling contacts) and of Cs pairs (sliding contacts).
+        Number of Cr pairs and of Cs pairs.
     shaped
         Whether profiles are also Fourier series and curves through points. By default all
         are circles.
     """
     while True:
-        edges = _grown_edges(random, links + sliding, False)
-        types = dict.fromkeys(edges, "R")
-        # Replace links with two R pairs by Cs pairs between their neighbours.
+        edges = _grow_edges(random, links + sliding, triads=False)
+        types = dict.fromkeys(edges, "R")  # type of pair by its two link numbers
+        # Replace links with two R pairs by Cs pairs between their neighbours. Links 1 and 2
+        # stay, since their pair is the input.
         for link in random.permutation(np.arange(3, links + sliding + 1)).tolist():
             link_edges = [edge for edge in types if link in edge]
             # The neighbours: an edge is a pair of link numbers, so its sum less this link
@@ -207,13 +213,13 @@ def random_contact_chain(random, links, rolling, sliding, shaped=False):
                 for edge in link_edges:
                     del types[edge]
                 types[ends[0], ends[1]] = "Cs"
-        # The R pairs of the ground stay, since one of them is the input.
+        # Pairs of the ground do not become Cr pairs. One of them is the input, an R pair.
         may_roll = [edge for edge, kind in types.items() if kind == "R" and 1 not in edge]
         random.shuffle(may_roll)
         types |= dict.fromkeys(may_roll[:rolling], "Cr")
         if list(types.values()).count("Cs") < sliding or len(may_roll) < rolling:
             continue
-        mechanism = _touching(random, types, shaped)
+        mechanism = _mechanism_with_contacts(random, types, shaped)
         try:
             groups = plan_assembly(mechanism).groups
         except PlanError:
@@ -223,7 +229,7 @@ def random_contact_chain(random, links, rolling, sliding, shaped=False):
             return mechanism
 
 
-def _touching(random, types, shaped):
+def _mechanism_with_contacts(random, types, shaped):
     """Return a mechanism with random axes, and profiles that touch at random points.
 
     It is given in a reference pose, in which all profiles touch. Its input is the pair

@@ -12,16 +12,20 @@ def mid_plane_mechanism(alphas):
     """Return the shipped two-degree-of-freedom mechanism with other arcs.
 
     Source: Z. Chen et al. (2021), Fig. 2; base and end effector mirror each other in a
-    mid-plane. `alphas` are its arcs alpha_1 to alpha_8 in rad. The output is the direction
-    of the axis 74 of the end effector (link 4).
+    mid-plane. Three legs join the base (link 1) to the end effector (link 4). Their links
+    are 2 and 3, 6 and 5, 8 and 7, from the base. The output is the direction of axis 74, on
+    which links 7 and 4 turn.
+
+    Parameters
+    ----------
+    alphas
+        (8,) arcs alpha_1 to alpha_8 (rad) of links 1 to 8, between the axes of the link.
     """
     a1, a2, a3, a4, a5, a6, a7, a8 = map(float, alphas)
-    # Arcs of a link lead from its first axis to each further axis; a number stands for a
-    # single arc. Three legs, each of two links in a row, join the base (link 1) to the end
-    # effector (link 4). The third leg is in the middle between the other two on both.
-    # Links 2, 6 and 8, one of each leg, have a third axis: that of the hinge of link 9, 10
-    # or 11. It coincides with the axis of the joint to the next link of the leg, so both
-    # arcs are equal.
+    # By link: the arc from its first axis to each further axis.
+    # - Links 1 and 4: the axis of the third leg is in the middle between the other two.
+    # - Links 2, 6, 8: their joint with link 9, 10 or 11 has the same axis as the joint of
+    #   both links of the leg. Both arcs are therefore equal.
     arcs = {
         "1": (a1, 0.5 * a1),
         "2": (a2, a2),

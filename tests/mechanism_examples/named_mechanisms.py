@@ -142,7 +142,8 @@ def mechanism_from_sizes(links, pairs, inputs, output, zeros=None):
     output
         `Output` of the mechanism.
     zeros
-        Zero positions (rad) by pair; 0 by default.
+        By pair: angle (rad) between the first arcs of its two links at which its variable
+        is 0. The default is 0.
     """
     links_by_name = {}
     for link, (axes, arcs, angles) in links.items():
@@ -224,6 +225,7 @@ def serial_chain(count):
 
     With two pairs the output is a direction of the last link, with three its orientation.
     """
+    # By link: names of its axes, arcs between them and angles between arcs (both deg).
     links = {"base": ("p", [], []), "yoke": ("p q", [80.0], [])}
     pairs = {"p": "base yoke", "q": "fork yoke"}
     if count == 2:
@@ -234,7 +236,9 @@ def serial_chain(count):
         links["tool"] = ("r", [], [])
         pairs["r"] = "fork tool"
         output = Output("pose", "tool", "base")
-    return mechanism_from_sizes(links, pairs, list(pairs), output, {"q": 0.5})
+    return mechanism_from_sizes(
+        links, pairs, inputs=list(pairs), output=output, zeros={"q": 0.5}
+    )
 
 
 LINKS = {

@@ -53,7 +53,9 @@ def shaped_mechanism(seed):
     random = np.random.default_rng(seed)
     sliding = int(random.integers(1, 3))
     links = int(random.integers(4, 8))
-    links += (links + sliding) % 2
+    # Each sliding contact replaces a link of a chain with an even number of links.
+    if (links + sliding) % 2 == 1:
+        links += 1
     made = random_contact_chain(
         random, links, int(random.integers(0, 3)), sliding, shaped=True
     )
@@ -64,29 +66,34 @@ def shaped_mechanism(seed):
 def _mechanism_of_family(random, family):
     """Return a random mechanism of one of the families, with random axes.
 
-    - "dyads", "triads": a four-bar to which groups of two (or four) links are added.
+    - "dyads": a four-bar with dyads added (a dyad is two links in a row).
+    - "triads": the same, with triads too (a triad is a link that three links join to the
+      rest).
     - "eight-bar": one of the 16 chains of eight links with one freedom.
-    - "contacts": a chain of dyads in which some pairs are contacts.
-    - "chain": R pairs at random, as many as one or two freedoms require. With m links and
-      f freedoms these are (3 (m - 1) - f) / 2, so f is 1 for even m and 2 for odd m.
+    - "contacts": a four-bar with dyads, in which some pairs are contacts.
+    - "chain": as many R pairs as one or two freedoms require, between random links.
     - "any graph": any number of R pairs. It need not be able to move.
     """
     if family in ("dyads", "triads"):
         links = int(random.choice([4, 6, 8, 10, 12]))
-        return grow_dyad_chain(random, links, family == "triads")
+        return grow_dyad_chain(random, links, triads=family == "triads")
     if family == "eight-bar":
         chain = EIGHT_BARS[int(random.integers(len(EIGHT_BARS)))]
         return mechanism_from_chain(chain, random_axes(random, 10))
     if family == "contacts":
         links = int(random.integers(4, 9))
         sliding = int(random.integers(0, 3))
-        # A dyad chain has an even number of links. A sliding contact replaces one of them.
-        sliding += (links + sliding) % 2
+        # Each sliding contact replaces a link of a chain of R pairs. This chain is a
+        # four-bar with dyads, so it has an even number of links: links + sliding.
+        if (links + sliding) % 2 == 1:
+            sliding += 1
         rolling = int(random.integers(0, 3))
         return random_contact_chain(random, links, rolling, sliding)
     links = int(random.integers(4, 13))
     if family == "chain":
-        freedoms = 1 + (links % 2)
+        # The number of pairs is an integer for one freedom if the number of links is even,
+        # and for two freedoms if it is odd.
+        freedoms = 1 if links % 2 == 0 else 2
         pair_count = (3 * (links - 1) - freedoms) // 2
     else:
         pair_count = int(random.integers(links - 1, 2 * links))

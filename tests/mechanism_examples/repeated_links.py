@@ -33,30 +33,33 @@ out = {{ type = "R", links = ["base", "rocker"] }}
 LINKS_WITH_FURTHER_AXES = ("base", "crank", "rocker")
 
 
-def four_bar_with_further_axes(name, links="", pairs="", **added):
-    """Return a four-bar whose links may have a third axis, and further links on these.
+def four_bar_with_further_axes(name, links="", pairs="", **third_axes):
+    """Return a four-bar with additional axes on its links, and links that use these axes.
+
+    The mechanism file is made from the template `FOUR_BAR`. Its links have two axes and one
+    arc. The template has three gaps in each of the links base, crank and rocker, for the
+    name, the arc and the angle of a third axis.
 
     Parameters
     ----------
     name
         Name of the mechanism.
     links, pairs
-        Lines of the file for further links and pairs.
-    **added
-        For "base", "crank" or "rocker": name of the third axis, its arc from the first axis
-        and its angle from the second (both deg).
+        Lines of the file (TOML) for further links and pairs.
+    **third_axes
+        For "base", "crank" or "rocker": name of the third axis, its arc (deg) from the
+        first axis, and the angle (deg) of this arc from the arc to the second axis.
     """
-    words = dict.fromkeys(LINKS_WITH_FURTHER_AXES, "")
-    words |= {
-        f"{link}_{key}": ""
-        for link in LINKS_WITH_FURTHER_AXES
-        for key in ("arcs", "angles")
-    }
-    for link, (axis, arc, angle) in added.items():
-        words[link] = f', "{axis}"'
-        words[f"{link}_arcs"] = f", {arc}"
-        words[f"{link}_angles"] = f", angles = [{angle}]"
-    return loads(FOUR_BAR.format(name=name, links=links, pairs=pairs, **words), name)
+    gaps = {}
+    for link in LINKS_WITH_FURTHER_AXES:
+        gaps[link] = ""
+        gaps[f"{link}_arcs"] = ""
+        gaps[f"{link}_angles"] = ""
+    for link, (axis, arc_deg, angle_deg) in third_axes.items():
+        gaps[link] = f', "{axis}"'
+        gaps[f"{link}_arcs"] = f", {arc_deg}"
+        gaps[f"{link}_angles"] = f", angles = [{angle_deg}]"
+    return loads(FOUR_BAR.format(name=name, links=links, pairs=pairs, **gaps), name)
 
 
 def second_rod():

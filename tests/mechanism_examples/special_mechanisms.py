@@ -55,14 +55,16 @@ def special_mechanism(seed):
 
 
 def straight_mechanism(seed):
-    """Return a random mechanism with an arc near 0 or 180 degrees, and inputs (n, 1) rad.
+    """Return a random mechanism with nearly special arcs, and inputs (n, 1) rad.
 
-    It is a four-bar with none, one or two dyads. The arc differs from 0 or 180 by 1e-2 to
-    1e-9 degrees. The seed decides which arc this is: one of the four-bar, or one of a dyad.
-    In a third kind, the fourth arc of the four-bar differs by 1e-1 to 1e-9 degrees from
-    that with a change point, where all links can be on one great circle.
+    It is a four-bar with none, one or two dyads, of one of three kinds:
+
+    - 0: an arc of the four-bar differs from 0 or 180 degrees by 1e-2 to 1e-9 degrees.
+    - 1: the four-bar nearly has a change point, at which all its links are on one great
+      circle. Its fourth arc is by 1e-1 to 1e-9 degrees longer than such a four-bar needs.
+    - 2: the arcs of the dyads can be chosen as near to 0 or 180 degrees as in kind 0.
     """
-    # Other random numbers than those of `special_mechanism`.
+    # The offset gives other random numbers than those of `special_mechanism(seed)`.
     random = np.random.default_rng(seed + 10**6)
     arcs_deg = [float(np.round(random.uniform(20.0, 150.0), 3)) for _ in range(4)]
     kind = random.integers(3)
@@ -70,10 +72,13 @@ def straight_mechanism(seed):
         arcs_deg[random.integers(4)] = _nearly_straight(random)
     elif kind == 1:
         a, b, c, _ = arcs_deg
-        # The four-bar has a change point if both sums of opposite arcs are equal. If this
-        # needs an arc of more than half a turn, an ordinary one of 60 degrees is taken.
-        fourth = abs(a + c - b) + 10.0 ** -random.integers(1, 10)
-        arcs_deg[3] = float(f"{fourth if fourth < 180.0 else 60.0:.12f}")
+        # All links can be on one great circle if b + d = a + c, or if b = a + c + d. One of
+        # the two equations has a solution d >= 0, which is abs(a + c - b).
+        fourth_deg = abs(a + c - b) + 10.0 ** -random.integers(1, 10)
+        # An arc must be less than 180 degrees. Otherwise an ordinary arc replaces it.
+        if not fourth_deg < 180.0:
+            fourth_deg = 60.0
+        arcs_deg[3] = float(f"{fourth_deg:.12f}")  # 12 decimals, as in a file
     dyad_arcs_deg = sorted(
         float(np.round(random.uniform(10.0, 170.0), 3)) for _ in range(4)
     )
@@ -83,8 +88,10 @@ def straight_mechanism(seed):
     fewest_dyads = 1 if kind == 2 else 0
     for _ in range(int(random.integers(fewest_dyads, 3))):
         mechanism = _with_dyad(random, mechanism, dyad_arcs_deg)
-    driven = str(random.choice(["21", "41", "32"]))
-    near_special_deg = [0.0, 90.0, 180.0] + 10.0 ** -random.integers(1, 9, 3)
+    driven = str(random.choice(["21", "41", "32"]))  # a pair of the four-bar
+    # Inputs beside 0, 90 and 180 degrees, above them by 1e-1 to 1e-8 degrees.
+    distances_deg = 10.0 ** -random.integers(1, 9, 3)
+    near_special_deg = np.array([0.0, 90.0, 180.0]) + distances_deg
     path_deg = np.unique([*random.uniform(0.0, 360.0, 6), *near_special_deg])
     inputs = (Input(driven, 0.0, 2.0 * np.pi),)
     return replace(mechanism, inputs=inputs), np.radians(path_deg)[:, None]

@@ -81,27 +81,29 @@ def mid_plane_area():
     """Return the area (sr) of the workspace of a mid-plane mechanism for z > 0.
 
     The mechanism is that of Z. Chen et al. (2021), source [2] of this module. Base and end
-    effector are mirror images of each other in the mid-plane with the normal n. B1 and B6
-    are axes on the base, with the mirror images B3 and B4 on the end effector, and Q = x is
-    the middle between them. The output P is the mirror image of Q.
+    effector are mirror images of each other in the mid-plane. B1 and B6 are axes on the
+    base, with the mirror images B3 and B4 on the end effector. Q is the middle between B1
+    and B6, in the direction of the x axis. The output P is the mirror image of Q.
 
-    With n . B1 = -s1, the arc from B1 to B3 is 2 arcsin(s1), and likewise for B6 and s6.
-    Both arcs are between the smallest angle and twice the arc of the leg's links. In s1 and
-    s6 the workspace is therefore a square, over which the density of area is integrated.
+    Let m be the unit normal of the mid-plane with m . Q > 0, s1 = m . B1 and s6 = m . B6.
+    The arc from B1 to B3 is 2 arcsin(s1). It is between the smallest angle and twice the
+    arc of the leg's links, and likewise for B6. In s1 and s6 the workspace is therefore a
+    square, over which the density of area is integrated.
     """
     half_base = 0.5 * MID_PLANE_BASE
     lowest = np.sin(0.5 * SMALLEST_ANGLE)
     highest = np.sin(MID_PLANE_LEG)
 
     def density(s1, s6):
-        """Return the area of P per area in s1 and s6."""
-        # Components of -n, because B1 and B6 are (cos, sin, 0) and (cos, -sin, 0) of half
-        # the arc between them.
-        x = (s1 + s6) / (2.0 * np.cos(half_base))
-        y = (s1 - s6) / (2.0 * np.sin(half_base))
-        # The area element of n is dx dy / z with z = sqrt(1 - x^2 - y^2), and dx dy is
-        # ds1 ds6 / sin(2 half_base). That of P is 4 (-n . Q) = 4 x times that of n.
-        return float(4.0 * x / np.sqrt(1.0 - x * x - y * y) / np.sin(2.0 * half_base))
+        """Return the area that P sweeps per area in s1 and s6."""
+        # Components of m, from s1 and s6 with B1, B6 = (cos h, +-sin h, 0), h = half_base.
+        m_x = (s1 + s6) / (2.0 * np.cos(half_base))
+        m_y = (s1 - s6) / (2.0 * np.sin(half_base))
+        # The area of m is dm_x dm_y / m_z, and dm_x dm_y = ds1 ds6 / sin(2 h). If b is the
+        # angle from Q to m, then -P is at the angle 2 b from Q, in the same plane. So the
+        # area of P is that of m times 2 sin(2 b) / sin(b) = 4 cos(b) = 4 m_x.
+        m_z = np.sqrt(1.0 - m_x * m_x - m_y * m_y)
+        return float(4.0 * m_x / m_z / np.sin(2.0 * half_base))
 
     area, _ = dblquad(density, lowest, highest, lowest, highest, epsabs=1e-13, epsrel=1e-13)
     return area

@@ -19,22 +19,25 @@ CLOSED_RAD = 1e-40
 """Loops that are open by less are closed, in 50 digits."""
 
 
-def _linkage(motion):
-    """Return the equations of a motion, its inputs, and its rows as start values.
+def _equations_and_start(motion):
+    """Return the closure equations of a motion, and its rows as start of Newton's method.
 
     Returns
     -------
     linkage
-        Closure equations with the decimal sizes of the file.
+        Closure equations. Their sizes are the decimal numbers of the mechanism file, not
+        rounded to float64.
     input_variables
-        Numbers of the variables that are inputs.
+        Columns of `start` that are inputs.
     start
-        (rows, variables) values (rad) as balls: numbers with 50 digits and an error bound.
+        (rows, variables) pair variables (rad) of the motion, as balls: numbers with 50
+        digits and an error bound.
     """
     mechanism = motion.mechanism
     linkage = Linkage(mechanism, read_decimals(mechanism).revolute_frames())
     input_variables = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
     start = exact_balls(motion.values)
+    # The input variables get exactly the values of the inputs that were asked for.
     start[:, input_variables] = exact_balls(motion.inputs)
     return linkage, input_variables, start
 
@@ -48,7 +51,7 @@ def deviations(motion):
     """
     arithmetic = Digits(DIGITS)
     with arithmetic.within(), np.errstate(all="ignore"):
-        linkage, input_variables, start = _linkage(motion)
+        linkage, input_variables, start = _equations_and_start(motion)
         solution = linkage.close_loops(start, input_variables, arithmetic.eps)
         deviation = np.max(np.abs(centre_floats(solution.values - start)), axis=1)
     return np.where(solution.status == Status.OK, deviation, np.nan)
@@ -70,7 +73,7 @@ def deviations_with_free_inputs(motion):
     """
     arithmetic = Digits(DIGITS)
     with arithmetic.within(), np.errstate(all="ignore"):
-        linkage, input_variables, start = _linkage(motion)
+        linkage, input_variables, start = _equations_and_start(motion)
         values = start.copy()
         for _ in range(25):
             orientations, residuals = linkage.place_links(values)

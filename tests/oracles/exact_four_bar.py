@@ -82,11 +82,16 @@ class FourBar(NamedTuple):
         return u31, ratio(u31, u["32"]), ratio(u["41"], u42)
 
     def inertia(self, tensors):
-        """Return the part of each moving link in the equivalent inertia B.
+        """Return the parts of links 2, 3 and 4 in the equivalent inertia B, as a list.
 
-        B = sum of (w_j / w21)^2 u_j . I_j u_j over the links j, which rotate about the axes
-        u_j with the rates w_j. `tensors` are the inertia tensors I_j (3, 3) by numbers of
-        links, in the axes of the links.
+        The part of link j is (w_j / w21)^2 u_j . I_j u_j, and B is the sum of the parts.
+        Link j rotates relative to the frame about the axis u_j with the angular velocity
+        w_j, and w21 is that of the input link 2.
+
+        Parameters
+        ----------
+        tensors
+            Inertia tensor I_j (3, 3) by number of the link, in the axes of the link.
         """
         u31, ratio31, ratio41 = self.coefficients()
         parts = []
@@ -140,8 +145,8 @@ def angle(arcs, q, p, maths=mp):
 def four_bar(arcs, q, p, maths=mp):
     """Return the four-bar at an input angle, by eqs. (14) and (22) of Di Gregorio (2024).
 
-    k_j is the first pair axis of link j, and the second one is in the plane of k_j and j_j.
-    For links 1 to 3 it is on the side of j_j, for link 4 on the opposite side.
+    The axes k_1 to k_4 of the links are the pair axes 41, 21, 32 and 43. The second pair
+    axis of link j is cos(alpha_j) k_j + sin(alpha_j) j_j.
 
     Parameters
     ----------
@@ -156,9 +161,10 @@ def four_bar(arcs, q, p, maths=mp):
     """
     sin, cos = maths.sin, maths.cos
     s1, s2, s3, s4 = map(sin, arcs)
-    c1, c2, _, c4 = map(cos, arcs)
+    c1, c2, _c3, c4 = map(cos, arcs)
     theta = angle(arcs, q, p, maths)
     i1, j1, k1 = (1, 0, 0), (0, 1, 0), (0, 0, 1)
+    # `add` returns a linear combination from pairs of a factor and a vector.
     k2 = add((s1, j1), (c1, k1))
     j2 = add((sin(q), i1), (cos(q) * s1, k1), (-cos(q) * c1, j1))
     k3 = add((c2, k2), (s2, j2))
