@@ -359,10 +359,10 @@ class System:
         """F (k,) and F' (k, unknowns) at balls of the unknowns."""
         angles = {**dict(zip(self.unknowns, unknown, strict=True)), **driven}
         links = [step["link"] for step in self.onto]
-        return Half(self, links, [], [], self.unknowns).values([], angles)
+        return PolynomialEquations(self, links, [], [], self.unknowns).values([], angles)
 
 
-class Half:
+class PolynomialEquations:
     """Equations of links, polynomials in the e^(i angle) of pairs or in their inverses.
 
     A dual array has its value at index 0 of the first axis, then its derivatives by these

@@ -1,12 +1,13 @@
-"""Checks modes counted system by system, and maps of two inputs, without spherekit.
+"""Checks modes counted subsystem by subsystem, and maps of two inputs, without spherekit.
 
 With e^(i angle) = a / b, a rotation times a b is a polynomial in a and b. A point is (z,
 1), or (1, w) with the inverse w, so an angle at infinity is a solution like any other.
 
-A system is a part of the equations with its own unknowns, given the angles of earlier
-systems. In certificates it is a dictionary ("part") with the links of its equations, its
-unknowns, and solutions at some angles ("solved") to start from. `Half` (of `proof_checker`)
-evaluates the equations of a system and their derivatives, in a and b of its unknowns.
+A subsystem is a part of the equations with its own unknowns, given the angles of earlier
+subsystems. In certificates ("systems") it is a dictionary with the links of its equations,
+its unknowns, and solutions at some angles ("solved") to start from. An equation is named by
+the link that it places. `PolynomialEquations` (of `proof_checker`) evaluates the equations
+of a subsystem and their derivatives, in a and b of its unknowns.
 
 `arb` and `acb` are real and complex balls: numbers with rigorous bounds of their errors.
 """
@@ -16,7 +17,7 @@ from itertools import combinations, product
 import numpy as np
 from flint import acb, acb_poly, arb, ctx
 from oracles.proof_checker import (
-    Half,
+    PolynomialEquations,
     System,
     about,
     ball,
@@ -29,36 +30,36 @@ from oracles.proof_checker import (
     wrapped,
 )
 
-DEEPEST = 7
+MAX_HALVINGS = 7
 """Largest number of times that a box is halved to show that it is regular."""
 
 
-def plain(inverse, z):
-    """Return the pair (a, b) of e^(i angle) = a / b.
+def as_fraction(is_inverse, z):
+    """Return numbers (a, b) with e^(i angle) = a / b.
 
-    `z` is e^(i angle), or its inverse if `inverse` is true.
+    `z` is e^(i angle), or its inverse if `is_inverse` is true.
     """
-    return (acb(1), z) if inverse else (z, acb(1))
+    return (acb(1), z) if is_inverse else (z, acb(1))
 
 
-def check_parts(system, parts):
-    """Check that the systems contain every equation once and can be solved in order.
+def check_subsystems(system, subsystems):
+    """Check that the subsystems contain every equation once and can be solved in order.
 
-    The equations of a system may contain its own unknowns, those of earlier systems, and
-    the inputs.
+    The equations of a subsystem may contain its own unknowns, those of earlier subsystems,
+    and the inputs.
 
     Parameters
     ----------
     system
         All equations of the mechanism. `system.onto` are the steps of its construction that
         put a link on two axes; each of them gives one equation.
-    parts
-        The systems of the certificate, in the order in which they are solved.
+    subsystems
+        The subsystems of the certificate, in the order in which they are solved.
 
     Returns
     -------
     bounds
-        Largest number of solutions of each system: the permanent of the degrees of its
+        Largest number of solutions of each subsystem: the permanent of the degrees of its
         equations in its unknowns (multihomogeneous theorem of Bezout).
     table
         Degrees of each equation in all unknowns, by link.
@@ -68,14 +69,14 @@ def check_parts(system, parts):
     remaining = dict(table)
     solved_unknowns = set()
     bounds = []
-    for part in parts:
-        rows = [remaining.pop(link) for link in part["equations"]]
-        solved_unknowns |= set(part["unknowns"])
+    for subsystem in subsystems:
+        rows = [remaining.pop(link) for link in subsystem["equations"]]
+        solved_unknowns |= set(subsystem["unknowns"])
         used = set()
         for row in rows:
             used |= {x for x, degree in zip(system.unknowns, row, strict=True) if degree}
         need(used <= solved_unknowns, "a system with unknowns of a later one")
-        columns = [system.unknowns.index(name) for name in part["unknowns"]]
+        columns = [system.unknowns.index(name) for name in subsystem["unknowns"]]
         need(len(columns) == len(rows), "a system that is not square")
         bounds.append(permanent_of([[row[c] for c in columns] for row in rows]))
     is_everything = not remaining and solved_unknowns == set(system.unknowns)
@@ -94,8 +95,8 @@ def check_systems(system, certificate, driven):
     need(mode_count == certificate["modes"], "another number of modes by systems")
 
 
-def roots_of(system, part, driven):
-    """Return approximations of all solutions of one equation in one unknown.
+def roots_of(system, subsystem, driven):
+    """Return approximations of all solutions of one equation in one unknown angle.
 
     The equation is a polynomial in z = e^(i angle). Its coefficients follow from its values
     at roots of unity (a discrete Fourier transform).
@@ -104,46 +105,54 @@ def roots_of(system, part, driven):
     ----------
     system
         All equations of the mechanism.
-    part
-        The system: one equation, its unknown, and its degree.
+    subsystem
+        The equation, named by the link that it places, its unknown, and its degree.
     driven
-        Angles (balls, rad) of the inputs and of the unknowns of earlier systems.
+        Angles (balls, rad) of the inputs and of the unknowns that are solved already.
 
     Returns
     -------
-    list of (inverse, [z])
-        `inverse` is [True] if z is the inverse of e^(i angle), so that |z| is at most 1.
+    list of (is_inverse, [number])
+        The number is z if |z| is at most 1. Otherwise `is_inverse` is [True], and the
+        number is 1 / z.
     """
-    (link,) = part["equations"]
-    (name,) = part["unknowns"]
-    # The equation as a function of z, and not of its inverse.
-    equations = Half(system, [link], [name], [False])
-    count = part["degree"] + 1
-    nodes = [acb(0, 2 * arb.pi() * k / count).exp() for k in range(count)]
+    (link,) = subsystem["equations"]
+    (name,) = subsystem["unknowns"]
+    # [False]: the unknown of the polynomial is z, and not 1 / z.
+    polynomial_equation = PolynomialEquations(system, [link], [name], [False])
+    count = subsystem["degree"] + 1
+    roots_of_unity = [acb(0, 2 * arb.pi() * k / count).exp() for k in range(count)]
     # The middles of the given angles, without their errors.
     middle = {pair: arb(angle.mid()) for pair, angle in driven.items()}
-    values = [equations.values([z], middle)[0][0] for z in nodes]
-    # Coefficient k is the mean of value / z^k over the nodes. As z^count is 1 there,
-    # z^(count - k) is 1 / z^k.
+    values = [polynomial_equation.values([z], middle)[0][0] for z in roots_of_unity]
+    # Coefficient k is the mean of value / z^k over the roots of unity. As z^count is 1
+    # there, z^(count - k) is 1 / z^k.
     coefficients = []
     for k in range(count):
-        terms = [v * z ** (count - k) for v, z in zip(values, nodes, strict=True)]
+        terms = [v * z ** (count - k) for v, z in zip(values, roots_of_unity, strict=True)]
         coefficients.append(sum(terms) / count)
     polynomial = acb_poly([acb(x.mid()) for x in coefficients])
     points = []
+    # The roots need no more digits: they are only the centres of boxes, over which
+    # `SolutionOverBox` proves a solution.
     for root in polynomial.roots(tol=1e-15):
         z = acb(root.mid())
         is_large = abs(complex(float(z.real), float(z.imag))) > 1
-        points.append(([is_large], [acb((1 / z).mid()) if is_large else z]))
+        number = acb((1 / z).mid()) if is_large else z
+        points.append(([is_large], [number]))
     return points
 
 
-STEP = 0.05
-"""Largest change (rad) of a given angle in one step along which solutions are followed."""
+MAX_ANGLE_STEP_RAD = 0.05
+"""Largest change of a given angle in one step along which solutions are followed.
+
+Larger: Newton's method may fail, or lead two solutions to the same one. The certificate is
+then refused, not accepted wrongly. Smaller: the check takes longer.
+"""
 
 
-def follow_solutions(system, part, driven):
-    """Return approximations of all solutions of a system at given angles.
+def follow_solutions(system, subsystem, driven):
+    """Return approximations of all solutions of a subsystem at given angles.
 
     The certificate states all solutions at some choices of the given angles. From the
     nearest choice, the given angles move to the present ones in small steps. After each
@@ -153,153 +162,175 @@ def follow_solutions(system, part, driven):
     ----------
     system
         All equations of the mechanism.
-    part
-        The system of equations that is solved.
+    subsystem
+        The equations that are solved, as the certificate states them.
     driven
-        Angles (balls, rad) of the inputs and of the unknowns of earlier systems.
+        Angles (balls, rad) of the inputs and of the unknowns that are solved already.
 
     Returns
     -------
-    list of (inverse, z)
-        For each unknown e^(i angle), or its inverse if `inverse` is true. The smaller one
-        is used, so that angles at infinity are ordinary numbers.
+    list of (is_inverse, z)
+        z has for each unknown the complex number e^(i angle), or its inverse if
+        `is_inverse` is true. A complex solution may have e^(i angle) infinite. Its inverse
+        is then 0, an ordinary number.
+
+    Raises
+    ------
+    Refused
+        If the certificate states no solutions to start from.
     """
-    need(part["solved"], "a system without solutions to start from")
+    need(subsystem["solved"], "a system without solutions to start from")
     middle = {pair: float(angle.mid()) for pair, angle in driven.items()}
 
     def gaps_to(stated):
         """Return by how much given angles differ from those of a stated choice."""
         given = stated["given"]
-        pairs = [pair for pair in part["used"] if pair in given]
+        pairs = [pair for pair in subsystem["used"] if pair in given]
         return {pair: wrapped(middle[pair] - given[pair]) for pair in pairs}
 
-    start = min(part["solved"], key=lambda x: max(map(abs, gaps_to(x).values())))
+    start = min(subsystem["solved"], key=lambda x: max(map(abs, gaps_to(x).values())))
     gaps = gaps_to(start)
-    step_count = 1 + int(max(map(abs, gaps.values())) / STEP)
+    step_count = 1 + int(max(map(abs, gaps.values())) / MAX_ANGLE_STEP_RAD)
     points = []
     for solution in start["solutions"]:
-        inverse = list(solution["inverse"])
-        z = [acb(*parts) for parts in solution["z"]]
+        is_inverse = list(solution["inverse"])
+        z = [acb(real, imaginary) for real, imaginary in solution["z"]]
         for step in range(1, step_count + 1):
             remaining = 1 - step / step_count
-            place = {
+            # Angles without a gap are not in these equations, so their value has no effect.
+            angles = {
                 pair: arb(angle - gaps.get(pair, 0.0) * remaining)
                 for pair, angle in middle.items()
             }
             for column, value in enumerate(z):
-                # A large number is replaced by its inverse.
+                # A number beyond 2 is replaced by its inverse, below 1/2. So a number near
+                # the unit circle is not inverted again and again.
                 if abs(value) > 2:
-                    inverse[column] = not inverse[column]
+                    is_inverse[column] = not is_inverse[column]
                     z[column] = (1 / value).mid()
-            equations = Half(system, part["equations"], part["unknowns"], inverse)
+            equations = PolynomialEquations(
+                system, subsystem["equations"], subsystem["unknowns"], is_inverse
+            )
+            # Too few Newton steps would be noticed: `SolutionOverBox` then proves nothing.
             for _ in range(4):
-                value, slope = equations.values(z, place)
+                value, slope = equations.values(z, angles)
                 z = list(mid(np.array(z) - inverse_near(slope) @ mid(value)))
-        points.append((inverse, z))
+        points.append((is_inverse, z))
     return points
 
 
 class ModeCounter:
-    """Counts the assembly modes over boxes of the inputs, system by system.
+    """Counts the assembly modes over boxes of the inputs, subsystem by subsystem.
 
     An assembly mode is one of the ways to assemble the mechanism: a real solution.
     """
 
-    def __init__(self, system, parts):
-        """Check the systems, and add their degrees and the angles in them (`used`)."""
+    def __init__(self, system, subsystems):
+        """Check the subsystems, and add their degrees and the angles in them (`used`)."""
         self.system = system
-        self.parts = parts
-        bounds, table = check_parts(system, parts)
-        for part, bound in zip(parts, bounds, strict=True):
-            part["degree"] = bound
-            rows_of = [table[link] for link in part["equations"]]
+        self.subsystems = subsystems
+        bounds, table = check_subsystems(system, subsystems)
+        for subsystem, bound in zip(subsystems, bounds, strict=True):
+            subsystem["degree"] = bound
+            rows_of = [table[link] for link in subsystem["equations"]]
             columns = zip(system.unknowns, *rows_of, strict=True)
-            part["used"] = {name for name, *row in columns if any(row)} | set(system.inputs)
+            used_unknowns = {name for name, *row in columns if any(row)}
+            subsystem["used"] = used_unknowns | set(system.inputs)
 
     def count_modes(self, centre, half_widths):
         """Return the number of modes in a box if it is proven to be constant, else None.
 
-        Systems are solved one after another. All complex solutions of a system are enclosed
-        over the whole box and shown to be different. So none of them vanishes, and a real
-        one stays real. Each real solution starts one path for the systems after it: a
-        mapping from the angles so far to triples. An angle is a linear function of the
-        inputs plus a remainder. The triple has its value at the centre of the box, its
-        rates by the inputs, and a bound of the remainder.
+        The closure equations consist of subsystems, which are solved one after another. All
+        complex solutions of a subsystem are enclosed over the whole box and shown to be
+        different. So none of them vanishes, and a real one stays real. The subsystems after
+        it are solved once for each of its real solutions.
 
         Parameters
         ----------
         centre, half_widths
             Centre and half widths (inputs,) of the box, rad.
         """
-        count = len(centre)
+        # A partial solution has for the name of each angle so far a triple: its value at
+        # the centre of the box, its rates by the inputs, and a bound of the remainder.
         input_angles = {}
+        input_count = len(centre)
         for k, (name, middle) in enumerate(zip(self.system.inputs, centre, strict=True)):
-            rates = [int(k == j) for j in range(count)]
+            rates = [int(k == j) for j in range(input_count)]
             input_angles[name] = (arb(middle), rates, arb(0))
-        paths = [input_angles]
+        partial_solutions = [input_angles]
         try:
-            for part in self.parts:
-                next_paths = []
-                for path in paths:
-                    for angles in self._solve(part, path, half_widths):
-                        unknowns = dict(zip(part["unknowns"], angles, strict=True))
-                        next_paths.append({**path, **unknowns})
-                paths = next_paths
-        # The other errors arise if a ball contains zero where it must not.
+            for subsystem in self.subsystems:
+                extended_solutions = []
+                for known_angles in partial_solutions:
+                    for angles in self._solve(subsystem, known_angles, half_widths):
+                        unknowns = dict(zip(subsystem["unknowns"], angles, strict=True))
+                        extended_solutions.append({**known_angles, **unknowns})
+                partial_solutions = extended_solutions
+        # `NotShown`: a solution is not enclosed, or two may be equal. The other errors
+        # arise if a ball contains zero where it must not.
         except (NotShown, ZeroDivisionError, ValueError):
             return None
-        return len(paths)
+        return len(partial_solutions)
 
-    def _solve(self, part, path, half_widths):
-        """Return the angles of all real solutions of a system over a box of inputs.
+    def _solve(self, subsystem, known_angles, half_widths):
+        """Return the angles of all real solutions of a subsystem over a box of inputs.
 
-        All complex solutions are enclosed and shown to be different. `NotShown` is raised
-        unless there are as many as the bound of the system, so none can be missing.
+        All complex solutions are enclosed and shown to be different. Their number must be
+        the largest number that the degrees of the equations allow, so none can be missing.
 
         Parameters
         ----------
-        part
-            The system.
-        path
-            Inputs and unknowns of earlier systems by name. Each is a triple: its value at
-            the centre of the box, its rates by the inputs, and a bound of the remainder.
+        subsystem
+            The equations that are solved, and their unknowns.
+        known_angles
+            Inputs and unknowns of earlier subsystems by name. Each is a triple: its value
+            at the centre of the box, its rates by the inputs, and a bound of the remainder.
         half_widths
             Half widths (inputs,) of the box, rad.
 
         Returns
         -------
         For each real solution a list with a triple for each unknown.
+
+        Raises
+        ------
+        NotShown
+            If a solution is missing, is not enclosed, or may be equal to another one, or if
+            it remains open whether it is real.
         """
-        has_one_unknown = len(part["unknowns"]) == 1
-        middle = {name: angle for name, (angle, _, _) in path.items()}
+        has_one_unknown = len(subsystem["unknowns"]) == 1
+        middle = {name: angle for name, (angle, _, _) in known_angles.items()}
         find_points = roots_of if has_one_unknown else follow_solutions
-        points = find_points(self.system, part, middle)
-        if len(points) != part["degree"]:
+        points = find_points(self.system, subsystem, middle)
+        if len(points) != subsystem["degree"]:
             raise NotShown
-        real = []
-        balls = []
-        for inverse, centre in points:
+        real_solutions = []
+        fractions = []
+        # The numbers of a point are e^(i angle) of the unknowns, or their inverses.
+        for is_inverse, centre in points:
             solution = SolutionOverBox(
-                self.system, part, path, half_widths, inverse, centre
+                self.system, subsystem, known_angles, half_widths, is_inverse, centre
             )
             enclosure = solution.ball()
-            # The points (a, b) of all e^(i angle) = a / b.
-            balls.append([plain(i, z) for i, z in zip(inverse, enclosure, strict=True)])
+            # The numbers (a, b) with e^(i angle) = a / b, for each unknown.
+            fractions.append(
+                [as_fraction(i, z) for i, z in zip(is_inverse, enclosure, strict=True)]
+            )
             # An angle is real if |e^(i angle)| is 1.
             may_be_real = all(abs(z).contains(1) for z in enclosure)
             if may_be_real:
                 solution.show_real()
-                real.append(solution.angles())
-        for first, second in combinations(balls, 2):
-            # Two points (a, b) and (c, d) are equal if a d = b c.
+                real_solutions.append(solution.angles())
+        for first, second in combinations(fractions, 2):
+            # Two fractions a / b and c / d are equal if a d = b c.
             pairs = zip(first, second, strict=True)
             if all((a * d - b * c).contains(0) for (a, b), (c, d) in pairs):
                 raise NotShown
-        return real
+        return real_solutions
 
 
 class SolutionOverBox:
-    """One solution of a system over a box of inputs: z + Z d + w.
+    """One solution of a subsystem over a box of inputs: z + Z d + w.
 
     d are the inputs less the centre of the box. z is the solution at the centre, Z d its
     linear part, and w a remainder, which is bounded for all d at once by Krawczyk's
@@ -309,15 +340,15 @@ class SolutionOverBox:
     ----------
     centre, rates
         (k,) z, and (k, inputs) Z.
-    steps
+    input_changes
         (inputs,) balls that contain all d.
     given
-        By name: balls of the inputs and of the unknowns of earlier systems over the box.
+        By name: balls of the known angles over the box.
     preconditioner
         (k, k) Y, near the inverse of the derivatives by the unknowns at the centre.
     linear_part
         (k,) balls that contain all z + Z d.
-    start
+    image_of_zero
         (k,) balls that contain -Y P at all z + Z d, with the equations P = 0.
     radius
         Bound of the real and the imaginary part of each component of w.
@@ -325,62 +356,68 @@ class SolutionOverBox:
         (k,) balls that contain all w.
     """
 
-    def __init__(self, system, part, path, half_widths, inverse, centre):
-        """Enclose one solution of a system over a box of inputs, or raise `NotShown`.
+    def __init__(self, system, subsystem, known_angles, half_widths, is_inverse, centre):
+        """Enclose one solution of a subsystem over a box of inputs, or raise `NotShown`.
+
+        Let d be the inputs less the centre of the box. The solution is z + Z d + w: its
+        value z at the centre, a linear part with the rates Z, and a remainder w.
 
         Parameters
         ----------
-        system, part
-            All equations, and the system that is solved.
-        path
-            Inputs and unknowns of earlier systems by name. Each is a triple: its value at
-            the centre of the box, its rates by the inputs, and a bound of the remainder.
+        system, subsystem
+            All equations of the mechanism, and those that are solved.
+        known_angles
+            Inputs and unknowns of earlier subsystems by name. Each is a triple: its value
+            at the centre of the box, its rates by the inputs, and a bound of the remainder.
         half_widths
             Half widths (inputs,) of the box, rad.
-        inverse, centre
-            Approximation of the solution at the centre of the box: e^(i angle) of each
-            unknown, or its inverse where `inverse` is true.
+        is_inverse, centre
+            Approximation z (k,) of the solution at the centre of the box. A component is
+            e^(i angle) of an unknown, or its inverse if `is_inverse` is true.
         """
-        self.inverse = inverse
+        self.is_inverse = is_inverse
         self.centre = np.array(centre)
-        given_names = list(path)
+        names = list(known_angles)
         count = len(centre)
-        # Derivatives of the equations are by the k unknowns first, then by given angles.
-        self.equations = Half(
-            system, part["equations"], part["unknowns"], inverse, given_names
+        # Derivatives of the equations are by the k unknowns first, then by known angles.
+        self.equations = PolynomialEquations(
+            system, subsystem["equations"], subsystem["unknowns"], is_inverse, names
         )
-        self.steps = about(half_widths)
+        # Balls (numbers with error bounds) that contain all d.
+        self.input_changes = about(half_widths)
         self.identity = ball(np.eye(count))
 
-        # The given angles at the centre, and over the whole box.
-        middle = {name: path[name][0] for name in given_names}
-        rates_of_given = ball([path[name][1] for name in given_names])
-        remainder_of_given = about([path[name][2] for name in given_names])
-        change_of_given = rates_of_given @ self.steps + remainder_of_given
+        # The known angles at the centre, and over the whole box.
+        middle = {name: known_angles[name][0] for name in names}
+        rates_of_given = ball([known_angles[name][1] for name in names])
+        remainder_of_given = about([known_angles[name][2] for name in names])
+        change_of_given = rates_of_given @ self.input_changes + remainder_of_given
         self.given = {
             name: middle[name] + change
-            for name, change in zip(given_names, change_of_given, strict=True)
+            for name, change in zip(names, change_of_given, strict=True)
         }
 
-        # The linear part follows from the derivatives at the centre: P' Z = -P'_given.
+        # The derivative of the equations along the solution is zero. At the centre this is
+        # slope_by_unknowns Z + slope_by_given rates_of_given = 0, which gives Z.
         value, slope = self.equations.values(centre, middle)
         self.preconditioner = inverse_near(slope[:, :count])
         self.rates = mid(-self.preconditioner @ (slope[:, count:] @ rates_of_given))
-        self.linear_part = self.centre + self.rates @ self.steps
+        self.linear_part = self.centre + self.rates @ self.input_changes
 
         # The equations at all z + Z d, by the mean value theorem: the value at the centre,
-        # plus the derivatives over the box times the changes of unknowns and given angles.
+        # plus the derivatives over the box times the changes of unknowns and known angles.
         _, slope = self.equations.values(self.linear_part, self.given)
         slope_by_unknowns = slope[:, :count]
         slope_by_given = slope[:, count:]
         slope_by_inputs = slope_by_unknowns @ self.rates + slope_by_given @ rates_of_given
-        linear_change = slope_by_inputs @ self.steps
-        self.start = -self.preconditioner @ (
+        linear_change = slope_by_inputs @ self.input_changes
+        self.image_of_zero = -self.preconditioner @ (
             value + linear_change + slope_by_given @ remainder_of_given
         )
-        # The operator maps 0 to `start`, so w is about as large. The radius is a little
-        # larger, and `image` shows whether it is large enough.
-        self.radius = 1.5 * largest(self.start) + arb(1e-14)
+        # Krawczyk's operator maps w = 0 to `image_of_zero`, so w is about as large. A
+        # slightly larger radius is tried; the constant keeps it above zero. `image` raises
+        # `NotShown` unless the operator maps all w of this radius to smaller ones.
+        self.radius = 1.5 * largest(self.image_of_zero) + arb(1e-14)
         self.remainder = self.image(self.radius)
 
     def image(self, radius):
@@ -393,7 +430,7 @@ class SolutionOverBox:
         _, slope = self.equations.values(self.linear_part + around, self.given)
         slope_by_unknowns = slope[:, : len(self.centre)]
         contraction = self.identity - self.preconditioner @ slope_by_unknowns
-        image = self.start + contraction @ around
+        image = self.image_of_zero + contraction @ around
         if not largest(image) < radius:
             raise NotShown
         return image
@@ -409,35 +446,38 @@ class SolutionOverBox:
         """
         for row, (z, w) in enumerate(zip(self.centre, self.remainder, strict=True)):
             relative_rates = self.rates[row] / z
-            yield z, relative_rates, w / z, relative_rates @ self.steps + w / z
+            change = relative_rates @ self.input_changes + w / z
+            yield z, relative_rates, w / z, change
 
     def show_real(self):
-        """Show that the solution is real: its mirror image 1 / conj z is the same solution.
+        """Show that the angles of the solution are real, or raise `NotShown`.
 
-        The equations are real, so the mirror image is a solution too. It lies in a box of
-        twice the radius about z + Z d, in which there is only one solution. So both are the
-        same, |z| is 1, and the angle is real. `NotShown` is raised if this is not shown.
+        The equations are real, so the solution has a mirror image 1 / conj z at the unit
+        circle, which is a solution too. It is shown to be in a box of twice the radius, in
+        which there is only one solution. So both are the same, and |z| is 1.
 
-        The solution is z (1 + e) with e = (Z d + w) / z. With s = 1 / (z conj z) and the
-        conjugate c of e, the mirror image is z s / (1 + c) = z s (1 - c + c^2 / (1 + c)).
-        Its difference from z + Z d is z times
+        Let d be the inputs less the centre of the box. The solution is z + Z d + w with its
+        value z at the centre, rates Z and a remainder w, or z (1 + e) with
+        e = (Z d + w) / z. With s = 1 / (z conj z) and the conjugate c of e, the mirror
+        image is z s / (1 + c) = z s (1 - c + c^2 / (1 + c)). Its difference from z + Z d,
+        the centre of the box for w, is z times
 
             s - 1 - (s conj(Z / z) + Z / z) d + s (c^2 / (1 + c) - conj(w / z)),
 
         in which the linear terms nearly cancel if z is on the unit circle.
         """
         wide_radius = 2 * self.radius
-        # Raises `NotShown` unless there is only one solution in the wide box.
+        # Krawczyk's operator raises `NotShown` unless the wide box has only one solution.
         self.image(wide_radius)
-        for z, relative_rates, relative_remainder, change in self.relative_parts():
-            scale = 1 / (z * z.conjugate())
-            conjugate = change.conjugate()
-            mirrored_rates = np.array([rate.conjugate() for rate in relative_rates])
-            linear_terms = (scale * mirrored_rates + relative_rates) @ self.steps
-            other_terms = scale * (
-                conjugate * conjugate / (1 + conjugate) - relative_remainder.conjugate()
-            )
-            difference = z * (scale - 1 - linear_terms + other_terms)
+        # Z / z, w / z and e, for each unknown.
+        for z, relative_rates, relative_remainder, e in self.relative_parts():
+            s = 1 / (z * z.conjugate())
+            c = e.conjugate()
+            conjugate_rates = np.array([rate.conjugate() for rate in relative_rates])
+            linear_terms = (s * conjugate_rates + relative_rates) @ self.input_changes
+            other_terms = s * (c * c / (1 + c) - relative_remainder.conjugate())
+            difference = z * (s - 1 - linear_terms + other_terms)
+            # The bounds of the real and of the imaginary part must be below the radius.
             if not largest([difference]) < wide_radius:
                 raise NotShown
 
@@ -445,21 +485,23 @@ class SolutionOverBox:
         """Return the angles of a real solution, as triples.
 
         A triple has the angle at the centre of the box, its rates by the inputs, and a
-        bound of the remainder. The angle is the imaginary part of log(z (1 + e)), where e
-        is the relative change in the box. log(1 + e) differs from e by at most
-        |e|^2 / (2 (1 - |e|)).
+        bound of the remainder. For each unknown the solution z + Z d + w is z (1 + e), with
+        e = (Z d + w) / z. The angle is the imaginary part of log z + log(1 + e). log(1 + e)
+        differs from e by at most |e|^2 / (2 (1 - |e|)).
         """
         angles = []
-        for inverse, (z, relative_rates, relative_remainder, change) in zip(
-            self.inverse, self.relative_parts(), strict=True
+        # Z / z, w / z and e, for each unknown.
+        for is_inverse, (z, relative_rates, relative_remainder, e) in zip(
+            self.is_inverse, self.relative_parts(), strict=True
         ):
-            sense = -1 if inverse else 1
-            angle = sense * z.log().imag
-            size = arb(abs(change).upper())
+            sign = -1 if is_inverse else 1
+            angle = sign * z.log().imag
+            size = arb(abs(e).upper())
             if not size < 0.5:
                 raise NotShown
-            rates = [arb((sense * rate.imag).mid()) for rate in relative_rates]
-            # The errors of the angle and of the rates at the centre are included.
+            rates = [arb((sign * rate.imag).mid()) for rate in relative_rates]
+            # `angle.rad()` is the error of the angle at the centre. 1e-20 is more than the
+            # error of Z d / z, below 0.5 in size, from rounding the rates to 80 bits.
             remainder = (
                 abs(relative_remainder)
                 + size**2 / (2 * (1 - size))
@@ -475,13 +517,15 @@ class NotShown(Exception):
 
 
 def check_map(certificate):
-    """Check a certificate that maps the number of modes over two inputs by boxes.
+    """Check a certificate that maps the number of assembly modes over two inputs by boxes.
 
-    The boxes must not overlap and must fill the ranges. Each says that it is regular, with
-    a number of modes, or contains a type II singularity, or is undecided.
+    The boxes must not overlap and must fill the ranges of the inputs. Each says that it is
+    regular, with a number of modes, or contains a type II singularity, or is undecided. The
+    stated share of each kind must be that of its boxes in the area of the ranges.
 
     The borders of boxes are rounded numbers, so boxes that overlap by less than 1e-9 rad
-    count as apart.
+    count as apart. Areas are compared in float64: gaps and shares are noticed from one
+    millionth of the area.
     """
     ctx.prec = 80  # bits of all balls
     system = System(certificate)
@@ -510,47 +554,61 @@ def check_map(certificate):
     for kind, share in certificate["shares"].items():
         need(abs(areas.get(kind, 0.0) - share) < 1e-6, "another share")
 
+    # The certificate divides the closure equations into systems, solved in order.
     mode_counter = ModeCounter(system, certificate["systems"])
     for box in boxes:
         if box["is"] == "regular":
             centre = ball(box["centre_rad"])
-            check_regular(mode_counter, centre, box["half_rad"], box["modes"], depth=0)
+            check_regular(mode_counter, centre, box["half_rad"], box["modes"])
         elif box["is"] == "contains type II":
             check_contains(mode_counter, box)
         else:
             need(box["is"] == "undecided", "a box of no kind")
 
 
-def check_regular(mode_counter, centre, half_widths, modes, depth):
-    """Check that a box has the same number of modes at all inputs.
+def check_regular(mode_counter, centre, half_widths, stated_count, halvings=0):
+    """Check that a box of two inputs has the stated number of assembly modes everywhere.
 
-    If this is not shown for the whole box, its four quarters are checked. `depth` is how
-    many times the first box was halved to give this one.
+    If this is not shown for the whole box, its four quarters are checked.
+
+    Parameters
+    ----------
+    mode_counter
+        Counts the modes over a box if their number is proven to be constant.
+    centre, half_widths
+        Centre (balls) and half widths (2,) of the box, rad.
+    stated_count
+        Number of modes that the certificate states.
+    halvings
+        How many times the box of the certificate was halved to give this one.
     """
     mode_count = mode_counter.count_modes(centre, half_widths)
     if mode_count is not None:
-        need(mode_count == modes, "another number of modes in a box")
+        need(mode_count == stated_count, "another number of modes in a box")
         return
-    need(depth < DEEPEST, "a box that is not shown to be regular")
+    need(halvings < MAX_HALVINGS, "a box that is not shown to be regular")
     half_widths = np.array(half_widths) / 2
     for signs in product((-1, 1), repeat=2):
         quarter_centre = centre + ball(signs * half_widths)
-        check_regular(mode_counter, quarter_centre, half_widths, modes, depth + 1)
+        check_regular(mode_counter, quarter_centre, half_widths, stated_count, halvings + 1)
 
 
 def check_contains(mode_counter, box):
-    """Check that a box contains a type II singularity.
+    """Check that a box of two inputs contains a type II singularity.
 
-    It does if there are different numbers of modes at two points of the box.
+    It does if there are different numbers of assembly modes at two points of the box. They
+    are counted at points of finer and finer grids, all within the borders of the box.
     """
     mode_counts = set()
     centre = np.array(box["centre_rad"])
     half_widths = np.array(box["half_rad"])
+    # A point is a box without extent.
+    no_half_widths = [0.0, 0.0]
     for steps in (2, 4, 16):
         for grid in product(np.linspace(-0.999, 0.999, steps + 1), repeat=2):
             inputs = ball(centre + half_widths * grid)
             # None where the number is not shown.
-            mode_counts.add(mode_counter.count_modes(inputs, [0.0, 0.0]))
+            mode_counts.add(mode_counter.count_modes(inputs, no_half_widths))
             if len(mode_counts - {None}) > 1:
                 return
     need(False, "a box that is not shown to have a singular configuration")

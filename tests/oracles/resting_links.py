@@ -17,20 +17,24 @@ root = np.frompyfunc(mp.sqrt, 1, 1)
 
 
 class Rest(NamedTuple):
-    """Result of Newton's method for a configuration in which two links rest.
+    """Configuration and rates in which two links rest relative to each other.
 
-    They rest relative to each other while other links move. Rates are angular velocities.
+    Newton's method solves for the rotations and rates (angular velocities) of all links.
+    Its equations are those of `exact_rest`: the axes of each pair agree in both links, the
+    links turn about them only, and the two links do not move along one direction. The size
+    of the rates is fixed, as the rates at the start are not zero.
 
     Attributes
     ----------
     rotation_change
-        Largest change of an element of the link rotations from the start to the end.
+        Largest change of an element of the link rotations by Newton's method.
     residual
-        Largest residual of the equations at the end.
+        Largest residual of these equations at the end of Newton's method.
     relative_rate
-        Largest component of the rate of one of the two links relative to the other.
+        Largest component of the rate of one of the two links relative to the other. It is 0
+        if they rest.
     rates
-        (links, 3) rates of all links at the end.
+        (links, 3) rates of all links at the end, in ground axes.
     """
 
     rotation_change: float

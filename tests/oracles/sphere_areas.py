@@ -14,10 +14,10 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(240)
 def common_area(centres, radii, keep):
     """Return the area (sr) of the directions that lie within several caps, or outside.
 
-    On the parallel of height z the common azimuth is exact (`common_arc`). It is integrated
-    over z by Gauss's rule between the heights at which it is not smooth: the poles, the
-    lowest and highest points of the caps, and the points where two circles meet. The
-    substitution z = m + h sin t removes the square roots at the ends of each part.
+    On the parallel of height z the common azimuth is exact (`common_azimuth_width`). It is
+    integrated over z by Gauss's rule between the heights at which it is not smooth: the
+    poles, the lowest and highest points of the caps, and the points where two circles meet.
+    The substitution z = m + h sin t removes the square roots at the ends of each part.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def common_area(centres, radii, keep):
     t = 0.5 * np.pi * NODES
     z = (middles[:, None] + half_heights[:, None] * np.sin(t)).ravel()
     weights = (half_heights[:, None] * (0.5 * np.pi * WEIGHTS * np.cos(t))).ravel()
-    return float(np.sum(weights * common_arc(z, centres, np.cos(radii), keep)))
+    return float(np.sum(weights * common_azimuth_width(z, centres, np.cos(radii), keep)))
 
 
 def intersect_circles(centres, cosines):
@@ -65,27 +65,37 @@ def intersect_circles(centres, cosines):
     return np.stack([base + np.sqrt(rest) * normal, base - np.sqrt(rest) * normal])
 
 
-def common_arc(z, centres, cosines, keep):
-    """Return the azimuth (rad) common to all caps or outsides on parallels of the sphere.
+def common_azimuth_width(z, centres, cosines, keep):
+    """Return the width of azimuth (rad) on parallels that is common to several regions.
+
+    A region is a cap (all directions within a radius of its centre), or the outside of one.
+    The width is the sum over all parts of the parallel that lie in every region.
 
     Parameters
     ----------
     z
-        (n,) heights of the parallels.
+        (n,) heights of the parallels on the unit sphere.
     centres, cosines
         (caps, 3) unit vectors, and (caps,) cosines of the radii.
     keep
         (caps,) True for the inside of a cap, False for its outside.
+
+    Returns
+    -------
+    (n,) between 0 and 2 pi.
     """
-    # Each cap leaves one interval of azimuth on each parallel.
+    # A direction is in the cap if its product with the centre is at least the cosine:
+    # amplitude cos(azimuth difference) >= gap. So each cap has one interval of azimuth.
     lows = []
     highs = []
     for centre, cosine, is_inside in zip(centres, cosines, keep, strict=True):
         amplitude = np.hypot(centre[0], centre[1]) * np.sqrt(np.maximum(0.0, 1.0 - z * z))
         gap = cosine - z * centre[2]
-        # A parallel at a pole, or a cap about one, is inside or outside as a whole.
+        # Without amplitude (a parallel at a pole, or a cap about one) the parallel is
+        # outside of the cap as a whole if the gap is positive, and inside if it is
+        # negative. The ratio 1 gives the half width 0, and -1 gives pi.
         safe_amplitude = np.where(amplitude > 0.0, amplitude, 1.0)
-        ratio = np.where(amplitude > 0.0, gap / safe_amplitude, np.sign(gap) * 2)
+        ratio = np.where(amplitude > 0.0, gap / safe_amplitude, np.sign(gap))
         half_width = np.arccos(np.clip(ratio, -1.0, 1.0))
         azimuth = np.arctan2(centre[1], centre[0])
         if is_inside:

@@ -113,7 +113,7 @@ def closure_gap(mechanism, rotations, frames):
     return largest_gap
 
 
-def least_misfit(ends, axes, locked, link, of, direction=None):
+def least_misfit(ends, axes, locked, link, reference_link, direction=None):
     """Return the least misfit of the pairs if a link has a unit rate relative to another.
 
     The misfit of link rates is the norm of the relative rates that the pairs do not allow,
@@ -127,22 +127,23 @@ def least_misfit(ends, axes, locked, link, of, direction=None):
         As in `velocity_equations`.
     locked
         Numbers of the locked pairs.
-    link, of
+    link, reference_link
         Numbers of the link that turns, and of the link relative to which it turns.
     direction
         Unit vector; rates about it are not counted. By default all rates are.
     """
 
-    def inverse_misfit(held):
-        """Return the largest rate of the link for a unit misfit.
+    def largest_rate(locked_pairs):
+        """Return the largest rate of the link at which the misfit is 1.
 
-        It is the norm of the rows of the link in the pseudo-inverse of the equations. With
-        the singular value decomposition U S V^T, these rows are V_link S^-1 U^T, and U does
-        not change the norm.
+        With the equations E, rates w have the misfit |E w|, so all rates of misfit 1 are
+        the pseudo-inverse of E times unit vectors. The largest rate of the link is the
+        norm of its rows in the pseudo-inverse. With the singular value decomposition
+        U S V^T these rows are V_link S^-1 U^T, and U does not change the norm.
         """
-        equations = velocity_equations(ends, axes, held=held)
+        equations = velocity_equations(ends, axes, held=locked_pairs)
         # The columns of the reference link are left out: it does not move.
-        columns = [k for k in range(equations.shape[1]) if k // 3 != of]
+        columns = [k for k in range(equations.shape[1]) if k // 3 != reference_link]
         _, singular_values, right_vectors = np.linalg.svd(
             equations[:, columns], full_matrices=False
         )
@@ -153,7 +154,8 @@ def least_misfit(ends, axes, locked, link, of, direction=None):
         return np.linalg.norm(link_part / singular_values, 2)
 
     all_pairs = range(len(ends))
-    return inverse_misfit(all_pairs) / inverse_misfit(locked)
+    # The least misfit of a unit rate is the inverse of this rate.
+    return largest_rate(all_pairs) / largest_rate(locked)
 
 
 def sine_between_lines(direction, vector):
@@ -263,7 +265,7 @@ def link_rates(mechanism, rotations, inputs, moved):
     blocks = []
     prescribed_rates = []
     for k, (pair, (a, b)) in enumerate(zip(mechanism.pairs, mechanism.ends, strict=True)):
-        u = _line(pair.type, lines[k])
+        u = _contact_vector(pair.type, lines[k])
         if pair.type == "Cs":
             constraint = u[:, None]
         elif k in inputs:
@@ -298,8 +300,8 @@ def link_rates(mechanism, rotations, inputs, moved):
         for k, (pair, (a, b)) in enumerate(
             zip(mechanism.pairs, mechanism.ends, strict=True)
         ):
-            u = _line(pair.type, lines[k])
-            du = _line_change(pair.type, lines[k], w)
+            u = _contact_vector(pair.type, lines[k])
+            du = _contact_vector_change(pair.type, lines[k], w)
             relative = w[:, b] - w[:, a]
             if pair.type == "Cs":
                 derivative_terms.append(-np.sum(du * relative, axis=1)[:, None])
@@ -313,13 +315,13 @@ def link_rates(mechanism, rotations, inputs, moved):
     free_matrix = matrix.copy()
     first_row = sum(block.shape[1] for block in blocks[:moved])
     rows = slice(first_row, first_row + 3)
-    u = _line("R", lines[moved])
+    u = _contact_vector("R", lines[moved])
     across_axis = np.eye(3) - u[:, :, None] * u[:, None, :]
     free_matrix[:, rows] = across_axis @ free_matrix[:, rows]
     return w, dw, singular_values, residuals, free_matrix, gaps
 
 
-def _line(kind, line):
+def _contact_vector(pair_type, line):
     """Return the unit vector (n, 3) of a pair, for the velocity equations.
 
     - Revolute pair (R): the axis.
@@ -329,7 +331,7 @@ def _line(kind, line):
 
     Parameters
     ----------
-    kind
+    pair_type
         Type of the pair.
     line
         Two terms (weight, vector (n, 3), link that carries the vector). The first term of
@@ -341,16 +343,29 @@ def _line(kind, line):
     if second_term is None:
         return first_weight * first_centre
     second_weight, second_centre, _ = second_term
-    if kind == "Cr":
+    if pair_type == "Cr":
         return first_weight * first_centre + second_weight * second_centre
     normal = np.cross(first_centre, second_centre)
     return normal / np.linalg.norm(normal, axis=1, keepdims=True)
 
 
-def _line_change(kind, line, w):
-    """Return the derivative (n, 3) of the vector of `_line` at link rates w (n, links, 3).
+def _contact_vector_change(pair_type, line, w):
+    """Return the derivative (n, 3) of the unit vector that `_contact_vector` computes.
 
+    It is the axis of a revolute pair (R), the vector to the contact point of a rolling
+    contact (Cr), or the normal of the plane through both centres of a sliding contact (Cs).
     A vector c that is fixed in a link changes by w x c.
+
+    Parameters
+    ----------
+    pair_type
+        "R", "Cr" or "Cs".
+    line
+        Two terms (weight, vector (n, 3), link that carries the vector): the axis of an R
+        pair and None, or the centres of both circles of a contact. The sum of weights times
+        centres is the vector to the contact point.
+    w
+        (n, links, 3) angular velocities.
     """
     (first_weight, first_centre, a), second_term = line
     first_change = np.cross(w[:, a], first_centre)
@@ -358,7 +373,7 @@ def _line_change(kind, line, w):
         return first_weight * first_change
     second_weight, second_centre, b = second_term
     second_change = np.cross(w[:, b], second_centre)
-    if kind == "Cr":
+    if pair_type == "Cr":
         return first_weight * first_change + second_weight * second_change
     normal = np.cross(first_centre, second_centre)
     normal_change = np.cross(first_change, second_centre)
