@@ -107,47 +107,52 @@ class Sizes:
         tolerance
             Uncertainty (rad) of all sizes.
         couplers
-            Two circles that slide on each other (Cs) move like a bar between their centres.
-            By such a contact: the name of this bar, its coupler, and the names of the two
-            pairs at its ends.
+            Dictionary by the name of a sliding contact (Cs) of two circles. The contact is
+            replaced by a bar between the centres of both circles, its coupler. Each item
+            gives the name of this bar ("link") and of the two pairs at its ends ("pairs").
         wheels
-            Whether rolling contacts (Cr) may occur. Without wheels in the construction of a
-            certificate, nothing would place them.
+            Whether rolling contacts (Cr) may occur.
         """
         self.data = tomllib.loads(text, parse_float=str)
-        # A ball about zero that is added to sizes, so that all true sizes are included.
+        # Size + slack is a ball with all sizes that the tolerance allows.
         self.slack = arb(0, tolerance) if tolerance else arb(0)
         pairs = self.data["pairs"]
         hinges = [name for name, pair in pairs.items() if pair["type"] in ("R", "P")]
         self.ends = {name: tuple(pairs[name]["links"]) for name in hinges}
         self.links = list(self.data["links"])
-        self.couplers = {}  # contact and side by the name of a coupler's pair
+        # By the name of a coupler's pair: its contact, and 0 or 1 for the first or the
+        # second circle of the contact, about whose centre the pair turns.
+        self.couplers = {}
         for contact, coupler in (couplers or {}).items():
-            need(pairs[contact]["type"] == "Cs", "a coupler for what does not slide")
-            need(coupler["link"] not in self.links, "a coupler that is another link")
+            need(
+                pairs[contact]["type"] == "Cs",
+                "a coupler for a pair that is not a sliding contact",
+            )
+            need(coupler["link"] not in self.links, "a coupler with the name of a link")
             self.links.append(coupler["link"])
             sides = zip(coupler["pairs"], pairs[contact]["links"], strict=True)
             for side, (name, link) in enumerate(sides):
-                need(name not in self.ends, "a pair of a coupler that is another pair")
+                need(name not in self.ends, "a coupler whose pair has the name of a pair")
                 self.ends[name] = (link, coupler["link"])
                 self.couplers[name] = (contact, side)
         rolling = [name for name, pair in pairs.items() if pair["type"] == "Cr"]
         count = len(hinges) + len(couplers or {}) + (len(rolling) if wheels else 0)
-        need(len(pairs) == count, "only R pairs and couplers")
+        need(len(pairs) == count, "a pair that is not replaced or not supported")
 
     def circle(self, contact, link):
         """Return the centre (3,) and the radius (rad) of the circle of a contact on a link.
 
         The centre is given by an axis of the link, or as a vector or longitude and latitude
         under a key such as `centre_xyz` or `pole_lonlat`. A great circle states no radius,
-        which is 90 degrees. The circle of a roller, a link that follows a curve, may be
-        stated under the key `follower`.
+        which is 90 degrees. The circle of a cam follower may be stated under the key
+        `follower`; its radius is then called `roller`.
         """
         item = self.data["pairs"][contact]
         follower = item.get("follower", {})
         is_follower = follower.get("link") == link
         profile = follower if is_follower else item["profiles"][link]
         if "axis" in profile:
+            # The radius is taken as exact here: the tolerance enters by the axis only.
             need("radius" in profile, "no radius")
             centre = self.frame(profile["axis"], link)[:, 2]
             return centre, self.angle(profile["radius"])
@@ -158,6 +163,7 @@ class Sizes:
         radius = profile.get("radius", profile.get("roller"))
         if radius is None:
             return centre, arb.pi() / 2
+        # The slack is a ball about zero: the uncertainty of the sizes of the file.
         return centre, self.angle(radius) + self.slack
 
     def direction(self, row, is_xyz):
@@ -172,29 +178,37 @@ class Sizes:
         The coupler is the bar between the centres of two circles that slide on each other.
         It has a pair at each centre. The axis of a pair is the centre of the circle. Its
         angle is the azimuth of the point of contact about the centre, from the x axis of
-        the frame.
+        the frame in the link of the circle.
         """
-        contact, side = self.couplers[pair]
+        contact, circle_number = self.couplers[pair]
         item = self.data["pairs"][contact]
-        first_circle, second_circle = (self.circle(contact, x) for x in item["links"])
-        if link in item["links"]:
-            axis = (first_circle, second_circle)[side][0]
+        first_link, second_link = item["links"]
+        if link in (first_link, second_link):
+            axis, _ = self.circle(contact, link)
+            # A unit vector perpendicular to the axis, the direction of azimuth 0.
             x = across(axis)
         else:
-            # In the coupler the first centre is z. The second one is at (0, s, c), at the
-            # arc of the sum or the difference of both radii. The x axis of each frame is
-            # perpendicular to its centre and points to the contact, which is on the great
-            # circle through both centres.
-            first_radius, second_radius = first_circle[1], second_circle[1]
+            # The link is the coupler. Its coordinates are chosen so that both centres and
+            # the contact are in the plane x = 0: the first centre is (0, 0, 1), and the
+            # second one is (0, sin(arc), cos(arc)).
+            _, first_radius = self.circle(contact, first_link)
+            _, second_radius = self.circle(contact, second_link)
             is_internal = item.get("contact", "external") == "internal"
             if is_internal:
-                s, c = (first_radius - second_radius).sin_cos()
-                towards_contact = ([0, 1, 0], [0, c, -s])
+                arc = first_radius - second_radius
             else:
-                s, c = (first_radius + second_radius).sin_cos()
-                towards_contact = ([0, 1, 0], [0, -c, s])
-            axis = ball(([0, 0, 1], [0, s, c])[side])
-            x = ball(towards_contact[side])
+                arc = first_radius + second_radius
+            s, c = arc.sin_cos()
+            # The x axis of a frame is tangential to the great circle through both centres,
+            # at its own centre, and points to the contact. In an external contact this is
+            # between the centres. In an internal contact it is beyond the centre of the
+            # smaller circle.
+            if circle_number == 0:
+                axis = ball([0, 0, 1])
+                x = ball([0, 1, 0])
+            else:
+                axis = ball([0, s, c])
+                x = ball([0, c, -s] if is_internal else [0, -c, s])
         return np.stack([x, np.cross(axis, x), axis], axis=1)
 
     def angle(self, text):
@@ -209,26 +223,34 @@ class Sizes:
         from the third axis on.
         """
         item = self.data["links"][link]
-        first_pair, *pairs = item["axes"]
-        turns = ["0", *item.get("angles", [])]
+        first_pair, *other_pairs = item["axes"]
         axes = {first_pair: ball([0, 0, 1])}
-        # `slack` is the uncertainty of sizes. The angle 0 of the second axis is exact.
-        for pair, arc, turn in zip(pairs, item.get("arcs", []), turns, strict=False):
+        for number, (pair, arc) in enumerate(
+            zip(other_pairs, item.get("arcs", []), strict=True)
+        ):
+            # `slack` is the uncertainty of the sizes of the file. The angle 0 of the second
+            # axis is exact, because it only says where y is.
             s, c = (self.angle(arc) + self.slack).sin_cos()
-            turn_slack = self.slack if turn != "0" else 0
-            st, ct = (self.angle(turn) + turn_slack).sin_cos()
+            if number == 0:
+                azimuth = self.angle("0")
+            else:
+                azimuth = self.angle(item["angles"][number - 1]) + self.slack
+            st, ct = azimuth.sin_cos()
             axes[pair] = np.array([-s * st, s * ct, c])
         return axes
 
     def frame(self, pair, link):
         """Return the frame (3, 3) of a pair in a link, in columns x, y, z.
 
-        z is the axis of the pair, and x lies towards the first other axis of the link. In a
-        file that gives axes in a reference pose, x is chosen from the axis alone, so both
-        frames of a pair are equal there. The file may state a zero position: the angle by
-        which x and y are rotated about the axis. It belongs to the first link of the pair
-        in a file with sizes, and to the second link (`value`) in a file with a pose.
+        z is the axis of the pair. The direction of x depends on the form of the file:
+
+        - With sizes of links (arcs between axes), x lies towards the first other axis of
+          the link. In the first link of the pair, x and y are then rotated by `zero`.
+        - With axes in a reference pose, x is chosen from the axis alone, so it is the same
+          in both links. In the second link, x and y are then rotated by `value`, the angle
+          of the pair in this pose.
         """
+        # A coupler is a bar that replaces two circles sliding on each other.
         if pair in self.couplers:
             return self.coupler_frame(pair, link)
         item = self.data["pairs"][pair]
@@ -250,6 +272,7 @@ class Sizes:
         x = unit([*towards, np.cross(axis, farthest_coordinate_axis(axis))][0])
         y = np.cross(axis, x)
         if zero is not None:
+            # The slack is a ball about zero: the uncertainty of the sizes of the file.
             s, c = (self.angle(zero) + self.slack).sin_cos()
             x, y = c * x + s * y, c * y - s * x
         return np.stack([x, y, axis], axis=1)
@@ -264,8 +287,8 @@ class System:
         Each step places a link `by` one or two pairs `on` links that are placed already.
         With one pair (`turned`) the angle of the pair is a variable. With two pairs
         (`onto`) the link closes a loop, which gives one equation. There are as many
-        equations as unknown angles. Through two wheels in mesh the angle of one pair, the
-        follower, follows from the input.
+        equations as unknown angles. If an input turns a wheel that is in mesh with another
+        one, the angle of the other wheel's pair is known too. This pair is the follower.
         """
         self.made = certificate["construction"]
         text = certificate["mechanism"]
@@ -275,13 +298,19 @@ class System:
         self.unknowns = self.made["unknowns"]
         self.inputs = list(certificate["inputs"])
         self.follower = None
+        # For input and follower: their angles as functions of one variable, set by `lap`.
         self.turning = {}
         if followers:
             from oracles.proof_checker_gears import follower_of
 
             self.follower = follower_of(self.sizes, self.inputs)
-            need(followers == [self.follower.pair], "other wheels follow")
-        # The input itself is the variable, until `lap` is called with more laps.
+            need(
+                followers == [self.follower.pair],
+                "the stated followers are not those of the file",
+            )
+        # The variable goes round once in one revolution of the input, so it is the input
+        # itself. For a proof over several revolutions, `lap` is called again with their
+        # number.
         self.lap(1)
 
         ends = self.sizes.ends
@@ -305,7 +334,7 @@ class System:
         need(sorted(used_pairs) == sorted(ends), "pairs are missing or used twice")
         angles = [step["by"][0] for step in turned]
         variables = self.unknowns + self.inputs + followers
-        need(sorted(angles) == sorted(variables), "other unknowns")
+        need(sorted(angles) == sorted(variables), "a variable angle is not in the steps")
         need(len(self.onto) == len(self.unknowns), "not as many equations as unknowns")
         self.frames = {}
         for pair, links in ends.items():
@@ -313,19 +342,22 @@ class System:
                 self.frames[pair, link] = self.sizes.frame(pair, link)
 
     def lap(self, laps):
-        """Count by a variable that goes round once while the input turns `laps` times.
+        """Choose a variable that goes round once while the input turns `laps` times.
 
-        With wheels, configurations repeat after several revolutions of the input. `turning`
-        gets for the input and for the follower: the variable, and the rate and the offset
-        (rad) of the angle as a function of it.
+        An input turns one of two wheels in mesh, and the pair of the other wheel, the
+        follower, turns with it. Their angles repeat only after several revolutions of the
+        input. Both angles are rate * variable + offset. `turning` stores for each of the
+        two pairs: the name of the variable, the rate, and the offset (rad). The variable
+        has the name of the input. Without wheels nothing is stored.
         """
         if self.follower is None:
             return
-        driven, ratio = self.follower.driven, self.follower.ratio * laps
-        rate = arb(ratio.numerator) / ratio.denominator
+        input_pair = self.follower.driven
+        ratio = self.follower.ratio * laps
+        follower_rate = arb(ratio.numerator) / ratio.denominator
         self.turning = {
-            driven: (driven, arb(laps), arb(0)),
-            self.follower.pair: (driven, rate, self.follower.offset),
+            input_pair: (input_pair, arb(laps), arb(0)),
+            self.follower.pair: (input_pair, follower_rate, self.follower.offset),
         }
 
     def bound(self):
@@ -335,25 +367,27 @@ class System:
     def degrees(self):
         """Return the degrees of each equation (rows) in the half tangents of the unknowns.
 
-        Half tangents are tan(angle / 2). An equation contains the angles on the two paths
-        from its axes to their last common link, each with the degree 2. A path is a list of
-        links from the root, each with the pairs whose angles its orientation depends on. A
-        link that closes a loop depends on all angles of the loop.
+        Half tangents are tan(angle / 2). Each step places a link `by` one or two pairs `on`
+        links that are placed already. A link placed by two pairs closes a loop: one
+        equation says that the axes of both pairs have the arc of the link between them. It
+        contains each angle between these axes and the last link that both depend on. An
+        angle that occurs once has the degree 2.
         """
+        # By link: a list from the root, with the link and the pairs by whose angles it
+        # turns relative to the link before it in the list.
         paths = {self.made["root"]: []}
-        table = []
+        degrees_of_equations = []
         for step in self.made["steps"]:
-            if len(step["by"]) == 1:
-                path = paths[step["on"][0]]
-                paths[step["link"]] = [*path, (step["link"], (step["by"][0],))]
+            link, parents, pairs = step["link"], step["on"], step["by"]
+            if len(pairs) == 1:
+                paths[link] = [*paths[parents[0]], (link, (pairs[0],))]
                 continue
-            common, first, second = split_common_start(
-                *(paths[parent] for parent in step["on"])
-            )
+            common, first, second = split_common_start(paths[parents[0]], paths[parents[1]])
             angles = [name for _, names in first + second for name in names]
-            table.append([2 * angles.count(name) for name in self.unknowns])
-            paths[step["link"]] = [*common, (step["link"], tuple(angles))]
-        return table
+            degrees_of_equations.append([2 * angles.count(name) for name in self.unknowns])
+            # The link depends on all angles of the loop that it closes.
+            paths[link] = [*common, (link, tuple(angles))]
+        return degrees_of_equations
 
     def values(self, unknown, driven):
         """F (k,) and F' (k, unknowns) at balls of the unknowns."""
@@ -392,16 +426,17 @@ class PolynomialEquations:
         return self.done[link]
 
     def _turn_about_pair(self, link):
-        """Return the matrix of a link placed by one pair, and its scale, as dual arrays.
+        """Return the matrix of a link turned about one pair, and its scale.
 
-        For an unknown angle with e^(i angle) = a / b, the rotation times a b is polynomial
-        in a and b: w = a b, c = (a^2 + b^2) / 2 and s = (a^2 - b^2) / 2i replace 1, cos and
-        sin. The scale is w. The number z of an unknown is e^(i angle), with a = z and
-        b = 1, or its inverse, with a = 1 and b = z. Other angles are given, with the
-        scale 1.
+        The matrix is the rotation from the link to the link before it, times the scale. For
+        a given angle the scale is 1. For an unknown angle with e^(i angle) = a / b, the
+        scale is w = a b, which makes the matrix a polynomial: it has c = (a^2 + b^2) / 2 in
+        place of cos, and s = (a^2 - b^2) / 2i in place of sin. The unknown number z of a
+        pair is e^(i angle), so a = z and b = 1. If the pair is in `inverse`, z is
+        e^(-i angle), so a = 1 and b = z.
 
-        The first index of a dual array is 0 for the value. It is 1 + k for the derivative
-        by the unknown k, and follows the unknowns for the derivatives by `moving` angles.
+        Both results are dual arrays: index 0 of the first axis is the value. Indices from 1
+        are derivatives, first by the unknown numbers z, then by the angles in `moving`.
         """
         step = self.steps[link]
         (pair,) = step["by"]
@@ -411,6 +446,7 @@ class PolynomialEquations:
         before = constant(self.system.frames[pair, parent], self.count)
         after = constant(self.system.frames[pair, link].T, self.count)
         scale = constant(ball([[1]]), self.count)
+        # `points` are the numbers z of the unknowns; `driven` are all other angles (rad).
         if pair in self.points:
             column = self.unknowns.index(pair)
             z = self.points[pair]
@@ -451,15 +487,22 @@ class PolynomialEquations:
     def _place_on_axes(self, link):
         """Return the equation of a link placed on two axes, its matrix, and its scale.
 
-        The matrix times vectors in the link gives vectors in the last common link of both
-        paths, multiplied by the scale, the denominator that rotations by unknown angles
-        have. Both axes are transformed to this link. All results are dual arrays.
+        The link is joined by two pairs to two links placed before it, its parents. The path
+        of a parent is the list of links from the root to it. Both axes are transformed to
+        the last link that both paths have in common. The matrix takes vectors in the link
+        to vectors in that common link, times the scale.
+
+        Matrices of unknown angles are multiplied by their denominators, so that they are
+        polynomials. The scale is the product of these denominators. All results are dual
+        arrays: the value, and then its derivatives, along the first axis.
         """
         step = self.steps[link]
-        _, *paths = split_common_start(*map(self._path, step["on"]))
+        first_parent, second_parent = step["on"]
+        _, *paths = split_common_start(self._path(first_parent), self._path(second_parent))
         axes_in_common = []
         scales = []
         for path, pair, parent in zip(paths, step["by"], step["on"], strict=True):
+            # The derivatives of the axis in its parent, and of the scale 1, are zero.
             axis = constant(self.system.frames[pair, parent][:, 2:], self.count)
             scale = constant(ball([[1]]), self.count)
             for path_link in reversed(path):
@@ -481,9 +524,14 @@ def spin(c, s, still):
 def place_on_axes(link, axes, axes_in_common, scales):
     """Return the closure equation of a link on two axes, and its matrix, as dual arrays.
 
-    A dual array has its value first, and then its derivatives by the unknowns. The equation
-    says that the two axes keep the arc of the link. The matrix takes vectors in the link to
-    vectors in the other link. Both results are multiplied by both scales.
+    The equation u w - s cos(arc) = 0 says that the two axes have the arc of the link
+    between them. Here u and w are the axes in another link, each times its scale, and s is
+    the product of both scales. The matrix takes vectors in the link to vectors in the other
+    link, and is multiplied by s too. Without divisions by the scales, all numbers are
+    polynomials in the unknowns.
+
+    A dual array (1 + n, rows, columns) has its value first, and then its derivatives by n
+    unknowns.
 
     Parameters
     ----------
@@ -492,13 +540,16 @@ def place_on_axes(link, axes, axes_in_common, scales):
     axes
         Two axes (3,) in the link.
     axes_in_common, scales
-        Two dual columns and two dual numbers: the same axes in another link, each times its
-        scale. A scale is the common denominator of the column.
+        Two dual columns (1 + n, 3, 1), u and w, and two dual numbers (1 + n, 1, 1): the
+        same axes in another link, each times its scale, and the scales.
     """
     both_scales = times(*scales)
-    cosine = times(axes_in_common[0].swapaxes(1, 2), axes_in_common[1])
+    # A row times a column is their dot product.
+    first_row = axes_in_common[0].swapaxes(1, 2)
+    cosine = times(first_row, axes_in_common[1])
     equation = cosine - both_scales * (axes[0] @ axes[1])
     normal = np.cross(*axes)
+    # `real`, because balls may be complex, and complex numbers have no order.
     need((normal @ normal).real > 0, f"the arc of {link} may be 0 or 180 degrees")
     # The matrix takes both axes and their vector product to the same vectors in the other
     # link, which are its columns in the basis of the three.
@@ -564,11 +615,12 @@ def check_modes(certificate):
     ctx.prec = certificate["precision_bits"] + 40
     system = System(certificate)
     driven = {k: system.sizes.angle(v) for k, v in certificate["inputs"].items()}
+    # The largest number of isolated complex solutions, by the degrees of the equations.
     need(system.bound() == certificate["bound"], "another bound")
     roots = certificate["roots"]
     points = []
     for root in roots:
-        need(len(root["centre"]) == len(system.unknowns), "other unknowns")
+        need(len(root["centre"]) == len(system.unknowns), "a root without all angles")
         centre = [acb(dyadic(re), dyadic(im)) for re, im in root["centre"]]
         radius = root["radius"]
         need(0 < radius < 0.1, "a radius out of range")
@@ -580,6 +632,7 @@ def check_modes(certificate):
             need(all(c.imag == 0 for c in centre), "a real root off the real axis")
         else:
             need(any(not i.contains(0) for i in imaginary), "a root that may be real")
+        # Roots are compared by e^(i angle), which is the same after a whole turn.
         points.append([(acb(0, 1) * (c + square(radius))).exp() for c in centre])
     for first, second in combinations(points, 2):
         is_apart = any(not a.overlaps(b) for a, b in zip(first, second, strict=True))
@@ -587,6 +640,7 @@ def check_modes(certificate):
 
     real_roots = [root for root in roots if root["real"]]
     need(certificate["modes"] == len(real_roots), "another number of modes")
+    # "counted": all complex roots are listed. "complete": all real roots are listed.
     is_counted = len(roots) == certificate["bound"]
     need(certificate["counted"] == is_counted, "not counted")
     undecided_boxes = certificate["undecided_rad"]
@@ -594,6 +648,7 @@ def check_modes(certificate):
     need(certificate["complete"] == is_complete, "not complete")
     # The equations may have been solved in several systems, one after the other.
     if certificate["systems"]:
+        # A follower is a pair that turns with an input through two wheels in mesh.
         need(system.follower is None, "systems with wheels are not checked")
         from oracles.proof_checker_systems import check_systems
 
@@ -603,10 +658,10 @@ def check_modes(certificate):
 
 
 def exclude_other_modes(system, driven, real_roots, undecided_boxes):
-    """Show that every real mode lies in the ball of a root, or in an undecided box.
+    """Prove that every real mode lies in the ball of a root, or in an undecided box.
 
-    Around each root the largest box is sought that has no second root. The rest of the
-    torus of all angles is divided until each part has no zero or lies in such a box.
+    Around each root a box is proven to have no second root. The space of all angles is then
+    divided until each part has no zero or lies in such a box, or in an undecided one.
 
     Parameters
     ----------
@@ -617,10 +672,14 @@ def exclude_other_modes(system, driven, real_roots, undecided_boxes):
     undecided_boxes
         Boxes of the certificate in which roots are not decided.
     """
+    # Numbers of 80 bits are rounded by about 1e-24, far less than the smallest part (1e-7).
     ctx.prec = 80
     boxes = []  # centre and half widths (unknowns,) in rad
     for root in real_roots:
+        # The certificate gives a number as two integers, mantissa and exponent of 2.
         centre = [acb(dyadic(re)) for re, _ in root["centre"]]
+        # The first half width (rad) that is tried. Larger boxes leave less to divide, but
+        # the test of one root fails more often.
         radius = 0.04
         while not has_one_solution(system, centre, radius, driven):
             radius /= 2
@@ -633,10 +692,14 @@ def exclude_other_modes(system, driven, real_roots, undecided_boxes):
         boxes.append((np.array(box["centre"]), 1.001 * np.array(box["half"]) + 1e-12))
 
     def is_in_a_box(middle, half_widths):
-        """Whether a part, in floats, is in one of the boxes. Half a turn is all angles."""
+        """Whether a part, in floats, is in one of the boxes.
+
+        A box whose half width is half a turn contains all values of this angle.
+        """
         for centre, halves in boxes:
-            reach = np.abs(wrapped(middle - centre)) + half_widths
-            if np.all((halves >= PERIOD / 2) | (reach <= halves - 1e-12)):
+            farthest_distance = np.abs(wrapped(middle - centre)) + half_widths
+            has_all_angles = halves >= PERIOD / 2
+            if np.all(has_all_angles | (farthest_distance <= halves - 1e-12)):
                 return True
         return False
 
@@ -689,7 +752,7 @@ def inside(piece, place, off):
 
 
 def exclude_zeros(evaluate, middle, radius, is_in_known_box, smallest):
-    """Show that a function has no zero in a box, except in boxes whose zeros are known.
+    """Prove that a function has no zero in a box, except in boxes whose zeros are known.
 
     Parts are halved across their longest side until the mean-value form
     F(middle) + F'(part) (part - middle) excludes a zero, or the part is in a known box.
@@ -715,13 +778,16 @@ def exclude_zeros(evaluate, middle, radius, is_in_known_box, smallest):
         half_widths = size(radius)
         if is_in_known_box(mid(middle).astype(float), half_widths.astype(float)):
             continue
-        # The whole box is not tested: derivatives over it tell nothing.
+        # The first box usually has all values of the angles. Intervals of derivatives over
+        # it contain zero and exclude nothing, so it is only halved.
         if examined > 1:
-            spread = about(half_widths)
+            spread = about(half_widths)  # intervals about zero, of the half widths
             image = evaluate(middle)[0] + evaluate(middle + spread)[1] @ spread
             if not all(value.contains(0) for value in image):
                 continue
-            need(max(half_widths) > smallest, "a box is neither empty nor in a piece")
+            need(
+                max(half_widths) > smallest, "a small box may have a zero that is not known"
+            )
         is_longest = np.arange(len(radius)) == np.argmax(radius.astype(float))
         halved = np.where(is_longest, radius / 2, radius)
         waiting += [(middle + sign * is_longest * halved, halved) for sign in (-1, 1)]
@@ -777,7 +843,8 @@ class Arc:
         step = arb(0, half / halves)
         for part in range(halves):
             axis_point = self.centre + half * (2 * part + 1 - halves) / halves * self.axis
-            image = self._image(axis_point, axis_point + step * self.axis, step, cuts)
+            axis_points = axis_point + step * self.axis
+            image = self._krawczyk_operator(axis_point, axis_points, step, cuts)
             if not np.all(size(image) < self.radius):
                 return False
         return True
@@ -786,13 +853,16 @@ class Arc:
         """Whether the arc is within SLACK of the centre at s = 0."""
         return np.all(size(self.inverse_slope @ self.value) < SLACK / 4)
 
-    def _image(self, axis_point, axis_points, step, cuts):
+    def _krawczyk_operator(self, axis_point, axis_points, step, cuts):
         """Return Krawczyk's operator on all y of the piece, over a part of its axis.
 
         A point of the piece has the coordinate s along the axis and the coordinates y
-        across it. The operator is (1 - C F'_y) Y - C F, where C is an approximate inverse
-        of the derivatives F'_y by y, Y are balls of all y, and F is that on the axis. If
-        the result is inside Y, there is exactly one y with F = 0 for each s.
+        across it: axis point + `across` y, with unit vectors `across` (variables, y). The
+        operator is (1 - C F'_y) Y - C F, where C is an approximate inverse of the
+        derivatives F'_y by y, Y are balls of all y, and F is that on the axis. If the
+        result is inside Y, there is exactly one y with F = 0 for each s.
+
+        `equations` returns F and its derivatives F' by all variables, at balls of a point.
 
         Parameters
         ----------
@@ -803,22 +873,23 @@ class Arc:
         cuts
             Parts that each y is cut into; F' is evaluated on each of them.
         """
-        # F'_y over all y is the union of those over cells. Each y is cut into equal
-        # intervals with numbers from 0 to `cuts` - 1. Smaller balls give sharper bounds.
+        # F'_y over all y is the union of those over cells, which is sharper than one
+        # evaluation. The range -radius to radius of each y is cut into equal intervals; a
+        # cell has the number of the interval, from 0 to `cuts` - 1, of each y.
         slopes = None
         for cell in itertools.product(range(cuts), repeat=len(self.inverse_slope)):
             middle = self.radius * (2 * ball(cell) + 1 - cuts) / cuts
             y = middle + arb(0, (self.radius / cuts).upper())
-            part_slopes = self.equations(axis_points + self.across @ y)[1] @ self.across
-            slopes = part_slopes if slopes is None else union(slopes, part_slopes)
+            _, derivatives = self.equations(axis_points + self.across @ y)
+            cell_slopes = derivatives @ self.across
+            slopes = cell_slopes if slopes is None else union(slopes, cell_slopes)
         # F on this part of the axis, by the mean-value form.
-        change = (
-            self.equations(axis_point)[0]
-            + self.equations(axis_points)[1] @ self.axis * step
-        )
+        middle_value, _ = self.equations(axis_point)
+        _, derivatives = self.equations(axis_points)
+        value = middle_value + derivatives @ self.axis * step
         return (
             self.identity - self.inverse_slope @ slopes
-        ) @ self.all_y - self.inverse_slope @ change
+        ) @ self.all_y - self.inverse_slope @ value
 
     def at(self, s):
         """Return balls of all variables for arc lengths in a ball s."""
@@ -829,7 +900,10 @@ class Arc:
         y = self._narrowed(self.all_y, axis_point, axis_points, step)
         if any(item.rad() > 0.9 * self.radius for item in y):
             # The balls are hardly smaller: begin with derivatives over parts of the width.
-            images = (self._image(axis_point, axis_points, step, cuts) for _, cuts in PARTS)
+            images = (
+                self._krawczyk_operator(axis_point, axis_points, step, cuts)
+                for _, cuts in PARTS
+            )
             small = (image for image in images if np.all(size(image) < self.radius))
             y = self._narrowed(next(small, self.all_y), axis_point, axis_points, step)
         return axis_points + self.across @ y
@@ -878,17 +952,22 @@ class Arc:
 
 
 def check_stops(arcs, following, variable, stops):
-    """Show that a variable stops only in the given boxes of a curve, and once in each.
+    """Prove that a variable stops in each given box of a curve, and nowhere else.
 
-    Along the curve, F = 0 for the closure equations F. The rates of the variables solve
-    F' x = 0, so the rate of one variable is a determinant of F' without its column, up to a
-    common factor. Outside of the boxes the rate is shown to have no zero, by halving parts
-    of the arcs. On both sides of a box it has opposite signs.
+    A variable stops where its rate along the curve is zero. Outside of the boxes the rate
+    is proven to have no zero, by halving parts of the curve. Before and after each box the
+    rates have opposite signs, so there is a zero between them. That there is only one is
+    not checked.
+
+    `Arc.rate` encloses the rate, up to a factor that is never zero. The rates x of all
+    variables solve F' x = 0 for the closure equations F, so by Cramer's rule the rate of
+    one variable is the determinant of F' without its column.
 
     Parameters
     ----------
     arcs, following
-        `Arc` of each piece of a curve, and the piece that follows it.
+        `Arc` of each piece of a curve, and the piece that follows it. The last piece of an
+        open curve has none.
     variable
         Number of the variable.
     stops
@@ -903,9 +982,12 @@ def check_stops(arcs, following, variable, stops):
         radii = np.array([float(item.rad()) for item in place])
         return np.all(gap + radii <= stop["off"] + 1e-9)
 
+    # An arc is examined from the centre of its piece to that of the next piece. It ends at
+    # the centre of the last piece of an open curve.
     for arc, next_piece in zip(arcs, following, strict=False):
+        start = arb(0) - arb(0, SLACK)
         end = coordinates(arc.piece, next_piece["centre"])[0] + arb(0, SLACK)
-        waiting = [(arb(0) - arb(0, SLACK), end, 0)]
+        waiting = [(start, end, 0)]
         while waiting:
             low, high, depth = waiting.pop()
             s = low.union(high)
@@ -918,7 +1000,9 @@ def check_stops(arcs, following, variable, stops):
             need(depth < DEEPEST, "a variable may stop where none is said to")
             middle = arb(s.mid())
             waiting += [(low, middle, depth + 1), (middle, high, depth + 1)]
-    # The signs are compared at a distance beyond the box, on an arc that reaches so far.
+    # The signs are compared at a distance from the centre of the box, on an arc that is
+    # long enough. Larger distances need longer arcs. Near the box, balls of the rate may
+    # contain zero, because the rate is small there.
     for stop in stops:
         distance = 4.0 * stop["off"] + 1e-8
         rates = None
@@ -929,27 +1013,35 @@ def check_stops(arcs, following, variable, stops):
                 middle = arb(s.mid())
                 rates = [arc.rate(middle + x, variable) for x in (-distance, distance)]
                 break
-        need(rates is not None, "a stop that is on no piece")
-        need(not any(rate.contains(0) for rate in rates), "a stop that is not shown")
+        need(rates is not None, "no piece contains the stop and both its sides")
+        need(
+            not any(rate.contains(0) for rate in rates),
+            "the sign of a rate beside a stop is not certain",
+        )
         need((rates[0] > 0) != (rates[1] > 0), "no change of sign at a stop")
 
 
 def check_singularities(equations, system, certificate, chains):
-    """Show all stops of the input on each curve, and those of some outputs.
+    """Check that the stated stops of the input and of outputs are all stops of each curve.
 
-    A variable stops where its rate along the curve is zero. A stop of the input is a dead
-    centre; a stop of an output is a singularity of type I. Outputs are checked whose links
-    are joined by an R pair, so that the variable of the pair is the output. At a crossing
-    it may be open whether a stop is of type I or III ("I or III").
+    A variable stops where its rate along a curve of configurations is zero. A stop of the
+    input is a dead centre. A stop of an output is a singularity of type I, or of type III
+    if the input stops there too. The certificate has "I or III" where it cannot tell.
+    Only outputs whose two links are joined by an R pair are checked: the variable of the
+    pair is the output.
 
     Parameters
     ----------
-    equations, system
-        Closure equations with the input as last variable, and their system.
+    equations
+        Closure equations, with the names of their variables. The last one is the input.
+    system
+        `System` of the certificate, for the file and for the links of each pair.
     certificate
         Certificate with the stops of each curve.
     chains
-        For each curve its arcs, one for each piece, and the pieces that follow them.
+        For each curve a list of `Arc` and a list of pieces. A piece is a box along the
+        curve. An arc is the part of the curve in a piece. The second list has for each arc
+        the piece after it.
     """
     outputs = list(system.sizes.data.get("outputs", {}).items())
     singularities = certificate["singularities"]["found"]
