@@ -418,13 +418,15 @@ def test_options_that_pages_name_are_those_of_commands(capsys):
 
 
 def test_names_in_pages_exist_in_the_sources(declared):
-    """Every name in backquotes in the text of a page is one of the following.
+    """Every name in backquotes in the text of a page occurs in the program.
 
-    It is declared (see `declared`), listed in `OTHERS`, a word of a source file or of a
-    code block of a page, or the name of a source file or shipped mechanism. `OTHERS` has
-    names of other programs. Quoted words that begin with a capital (classes, statuses and
-    placeholders such as PAIR) or end with a digit are not checked.
+    This finds misspelt names, and names that were changed in the program but not in the
+    page. A name may be any word of a source file or of a code block of a page, the name of
+    a file, or one of `declared`, the names of columns, keys and quantities. Words that
+    begin with a capital (classes, statuses and placeholders such as PAIR) or end with a
+    digit are not checked.
     """
+    # `OTHERS` are names of other programs that pages mention.
     permitted_names = declared | OTHERS
     permitted_names |= {path.name.split(".")[0] for path in MECHANISMS.iterdir()}
     for folder in ("spherekit", "analyses", "benchmarks", "tests", "docs/site_pages"):
@@ -437,7 +439,9 @@ def test_names_in_pages_exist_in_the_sources(declared):
     unknown = []
     for page, text in PAGES.items():
         for name in quoted(BLOCK.sub("", text)):
+            # One word that begins with a lower-case letter and does not end with a digit.
             is_name = re.fullmatch(r"[a-z]\w*(?<!\d)", name)
+            # `is_declared` also accepts patterns such as theta_PAIR that fit a name.
             if is_name and not is_declared(name, permitted_names):
                 unknown.append(f"{page}: {name}")
     assert not unknown, "; ".join(unknown)

@@ -33,8 +33,9 @@ def simulate(*given, **options):
     return forward_dynamics.simulate(*given, engine="numpy", **options)
 
 
-FLAT = np.radians([60.0, 40.0, 60.0, 40.0])
-FLAT_ONE = replace(example_mechanisms.four_bar(FLAT), loads=())
+PARALLELOGRAM_ARCS = np.radians([60.0, 40.0, 60.0, 40.0])
+PARALLELOGRAM = replace(example_mechanisms.four_bar(PARALLELOGRAM_ARCS), loads=())
+"""A four-bar with equal opposite arcs. It is flat at the input 0."""
 TURN = np.linspace(0.0, 2.0 * np.pi, 121)
 DRIVING = "10*sin(2*t)"
 """Torque (N m) of the input over time (s)."""
@@ -173,18 +174,22 @@ def test_torque_at_another_pair_does_the_same_work(four_bar):
 
 @pytest.mark.slow
 def test_a_reduced_model_moves_as_the_mechanism(four_bar):
-    """A reduced model stores the equation of motion of one input, sampled along its range.
+    """A reduced model moves as the mechanism itself, up to the tolerance asked for.
 
-    Its simulation deviates from a simulation of the mechanism itself by no more than the
-    tolerance that is asked for.
+    A reduced model stores the equation of motion of one input, sampled along its range. Its
+    input angle deviates by less than the tolerance. The variables of all pairs and the
+    energy balance deviate by less than ten times the tolerance.
     """
     t = np.linspace(0.0, 10.0, 101)
     simulation = simulate(four_bar, Start(0.3, 1.0), 10.0, torque=DRIVING, tolerance=1e-11)
     history = simulation.at(t)
+    # Rotation axes (poles) are not needed for the motion, so none are stored.
     model = sk.reduced_model(four_bar, poles=()).with_torque(DRIVING)
-    # The crank turns fully, so the functions of the model depend on its angle q.
+    # `by` is the coordinate on which the functions of the model depend. It is the input
+    # angle q, because the crank turns fully.
     assert model.heading.by == ("q",)
     for tolerance in (1e-7, 1e-9):
+        # The input starts at 0.3 rad with 1 rad/s, as above.
         reduced = sk.simulate_reduced(model, t, 0.3, 1.0, tolerance)
         assert np.max(np.abs(reduced.q - history.q)) < tolerance
         assert np.max(np.abs(reduced.values - history.values)) < 10 * tolerance
@@ -193,14 +198,16 @@ def test_a_reduced_model_moves_as_the_mechanism(four_bar):
 
 
 def test_a_loaded_reduced_model_has_all_loads_and_ends_at_a_joint_limit(tmp_path):
-    """The four-bar has a load of every kind, a table of torques, and a limit of its crank.
+    """A reduced model moves as the loaded mechanism until the crank reaches its limit.
 
-    The crank does not turn fully, so the functions of the model depend on the arc length s
-    of the configuration curve. The model is written to a file and read from it. It moves as
-    the mechanism does until the crank reaches its limit. Later rows are NaN.
+    A reduced model stores the equation of motion of one input. The four-bar has a load of
+    every kind, a table of torques over time, and a limit of its crank. The model is written
+    to a file and read from it. Its rows after the limit are NaN.
     """
     mechanism, joint = with_masses_and_loads("four_bar", np.random.default_rng(8))
-    table = sk.TorqueTable("motor_table", joint, (0.0, 0.4, 0.5), (3.0, -1.0, 3.0), True)
+    table = sk.TorqueTable(
+        "motor_table", joint, times=(0.0, 0.4, 0.5), torques=(3.0, -1.0, 3.0), periodic=True
+    )
     mechanism = replace(
         mechanism,
         loads=(*mechanism.loads, table),
@@ -212,10 +219,11 @@ def test_a_loaded_reduced_model_has_all_loads_and_ends_at_a_joint_limit(tmp_path
 
     sk.reduced_model(mechanism, poles=()).save(tmp_path / "loads.npz")
     model = sk.load_reduced(tmp_path / "loads.npz")
+    # `by` is the coordinate on which the functions of the model depend. The crank does not
+    # turn fully, so it is s, the arc length of the curve of configurations.
     assert model.heading.by == ("s",)
     assert not model.heading.periodic
-    # The arc length at the start. The angle is stated a revolution later, which is the same
-    # configuration.
+    # The arc length at the start. An added revolution must make no difference.
     (s,) = model.places("theta_21", 0.3 + 2.0 * np.pi)
     s_rate = 4.0 / model.value("d(theta_21)/ds", s)
     t = np.linspace(0.0, 2.0, 81)
@@ -223,7 +231,8 @@ def test_a_loaded_reduced_model_has_all_loads_and_ends_at_a_joint_limit(tmp_path
     is_before_end = t < simulation.end.t
     q = simulation.at(t[is_before_end]).q
     assert np.max(np.abs(reduced.q[is_before_end] - q)) < 1e-8
-    # Both simulations may reach the limit at slightly different times.
+    # Both simulations may reach the limit at slightly different times. 0.1 s are four
+    # steps of t.
     assert np.all(np.isnan(reduced.q[t > simulation.end.t + 0.1]))
     assert "the curve ends" in reduced.message
 
@@ -370,16 +379,19 @@ def test_steps_begin_anew_where_a_torque_table_has_kinks(four_bar):
 
 @pytest.mark.slow
 def test_a_simulation_ends_where_a_contact_leaves_its_profile():
-    """A cam with an open profile turns at 2 rad/s until its roller reaches the end.
+    """A cam with an open profile moves until its roller reaches the end of the profile.
 
-    The end is not before the last sample at which the mechanism closes, up to 0.01 rad.
-    The samples are equally spaced inputs. The kinetic energy stays constant.
+    It starts with 2 rad/s and has no loads, so the kinetic energy stays constant. The last
+    cam angle at which the mechanism can be assembled is taken from 61 equally spaced
+    angles. The simulation must reach this angle, up to 0.01 rad.
     """
     tensor = (0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.15)
     cam = replace(example_mechanisms.open_cam(), masses=(Mass("2", tensor),))
-    # The configurations at the samples; the torques are not used.
+    # At 1 rad/s, the cam angles (rad) are equal to the times. Inverse dynamics is used for
+    # its configurations only: its rows are OK where the mechanism can be assembled.
+    times = TURN[::2]  # every other one of 121 numbers from 0 to 2 pi
     solution = sk.inverse_dynamics(
-        cam, ConstantSpeed(1.0), TURN[::2], assembly_mode=0, search=False
+        cam, ConstantSpeed(1.0), times, assembly_mode=0, search=False
     )
     is_ok = solution.status == sk.Status.OK
     start = PoseStart(solution.values[is_ok][0], "12", 2.0)
@@ -397,15 +409,17 @@ def test_a_simulation_ends_where_a_contact_leaves_its_profile():
 def test_a_crossing_of_curves_ends_a_simulation_unless_it_may_be_passed():
     """A flattened parallelogram may continue as a parallelogram or an antiparallelogram.
 
-    By default the simulation ends there. With `crossings="pass"` it continues smoothly. The
-    ratio or the product of the half tangents of crank and rocker is constant on each of the
-    two curves of a four-bar with equal opposite arcs, so one must stay constant.
+    The curves of both kinds of configurations cross in the flat configuration. By default
+    the simulation ends there. With `crossings="pass"` it continues smoothly, on the same
+    curve. Let t1 and t2 be tan(angle / 2) of crank and rocker. On one of the curves t1 / t2
+    is constant, on the other t1 t2. So one of these two must be constant in the simulation.
     """
     start = Start(1.0, -1.0)
-    stopped = simulate(FLAT_ONE, start, 5.0)
+    stopped = simulate(PARALLELOGRAM, start, 5.0)
     assert stopped.end.kind == "singularity"
+    # The helper `simulate` asks for NumPy. Here the program chooses the engine.
     passed = forward_dynamics.simulate(
-        FLAT_ONE, start, 2.0 * stopped.end.t, crossings="pass"
+        PARALLELOGRAM, start, 2.0 * stopped.end.t, crossings="pass"
     )
     assert passed.end.kind == "time"
     assert passed.checks.energy < 1e-12
@@ -414,12 +428,14 @@ def test_a_crossing_of_curves_ends_a_simulation_unless_it_may_be_passed():
 
     t = np.linspace(0.0, passed.end.t, 12)
     crank_and_rocker = passed.at(t).values[:, [0, 3]]
-    crank, rocker = np.tan(0.5 * crank_and_rocker).T
-    assert crank_and_rocker[0, 0] * crank_and_rocker[-1, 0] < 0.0  # it passed 0
-    assert min(np.ptp(crank / rocker), np.ptp(crank * rocker)) < 1e-8
+    t1, t2 = np.tan(0.5 * crank_and_rocker).T
+    # The crank passed the angle 0, where the parallelogram is flat.
+    assert crank_and_rocker[0, 0] * crank_and_rocker[-1, 0] < 0.0
+    assert min(np.ptp(t1 / t2), np.ptp(t1 * t2)) < 1e-8
 
+    # A run with the same start has the same motion.
     run = sk.run(
-        FLAT_ONE,
+        PARALLELOGRAM,
         "poles",
         crossings="pass",
         start=start,
@@ -442,7 +458,7 @@ def test_simulations_tell_curves_that_avoid_each_other_from_crossing_ones(engine
     With 3e-5 rad it stays on the configuration curve that it started on, and without loads
     it keeps its energy.
     """
-    arcs = FLAT + [0.0, 0.0, off, 0.0]
+    arcs = PARALLELOGRAM_ARCS + [0.0, 0.0, off, 0.0]
     mechanism = replace(example_mechanisms.four_bar(arcs), loads=())
     start = Start(1.0, -1.0)
     simulation = forward_dynamics.simulate(
@@ -499,11 +515,16 @@ def test_bad_input_is_refused_before_anything_is_integrated(call):
 def test_totals_of_no_masses_or_no_loads_are_nan_in_failed_rows(four_bar, left_out):
     """A sum over no loads, or over no masses, is 0 where a row is OK, and NaN elsewhere.
 
-    The four-bar is driven at its rocker (41), which does not reach all inputs. Checked are
-    the run and `inverse_dynamics`.
+    The four-bar is driven at its rocker (41), which oscillates. It cannot be assembled at
+    rocker angles outside of this motion, so rows fail there. Checked are the run and
+    `inverse_dynamics`.
     """
     mechanism = replace(four_bar, loads=(Spring("spring", "43", 0.3),))
-    mechanism = replace(mechanism, **{left_out: ()}).with_inputs("41")
+    if left_out == "masses":
+        mechanism = replace(mechanism, masses=())
+    else:
+        mechanism = replace(mechanism, loads=())
+    mechanism = mechanism.with_inputs("41")
     frame = sk.run(mechanism, "eksergian", samples=40).frame()
     t = np.linspace(0.0, 6.0, 40)
     solution = sk.inverse_dynamics(mechanism, ConstantSpeed(1.0), t)

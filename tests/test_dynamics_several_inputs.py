@@ -129,20 +129,23 @@ def test_inverse_dynamics_of_a_planned_rotation_drives_the_same_motion():
     The plan is the rotation of the end effector (link 4) between two poses of Chen et al.
     2021, Table 3, in shortest time under limits of rate and acceleration. Base and end
     effector of this mechanism are mirror images of each other, so a pose is given by the
-    normal of the mirror plane (`normal_at`). On the way, at 0.6423 of the duration, the
-    configurations cross another set of configurations, which the simulation may pass. Its
-    inputs at four times and the rotation of the end effector are those of the plan.
+    normal of the mirror plane (`normal_at`). At 0.6423 of the duration the motion passes a
+    crossing, a configuration from which the mechanism could also move in another way. With
+    `crossings="pass"` the simulation continues there. Its inputs at four times and the
+    rotation of the end effector are those of the plan.
     """
     mechanism = with_point_masses("two_dof_spm")
     start, stop = (normal_at(*np.radians(pose)) for pose in [(75, -20), (70, 20)])
     form = sk.mid_plane_form(mechanism)
-    # `modes` are the signs of the legs: each can be assembled in two ways.
+    # `modes` are the signs of the three legs: each can be assembled in two ways. With these
+    # signs the driven links point outward, as in Fig. 5(a).
     rotation_path = form.rotation_between(start, stop, modes=(-1, 1, 1))
     plan = sk.time_optimal(rotation_path, speed=0.5, acceleration=1.3)
     duration = plan.duration
     inputs = plan.rotation.inputs
 
-    # Chebyshev series of the torques in time.
+    # The simulation needs torques at any time. They are interpolated by Chebyshev series
+    # through their values at 200 times, which are enough for the checked 1e-10 rad.
     nodes = np.cos(np.pi * (np.arange(200)[::-1] + 0.5) / 200)
     needed = inverse_dynamics(mechanism, plan, 0.5 * duration * (nodes + 1.0))
     assert np.all(needed.status == 0)

@@ -33,6 +33,7 @@ from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
 
 MIURA = Path(__file__).parent / "files" / "miura_2x2v.toml"
+"""A folded Miura-ori sheet with 9 facets f00 to f22, which are the links."""
 RATE_TOLERANCE = 1e-9
 """Largest deviation of link rates from the null space, as part of the largest rate."""
 LEAST_SINGULAR_VALUE = 1e-9
@@ -167,10 +168,13 @@ def test_rates_of_a_sheet_of_six_vertices_match_the_null_space():
 
 @pytest.mark.slow
 def test_compiled_rows_of_a_long_run_equal_those_of_a_short_run():
-    """The compiled row kernel of a long run eliminates in one order for all modes.
+    """Compiled rows of a folded sheet (`MIURA`) equal those that are not compiled.
 
-    Rows where this order is singular are computed again with an order of their own. The
-    short run (5 samples) is not compiled. Its sample k is sample 700 k of the long run.
+    Velocities follow from the closure equations by elimination of the passive pair
+    variables. The compiled functions of a long run eliminate them in one order for all
+    assembly modes. Rows where this order has a zero pivot are computed again with an order
+    of their own. The short run (5 samples) is not compiled, and its sample k is sample
+    700 k of the long run.
     """
     long_run = sk.run(MIURA, "poles:only=f01/f00+f12/f00", samples=2801)
     short_run = sk.run(MIURA, "poles:only=f01/f00+f12/f00", samples=5)
@@ -218,20 +222,25 @@ def test_rates_of_mechanisms_without_redundant_loops_match_the_null_space(seed):
 
 @pytest.mark.slow
 def test_evaluating_one_configuration_uses_the_order_of_its_own_mode():
-    """The velocity coefficient of f12/f00 equals that of the null space in modes 1 and 4.
+    """The velocity coefficient of link f12 equals that of another method in modes 1 and 4.
 
-    The velocity equations are solved by elimination. In the order of elimination that suits
-    the other modes, these two modes have zero pivots. Links are numbered as in the file: 0
-    is f00 (ground), 1 is f01 (driven about pair 0), 5 is f12.
+    The velocity equations are solved by elimination of one variable after another. No
+    single order of elimination fits all assembly modes: the order that fits the others has
+    zero pivots in modes 1 and 4. The other method is the null space of the velocity
+    equations of all links.
     """
     mechanism = sk.load(MIURA)
     input_rad = 0.9
     for mode in (1, 4):
         configuration = sk.evaluate(mechanism, input_rad, assembly_mode=mode)
-        # At one input the motion has one row for each mode.
-        motion = PositionAnalysis(mechanism).at(np.array([input_rad])).rows([mode])
+        # At one input the motion has one row for each mode, in order.
+        motion_of_all_modes = PositionAnalysis(mechanism).at(np.array([input_rad]))
+        motion = motion_of_all_modes.rows([mode])
         link_count = len(mechanism.links)
+        # Angular velocities (links, 3). Links are numbered as in the file: 0 is f00, the
+        # ground, 1 is f01, which is driven about pair 0, and 5 is f12.
         w, _ = null_space(link_count, mechanism.ends, motion.axes[0])
+        # They are scaled to a rate of 1 of the driven pair.
         w /= (w[1] - w[0]) @ motion.axes[0, 0]
         expected = np.linalg.norm(w[5])
         coefficient = abs(configuration.velocity_coefficient("f12/f00"))
@@ -285,9 +294,13 @@ def test_singular_configurations_do_not_change_the_orders_of_regular_ones(positi
     """Regular configurations get the same orders with and without singular ones.
 
     An order says in which order variables are eliminated from the velocity equations. The
-    number of orders is limited, because each needs functions of its own, so none may be
-    spent on a singular configuration. As many singular Jacobians as regular ones are placed
-    before, between or after them.
+    program code for each order is generated separately, so their number is limited, and
+    none may be spent on a singular configuration. As many singular Jacobians as regular
+    ones are placed before, between or after them.
+
+    Elimination gives an inverse of the columns of the passive variables. In regular
+    configurations its norm may be larger than that of the pseudo-inverse, the smallest
+    one, by the factor `MAX_AMPLIFICATION` at most.
     """
     jacobians, passive_variables = miura_jacobians()
     expected = assign_elimination_orders(jacobians, passive_variables)
@@ -312,7 +325,8 @@ def test_singular_configurations_do_not_change_the_orders_of_regular_ones(positi
     all_rows = np.sort(np.concatenate([rows for _, rows in assigned]))
     assert np.array_equal(all_rows, np.arange(2 * n))
     for order, rows in assigned:
-        regular = arranged[rows[sources[rows] < n]]
+        is_regular = sources[rows] < n
+        regular = arranged[rows[is_regular]]
         sizes = eliminated_inverse_sizes(regular, order)
         least_sizes = inverse_sizes(regular[:, :, list(passive_variables)])
         assert np.all(sizes <= MAX_AMPLIFICATION * least_sizes)

@@ -44,18 +44,21 @@ def form(paper):
 def random_reachable_normals(form, count, seed, margin=0.0):
     """Return random normals (count, 3) of mid-planes that all three legs reach.
 
-    The mid-plane mirrors the fixed platform onto the moving one (Chen et al. 2021,
-    section 3). The opening angle of a leg is that between its axes at both platforms. A leg
-    is folded at 0 and stretched at twice the arc of its links. Driven legs are opened by at
-    least 10 degrees, and no leg is stretched; `margin` (rad) is the distance from both
-    limits. As in the paper, the angle phi of the mid-plane is positive.
+    The mid-plane mirrors the fixed platform onto the moving one (Chen et al. 2021). A leg
+    has two links of equal arcs (`form.plane.arcs`). Its opening angle is that between its
+    axes at both platforms: 0 if it is folded, twice the arc if it is stretched. By the rule
+    of section 3 of the paper, driven legs are opened by at least 10 degrees. `margin` (rad)
+    is the distance of opening angles from this limit and from stretched legs. As in the
+    paper, the angle phi of the mid-plane is positive.
     """
     random = np.random.default_rng(seed)
     # Far more than `count`, because only a part of them is within reach.
     normals = random.normal(size=(100 * count, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    # Opposite normals belong to the same plane. The one with positive z is used.
     normals[:, 2] = np.abs(normals[:, 2])
     opening_angles = fold_angles(form.plane, normals)
+    # `driven` has the numbers of the two driven legs.
     driven_angles = opening_angles[:, list(form.plane.driven)]
     is_opened = np.all(driven_angles - np.radians(10.0) > margin, axis=1)
     is_within_reach = np.all(2.0 * form.plane.arcs - opening_angles > margin, axis=1)
@@ -154,20 +157,22 @@ def test_poses_of_table_1(form, initial_inputs):
 def test_four_sets_of_driving_angles_lead_to_one_pose(form):
     """Each pose has four sets of driving angles (Chen et al. 2021, Fig. 5).
 
-    Base and end effector mirror each other in a mid-plane, whose normal is a pose. The
-    driving angles obey eqs. (12) and (13): sin(theta) is the z component of the elbow, the
-    axis between the two links of a leg, divided by sin(arc of the driving link). Elbows
-    keep their arcs from the base axes.
+    Base and end effector mirror each other in a mid-plane, so the normal of this plane
+    gives the pose. The driving angles theta obey eqs. (12) and (13): sin(theta) is the z
+    component of the elbow, the axis between the two links of a leg, divided by sin(arc of
+    the driving link). The angle between each elbow and the base axis of its leg is the arc
+    of the link.
     """
     normals = random_reachable_normals(form, 50, 6)
     solutions = form.plane.solutions(normals)
     assert len(solutions) == 4
-    # The first two legs are driven. A mode is their signs, which choose the elbows.
-    for modes, inputs in solutions.items():
+    # A leg has two possible elbows, which a sign (1 or -1) distinguishes. The solutions are
+    # listed by the signs of the first two legs, which are driven.
+    for driven_signs, inputs in solutions.items():
         assert np.max(np.abs(form.plane.normals(inputs) - normals)) < 1e-13
-        assert np.all(form.plane.modes(inputs) == modes)
+        assert np.all(form.plane.modes(inputs) == driven_signs)
         third_leg_sign = 1  # either sign is possible
-        elbows, _ = form.plane.elbows(normals, (*modes, third_leg_sign))
+        elbows, _ = form.plane.elbows(normals, (*driven_signs, third_leg_sign))
         sines = elbows[:, :2, 2] / np.sin(form.plane.arcs[:2])
         assert np.max(np.abs(np.sin(inputs) - sines)) < 1e-14
         arc_cosines = np.vecdot(elbows, form.plane.axes)
@@ -183,9 +188,11 @@ def test_mid_plane_form_satisfies_the_loop_closure_of_all_links(paper, form):
     1e-4 rad away and knows nothing of mid-planes.
     """
     assert (len(paper.links), len(paper.pairs)) == (11, 14)
-    deviation, freedoms = form.proof()
+    # `proof` tests the mirror symmetry in many configurations. It returns the largest angle
+    # between the axes of a pair in its two links, and the number of degrees of freedom.
+    axis_gap, freedoms = form.proof()
     assert freedoms == 2
-    assert deviation < 1e-14
+    assert axis_gap < 1e-14
     normals = random_reachable_normals(form, 60, 1, margin=np.radians(1.0))
     closure = PositionAnalysis(paper, samples=2).solver.closure
     frames = revolute_frames(paper)
@@ -194,6 +201,7 @@ def test_mid_plane_form_satisfies_the_loop_closure_of_all_links(paper, form):
     driven_signs = (-1, 1)
     for third_leg_sign in (1, -1):
         modes = (*driven_signs, third_leg_sign)
+        # Orientations of all links by mirroring, and the pair angles that follow from them.
         rotations = form.place(normals, modes)
         values, _ = form.values(rotations)
         assert closure_gap(paper, rotations, frames) < 1e-14
@@ -209,7 +217,9 @@ def test_mid_plane_form_satisfies_the_loop_closure_of_all_links(paper, form):
         effector_rotations = closure.linearise(solved.values).rotations[:, form.effector]
         expected = form.orientations(normals[is_regular])
         assert np.max(np.abs(effector_rotations - expected)) < 1e-11
-        driving_angles = form.plane.solutions(normals)[driven_signs]
+        # The closed form of the paper gives the inputs by the signs of the driven legs.
+        inputs_by_signs = form.plane.solutions(normals)
+        driving_angles = inputs_by_signs[driven_signs]
         assert np.max(np.abs(values[:, driven] - driving_angles)) < 1e-14
 
 
@@ -242,20 +252,23 @@ def test_any_symmetric_arcs_have_the_form():
 def test_axis_stays_fixed_between_random_pairs_of_poses(form, pairs):
     """Between two poses the end effector turns about an axis that moves by less than 1e-12.
 
-    `pairs` pairs of random poses are joined. A pose is the normal of the plane in which
-    base and end effector mirror each other. The axis is fixed in the end effector as well:
-    its coordinates there are computed from the orientations alone. A leg may be unable to
-    reach poses on the way, but most pairs of poses are joined.
+    The mechanism is that of Chen et al. 2021 (`form`). Its base and end effector mirror
+    each other in a plane, so the normal of this plane gives the pose. The axis is fixed in
+    the base and in the end effector. Its coordinates in the latter are computed from the
+    orientations alone. Between two random poses, a leg may be unable to follow. More than
+    90 % of all rotations must reach their last pose.
     """
     starts = random_reachable_normals(form, pairs, 21)
     stops = random_reachable_normals(form, pairs, 22)
     reached = 0
     for start, stop in zip(starts, stops, strict=True):
+        # `OUTWARD` are signs of the legs: the driven links point outward (Fig. 5(a)).
         rotation = form.rotation_between(start, stop, OUTWARD)
         rows = rotation.at(np.linspace(0.0, rotation.angle, 7))
         is_valid = rows.status == sk.Status.OK
         reached += np.all(is_valid)
         assert is_valid[0]
+        # `end` is the status at which the rotation ends: OK if it reaches the last pose.
         assert is_valid[-1] == (rotation.end == sk.Status.OK)
         if not is_valid[-1]:
             continue
@@ -375,13 +388,15 @@ def test_three_inputs_turn_the_output_about_any_axis(name):
 
 
 def test_two_inputs_follow_an_axis_with_the_least_orientation_error():
-    """A five-bar cannot turn its output about any axis, and stays as near as possible.
+    """The output of a five-bar follows a rotation about a given axis as nearly as possible.
 
-    The orientation error is the angle between the wanted and the real orientation. It is
-    least at the inputs of the rotation. It is computed for a mesh of 3 x 3 inputs, 2e-4 rad
-    apart, around these, with positions from the dyad's closed form. The error in the middle
-    is the smallest. A plane that is fitted to the squares of the nine errors is level, so
-    their gradient is 0.
+    With two inputs, its three-parameter orientation cannot follow exactly. The orientation
+    error is the angle between the wanted and the real orientation. It is least at the
+    inputs of the followed rotation. It is computed for a mesh of 3 x 3 inputs, 2e-4 rad
+    apart, around these, with positions from a closed form (`sk.trace`). The error in the
+    middle is the smallest. A plane that is fitted to the squares of the nine errors is
+    level, so their gradient is 0. The rates of the inputs are compared with finite
+    differences.
     """
     mechanism, values = configuration("five_bar")
     output = mechanism.link_number["3"]
@@ -398,6 +413,7 @@ def test_two_inputs_follow_an_axis_with_the_least_orientation_error():
     middle = 4
     for k in (1, 2):
         motion = sk.trace(mechanism, path=rows.inputs[k] + mesh)
+        # The rotation starts in a configuration of assembly mode 0, and stays in this mode.
         orientations = motion.rotations[motion.assembly_mode == 0, output]
         errors = angles_between(orientations, wanted[k])
         assert np.argmin(errors) == middle
@@ -499,9 +515,10 @@ def test_a_mechanism_with_a_cam_follows_an_axis():
 
 @dataclass(frozen=True)
 class LinearRotation:
-    """A stand-in for a followed rotation whose inputs are q = slope * theta.
+    """A stand-in for the rotation of a mechanism's output by the angle theta.
 
-    `slope` (inputs,) is the rate of each input by the angle of rotation.
+    It is used to test time laws, for which only inputs and their rates matter. The inputs
+    are q = slope * theta, so their rates dq/dtheta are `slope` (inputs,).
     """
 
     axis: np.ndarray
@@ -510,7 +527,11 @@ class LinearRotation:
     slope: np.ndarray
 
     def at(self, theta):
-        """Return samples at angles (rad); only inputs and rates have a meaning."""
+        """Return samples at angles (rad) of rotation, with inputs proportional to them.
+
+        Tests of time laws use only the inputs and their rates. All other numbers are
+        placeholders.
+        """
         theta = np.atleast_1d(theta)
         n = len(theta)
         rates = np.tile(self.slope, (n, 1))
@@ -541,10 +562,13 @@ PEAKS = {
 def test_durations_at_a_limit_are_those_of_closed_forms(shape):
     """The shortest duration lets the peak of the time law s(t/T) meet a limit.
 
-    The inputs turn by 1.2 and -1.6 rad (0.8 rad times 1.5 and -2). A speed limit v gives
-    T = angle * max s' / v, an acceleration limit a gives T^2 = angle * max |s''| / a.
+    While the output turns by 0.8 rad, the inputs a and b turn by 1.2 and -1.6 rad. A speed
+    limit v gives T = angle * max s' / v, an acceleration limit a gives
+    T^2 = angle * max |s''| / a.
     """
     peak_speed, peak_acceleration = PEAKS[shape]
+    # Input b has the larger angle and the smaller limit, so it decides the duration.
+    # `binding` is the peak that meets its limit.
     by_speed = linear_rotation_in_time(speed=[1.0, 0.5], shape=shape)
     assert by_speed.duration == pytest.approx(peak_speed * 1.6 / 0.5, rel=1e-12)
     assert by_speed.binding.input == "b"
