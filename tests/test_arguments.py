@@ -82,7 +82,9 @@ def allowed(hint):
         return allowed(
             next((part for part in arguments if part in OBJECT_BY_CLASS), arguments[0])
         )
-    if origin is tuple and arguments[1:] != (...,):
+    # `tuple[int, str]` has a type for each item; `tuple[int, ...]` may be empty.
+    is_fixed_tuple = origin is tuple and arguments[1:] != (...,)
+    if is_fixed_tuple:
         return tuple(allowed(item) for item in arguments)
     if origin in (Sequence, Iterable, list):
         return []
@@ -91,11 +93,13 @@ def allowed(hint):
     if origin is os.PathLike:
         return os.devnull
     if origin is Callable:
-        return print
+        return print  # any function will do
     if origin is type:
         return arguments[0]
     if getattr(hint, "_is_protocol", False):
         return AnyAttributes()
+    # An abstract class has no instances. A subclass whose set of abstract methods is
+    # emptied has some.
     if inspect.isabstract(hint):
         hint = type("Extended", (hint,), {})
         hint.__abstractmethods__ = frozenset()
@@ -141,9 +145,9 @@ def public_methods(cls):
 def callables():
     """Yield every public function, constructor and method of `PUBLIC_PACKAGES`.
 
-    Left out are exceptions, enumerations, protocols, constructors of results
-    (`RESULT_CLASSES`), and methods that only spherekit calls (`INTERNAL_METHODS`, and all
-    methods of `Load`).
+    What users do not call is left out: exceptions, enumerations, protocols, constructors of
+    results (`RESULT_CLASSES`, which functions of spherekit return), and methods that only
+    spherekit calls (`INTERNAL_METHODS`, and all methods of `Load`).
 
     Yields
     ------
@@ -164,7 +168,8 @@ def callables():
             if getattr(value, "_is_protocol", False):
                 continue
             if inspect.isfunction(value.__init__) and name not in RESULT_CLASSES:
-                yield name, value.__init__, (allowed(value),)
+                new_object = allowed(value)  # an object before `__init__` is called
+                yield name, value.__init__, (new_object,)
             left_out = {*INTERNAL_METHODS.get(name, "").split(), *dir(Load)}
             for method, function, bound in public_methods(value):
                 if method not in left_out:

@@ -194,21 +194,27 @@ def test_agile_eye_has_eight_real_modes_four_of_them_trivial():
 def test_a_double_root_is_one_mode():
     """Two configurations that coincide are counted once.
 
-    In the reference pose of these platforms the planes of the three bars share a line, so
-    the platform has an instantaneous motion with locked inputs: a double root.
+    The mechanism is a platform on three legs, each with a driven pair at the base, an elbow
+    and a pair at the platform. In the reference pose, the planes through elbow and platform
+    axis of the legs share a line. The platform then has an instantaneous motion with locked
+    inputs, so this pose is a double root of the closure equations.
     """
     random = np.random.default_rng(10)
     for _ in range(10):
         axes = random_axes(random, 9)
         common_line = random_axes(random, 1)[0]
         weights = random.uniform(0.3, 1.0, (3, 2))
-        # The platform axes (6 to 8) lie in the planes of the elbows (3 to 5) and the line.
+        # Each platform axis (6 to 8) is in the plane of its elbow axis (3 to 5) and the
+        # line.
         axes[6:] = weights[:, :1] * axes[3:6] + weights[:, 1:] * common_line
         axes /= np.linalg.norm(axes, axis=1)[:, None]
         solver, assemblies = find_all_configurations(linkage_with_inputs(*PLATFORM, axes))
-        assert not assemblies.methods[0].doubt
+        # The method of the only group of links: no configuration can be missing.
+        assert assemblies.methods[0].doubt == 0.0
         rotations, _ = rotations_and_gaps(solver, assemblies)
-        platform_rotations = rotations[:, 7]
+        platform_rotations = rotations[:, 7]  # link 8; links count from 0 in arrays
+        # One configuration is near the reference pose, in which all links have the
+        # rotation 1. A double root has about half of the digits, so 1e-5 has to do.
         distance = np.max(np.abs(platform_rotations - np.eye(3)), axis=(1, 2))
         assert np.sum(distance < 1e-3) == 1
         assert np.min(distance) < 1e-5

@@ -120,12 +120,13 @@ def test_kernel_agrees_with_reference_on_grids_of_two_inputs(name, samples):
 def test_signs_of_pole_directions_continue_through_slices_as_without_a_kernel(
     name, monkeypatch
 ):
-    """Pole directions are continuous along a mode, although their sign is arbitrary.
+    """Pole directions are continuous along an assembly mode, although a sign is arbitrary.
 
-    A kernel (compiled functions for many rows) continues signs slice by slice. Slices are
-    as long as usual, and of one row, so that signs also continue from slice to slice. The
-    test is worth something only if signs do change within the motion.
+    A kernel (functions that compute many rows at once) continues the signs from row to row
+    in slices of consecutive rows, and from slice to slice. Directions are compared with
+    those of a run without a kernel, for slices of the usual number of rows and of one row.
     """
+    # The kernel is compiled for any number of rows, if the compiler heyoka is installed.
     if available():
         monkeypatch.setattr(batch_runner, "MIN_COMPILED_ROWS", 0)
     sign_functions = []
@@ -135,21 +136,23 @@ def test_signs_of_pole_directions_continue_through_slices_as_without_a_kernel(
         return sign_functions[-1]
 
     monkeypatch.setattr(batch_runner, "continue_signs", recorded_continue_signs)
-    # With 1, a slice has the smallest possible number of rows, `SLICE_ROWS`.
+    # A slice is a multiple of SLICE_ROWS rows, and large enough for SLICE_NUMBERS results.
+    # With 1 result it has exactly SLICE_ROWS rows.
     monkeypatch.setattr(batch_runner, "SLICE_NUMBERS", 1)
-    for slice_rows in (batch_runner.SLICE_ROWS, 1):
+    usual_slice_rows = batch_runner.SLICE_ROWS
+    for slice_rows in (usual_slice_rows, 1):
         monkeypatch.setattr(batch_runner, "SLICE_ROWS", slice_rows)
         evaluations = evaluate_both_ways(sk.load(name), samples=300)
         differences = find_differences(evaluations)
         assert differences.are_none, differences
-        # Most rows have to be computed by the kernel. Only rows that are OK are counted,
-        # because two of the six modes of `three_rrr` close at 20 of the 300 samples only:
-        # 0.689 of all rows are OK there, and 0.687 are by the kernel.
+        # `share` is the part of all rows that the kernel computed. Only rows that are OK
+        # can be: two of the six modes of `three_rrr` close at 20 of the 300 samples only.
         is_ok = evaluations.reference_motion.status == Status.OK
         assert differences.share > 0.7 * np.mean(is_ok)
     # Arguments of a sign function: directions, rows and modes. Only the rows matter here,
     # and all are asked for. The result is (poles, rows).
     signs = [sign_function(None, slice(None), None) for sign_function in sign_functions]
+    # The comparison means something only if signs change within the motion.
     assert sum(np.count_nonzero(np.diff(x)) for x in signs) > 10
 
 

@@ -89,21 +89,23 @@ def mechanism_on_bearings(name, seed=3, distance=0.7):
 def test_bearing_forces_are_those_of_free_bodies(name):
     """Forces on all bearings and contacts, against Newton's and Euler's equations.
 
-    In `bearing_forces` every link is a free body that only its bearings and contacts hold.
-    Teeth touch with one of two flanks and can only push; every combination of flanks is
-    solved, and exactly one has pushing forces only.
+    In the reference `bearing_forces` every link is a free body that only its bearings and
+    contacts hold. Teeth touch with one of two flanks and can only push. Every combination
+    of flanks is solved, and exactly one has pushing forces only.
 
-    The forces of the reference are those of the first link of a pair on the second, in
-    ground axes. Their keys are (name of the bearings, number of the bearing) for R pairs
-    and (name of the pair, 0) for contacts.
+    Forces are those of the first link of a pair on the second. The reference has them in
+    ground axes, by (name of the bearings, number of the bearing) for R pairs and by (name
+    of the pair, 0) for contacts.
     """
+    # `joint` is the name of the R pair with motor, spring, damper and friction.
     mechanism, joint = mechanism_on_bearings(name)
     computed_reactions = reactions(
         motion_by_polynomial_laws(mechanism, STARTS[name], [0.0, 0.2])
     )
-    # The file determines all forces: no component is open, and no information is missing.
+    # All forces are determined, and the file need not state anything else for them.
     assert not np.any(computed_reactions.open_forces)
-    assert not computed_reactions.lacking.wanted
+    missing_information = computed_reactions.lacking.wanted
+    assert not missing_information
     torques = computed_reactions.torques
     meshes = [pair.name for pair in mechanism.pairs if pair.pressure_angle is not None]
     for row in range(len(torques.t)):
@@ -111,16 +113,16 @@ def test_bearing_forces_are_those_of_free_bodies(name):
         frames = computed_reactions.frames[row]
         solutions = []
         for signs in product((1.0, -1.0), repeat=len(meshes)):
-            sides = dict(zip(meshes, signs, strict=True))
-            solution = bearing_forces(*arguments, sides)
-            # The y axis of a pair of toothed wheels points to the side of the first wheel,
-            # so that a push of the first wheel on the second is negative along it.
+            flanks = dict(zip(meshes, signs, strict=True))
+            forces, undetermined, residual = bearing_forces(*arguments, flanks)
+            # The y axis of the frame of a mesh points to the first wheel. A push of this
+            # wheel on the second one has a negative y component.
             y_components = [
-                solution[0][mesh, 0] @ frames[mechanism.pair_number[mesh]][:, 1]
+                forces[mesh, 0] @ frames[mechanism.pair_number[mesh]][:, 1]
                 for mesh in meshes
             ]
             if all(y_component < 0.0 for y_component in y_components):
-                solutions.append(solution)
+                solutions.append((forces, undetermined, residual))
         ((forces, undetermined, residual),) = solutions
         largest_force = max(np.max(np.abs(force)) for force in forces.values())
         assert undetermined == 0
@@ -143,11 +145,16 @@ SHAFT = mechanism_text("shaft")
 
 @pytest.mark.parametrize("speed", [0.0, 6.0])
 def test_a_vertical_shaft_stands_on_its_fixed_bearing(speed, tmp_path):
-    """By hand: 10 kg, 0.1 m beside the axis and 0.3 m up, on bearings at 0.2 and 0.7 m.
+    """Bearing forces of a shaft at rest and turning, against a calculation by hand.
 
-    At rest the fixed bearing carries the weight, 98.1 N, and both the couple 9.81 N m over
-    0.5 m, the upper one inwards. Turning at w the shaft pulls outwards with 10 0.1 w^2 N
-    at 0.3 m, of which the bearing at 0.2 m has 4/5 and that at 0.7 m 1/5.
+    The shaft has 10 kg. Its centre of mass is 0.1 m beside the axis, at the height 0.3 m.
+    The bearings are at the heights 0.2 m (fixed, supports axial forces) and 0.7 m.
+
+    - The fixed bearing supports the weight, 10 kg x 9.81 m/s^2 = 98.1 N.
+    - The moment of the weight, 98.1 N x 0.1 m, is balanced by radial forces of 9.81 N m /
+      0.5 m = 19.62 N: outwards at the lower bearing, inwards at the upper one.
+    - At the angular velocity w, the shaft pulls outwards with 10 kg x 0.1 m x w^2 at 0.3 m.
+      The bearing at 0.2 m supports 4/5 of this, and that at 0.7 m 1/5.
     """
     (tmp_path / "shaft.toml").write_text(SHAFT)
     shaft = sk.load(tmp_path / "shaft.toml")
@@ -155,8 +162,9 @@ def test_a_vertical_shaft_stands_on_its_fixed_bearing(speed, tmp_path):
     computed_reactions = reactions(
         motion_by_polynomial_laws(shaft, (angle,), [0.0], speed, 0.0)
     )
+    # Forces on the shaft, in the frame of the pair: x and y are radial, z is axial.
     ((first, second),) = computed_reactions.on_bearings["bearings"]
-    frame = computed_reactions.frames[0, 0]
+    frame = computed_reactions.frames[0, 0]  # columns: axes of this frame in ground axes
     outwards = np.array([np.cos(angle), np.sin(angle), 0.0])  # x of the shaft
     radial = np.array([frame @ first, frame @ second]) @ outwards
     pull = speed**2
@@ -277,11 +285,12 @@ def test_bearing_friction_equals_a_load_of_the_same_torque():
 
 
 def test_reactions_name_what_is_missing_to_determine_forces():
-    """A mechanism without gravity, in which one mass has no centre, and without bearings.
+    """Without a centre of mass and without bearings, no bearing force is determined.
 
     The result and the summary of a run name the link without a centre of mass. They also
-    name six pairs whose bearings have to float: if all pairs held their links along the
-    axes, these forces could balance each other and would not be determined.
+    name six pairs whose bearings have to float (let the links slide along the axis). The
+    seven R pairs have 21 force components, but the five moving links of the mechanism have
+    15 equations of force, so six components would remain undetermined.
     """
     mechanism, _ = with_masses_and_loads("stephenson", np.random.default_rng(3))
     light = replace(mechanism.masses[2], mass=None, centre=None)
@@ -293,7 +302,8 @@ def test_reactions_name_what_is_missing_to_determine_forces():
     )
     assert computed_reactions.lacking.centres == (light.link,)
     assert len(computed_reactions.lacking.floating) == 6
-    assert np.all(computed_reactions.open_forces)  # no force is determined
+    is_undetermined = computed_reactions.open_forces
+    assert np.all(is_undetermined)
 
     run = sk.run(mechanism, "reactions", samples=3)
     (analysis,) = run.summary["analyses"]

@@ -144,10 +144,11 @@ def test_a_folding_four_bar_has_rates_beside_its_dead_centre(distance):
 
 @pytest.mark.slow
 def test_a_followed_group_has_rows_up_to_its_dead_centre():
-    """Bounds are right 1e-12 and 1e-14 rad beside the end of a mode of a triad.
+    """Error bounds are right 1e-12 and 1e-14 rad beside the end of an assembly mode.
 
-    The modes of a triad are followed as curves. Their nodes, the configurations that are
-    computed on the way, do not come as near to the end.
+    The mechanism contains a triad (a group of four links with no closed form). Its assembly
+    modes are followed as curves through computed configurations, the nodes. The
+    nodes do not come as near to the end as these rows.
     """
     random = np.random.default_rng(2)
     mechanism = grow_dyad_chain(random, links=8, triads=True)
@@ -159,6 +160,7 @@ def test_a_followed_group_has_rows_up_to_its_dead_centre():
     ends = [guide.inputs[0] for guide in guides if guide.ends[0] == Status.OUT_OF_REACH]
     distances = np.array([1e-12, 1e-14])
     path = np.unique(ends[0] + np.concatenate([distances, -distances]))
+    # `judge_bounds` asserts that the errors of all rows with status OK are within bounds.
     comparison = judge_bounds(mechanism, path[:, None])
     # At most half of the rows have another status than OK and are not compared.
     assert comparison.failed_rows <= comparison.rows

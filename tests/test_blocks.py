@@ -90,8 +90,9 @@ def test_angles_of_inputs_are_the_inputs_themselves():
 def test_angles_on_a_grid_grow_as_along_a_fine_path():
     """Angles grow from one corner of a grid of two inputs to the other as along a path.
 
-    The path between the corners has 400 samples, so `np.unwrap` counts its turns. The
-    mechanism has two assembly modes.
+    Growth is the angle at the last corner minus that at the first one, with full turns. The
+    path between the corners has 400 samples, which are close enough for `np.unwrap` to
+    count the turns. The mechanism has two assembly modes.
     """
     five_bar = sk.load("five_bar")
     inputs = tuple(
@@ -101,15 +102,17 @@ def test_angles_on_a_grid_grow_as_along_a_fine_path():
     mechanism = replace(five_bar, inputs=inputs)
     grid = PositionAnalysis(mechanism, samples=(3, 4), grid=True)
     names = sorted(set(grid.mechanism.angles) - set(grid.inputs))
-    angles = continue_angles(grid.motion(), names, grid.angle_unwrapping, {})
+    # There is no block of samples before this one, so the last angles are empty.
+    angles = continue_angles(grid.motion(), names, grid.angle_unwrapping, last={})
     path = np.linspace([0.7, 0.7], [1.1, 2.4], 400)
     fine_motion = PositionAnalysis(mechanism, path=path).motion()
     for name in names:
         variable = fine_motion.mechanism.angles[name]
-        # (modes, samples); growths are compared by their size.
-        fine = np.unwrap(fine_motion.values[:, variable].reshape(2, -1), axis=1)
-        growth_on_path = np.ptp(fine[:, [0, -1]], axis=1)
-        growth_on_grid = np.ptp(angles[name].reshape(2, -1)[:, [0, -1]], axis=1)
+        # (modes, samples) angles on the path and on the grid
+        path_angles = np.unwrap(fine_motion.values[:, variable].reshape(2, -1), axis=1)
+        grid_angles = angles[name].reshape(2, -1)
+        growth_on_path = path_angles[:, -1] - path_angles[:, 0]
+        growth_on_grid = grid_angles[:, -1] - grid_angles[:, 0]
         assert np.max(np.abs(growth_on_grid - growth_on_path)) < 1e-9
 
 

@@ -50,15 +50,15 @@ def test_error_bounds_are_right_for_special_geometry(seeds):
     """Every number of every row with status OK is within its error bound.
 
     The reference is evaluated in more digits, from the float64 sizes of the mechanism and
-    from the decimal degrees of its file. No number may be NaN in such a row, and no row
-    may be without a reference. Bounds must not be useless either: some
-    direction uses more than 5 % of its bound, and fewer than 60 % of the rows have another
-    status. There have to be 150 poles per mechanism, so that this means
-    something.
+    from the decimal degrees of its file. Rows with another status are not compared.
+
+    Bounds must not be useless either: the error of some direction is more than 5 % of its
+    bound, and rows with another status are few. At least 150 poles per mechanism have to be
+    compared.
     """
     pole_count = 0  # poles in all compared rows
     rows_not_ok = 0
-    worst_ratio = 0.0
+    worst_ratio = 0.0  # largest error of a direction divided by its bound
     for seed in seeds:
         _, comparison = compare_special_mechanism(seed)
         for kind in KINDS:
@@ -71,7 +71,10 @@ def test_error_bounds_are_right_for_special_geometry(seeds):
         worst_ratio = max(worst_ratio, float(np.max(ratios, initial=0.0)))
     assert pole_count > 150 * len(seeds)
     assert worst_ratio > 0.05
-    assert rows_not_ok < 0.6 * (pole_count / 6)  # a row has six poles or more
+    # A four-bar has six poles and larger mechanisms have more. This number is therefore at
+    # least that of the compared rows.
+    row_count = pole_count / 6
+    assert rows_not_ok < 0.6 * row_count
 
 
 @pytest.mark.long

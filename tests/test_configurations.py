@@ -97,13 +97,15 @@ to 4.0 (over 0), 101.0 to 112.2, 118.8 to 140.9 and 324.2 to 346.3 deg only."""
 
 @pytest.mark.slow
 def test_components_between_five_equally_spaced_inputs_are_found():
-    """The four curves of a six-bar exist only in narrow ranges of the input.
+    """All curves of a six-bar that exist only in narrow ranges of the input are found.
 
-    The ranges are 11 and 22 degrees wide. Enumerating configurations at five equally spaced
-    inputs (36, 108, 180, 252 and 324 deg) misses three of the curves. `configurations`
-    first finds the inputs at which modes meet (turning points), and claims to be complete.
-    The ends of the ranges are numbers that were computed earlier, in degrees.
+    A curve consists of configurations that join each other. The four curves exist in ranges
+    of 11 and 22 degrees. Enumerating configurations at five equally spaced inputs (36, 108,
+    180, 252 and 324 deg) misses three of them. `configurations` first finds the turning
+    points, which are the inputs at which curves turn back. It claims to be complete. The
+    ends of the ranges are numbers that were computed earlier, in degrees.
     """
+    # Unit vectors of the pair axes in a reference pose.
     axes = np.array(HIDDEN) / np.linalg.norm(HIDDEN, axis=1, keepdims=True)
     position_analysis, configurations = with_curves(STEPHENSON, axes, "p5_6")
     solver = position_analysis.solver
@@ -111,6 +113,7 @@ def test_components_between_five_equally_spaced_inputs_are_found():
     assert configurations.guarantee is Guarantee.COMPLETE
     # Counts of modes at single inputs agree with the curves.
     assert not configurations.mismatches
+    # Turning points divide a curve into pieces. Each piece is one assembly mode.
     pieces = [piece for item in configurations.curves for piece in item.pieces]
     assert sorted(piece.assembly_mode for piece in pieces) == list(range(10))
     assert len(position_analysis.assembly_modes) == 10
@@ -118,6 +121,8 @@ def test_components_between_five_equally_spaced_inputs_are_found():
     five_inputs = TURN * (np.arange(5) + 0.5) / 5.0
     values = [enumerate_assemblies(solver, np.array([q])).values for q in five_inputs]
     values = np.concatenate(values)
+    # `find` returns the arc length of each configuration on a curve, NaN if it is not on
+    # the curve.
     missed_curves = [curve for curve in curves if np.all(np.isnan(curve.find(values)))]
     ranges_deg = sorted(
         np.degrees(turning_inputs(solver, curve)).tolist() for curve in missed_curves

@@ -74,10 +74,11 @@ def test_humpages_gear_has_the_speed_ratios_of_its_pitch_cones(tmp_path):
 def test_humpages_gear_is_kept_in_files_and_certified(tmp_path, capsys):
     """Humpage's gear is read from a file, written again, and its ratio is certified.
 
-    The certificate prints the ratio s / (s + r) of arm and sun, with the sines of the half
-    angles of the pitch cones of sun (18 deg) and ring (78 deg). Wheels in mesh need a
-    common carrier, to which R pairs on their axes join them, if necessary through coaxial
-    pairs. The file is refused if the arm's pair is no longer coaxial with the sun's.
+    The certificate prints the turns of the arm per turn of the sun, s / (s + r). Here s and
+    r are the sines of the half angles of the pitch cones of sun (18 deg) and ring (78 deg).
+
+    The sun has an R pair with the case, and the planet one with the arm. They can mesh
+    because the arm turns about the axis of the sun. The file is refused if it does not.
     """
     path = tmp_path / "humpage.toml"
     path.write_text(HUMPAGE)
@@ -196,13 +197,13 @@ def test_what_cannot_be_a_contact_is_refused(call):
 def test_pole_of_two_sliding_contacts_is_where_their_planes_meet():
     """The pole of two links that touch at two sliding contacts, against the null space.
 
-    The pole lies in the plane of each contact, which contains the contact and the normal of
-    the profiles. It is where the great circles of both planes meet. Di Gregorio's lecture
-    calls this case (c): no great circle through known poles is used.
+    The pole is the axis of the relative rotation of both links. It lies in the plane of
+    each contact, which contains the contact and the normal of the profiles there. The line
+    common to both planes is the pole, which is case (c) of Di Gregorio's lecture.
     """
     mechanism = sk.load("two_contacts")
-    # Steps of the plan that give a pole from contacts alone: `via` has the third links k
-    # whose poles with both links are known.
+    # A pole can also follow from poles with a third link, which are in `via`. Here are the
+    # steps of the plan that use the contacts of the two links alone.
     steps = [s for s in plan(mechanism).steps if getattr(s, "contacts", ()) and not s.via]
     assert [step.case for step in steps] == ["c"]
     # Only the assembly mode of the reference pose: no other modes are searched.

@@ -124,13 +124,15 @@ def test_contact_forces_and_torques_with_friction_are_those_by_hand(
     """Reactions, loads and driving torques of a run at nine times, against `by_hand`.
 
     The fixture `cam` makes the mechanism with a coefficient of friction and the angle
-    `rest` (rad) at which its spring is free. The contact is 0.1 m from the centre of the
-    sphere, so that its forces (N) are its moments (N m) divided by 0.1 m. Friction takes
-    power away at all times.
+    `rest` (rad) at which its spring is free. In its file "touch" is the contact of cam and
+    roller, and "rub" the friction there. Friction takes power away at all times.
     """
-    distance = 0.1
+    distance = 0.1  # of the contact from the centre of the sphere, m
     mechanism = cam(coefficient, rest, f"distance = {distance}")
     t = np.linspace(0.1, 4.0, 9)
+    # Push and traction are moments (N m) of the contact about the centre of the sphere. The
+    # forces (N) are these divided by the distance. `torque` (N m) is at the shaft, and
+    # `slip` is the sliding speed on the unit sphere (rad/s).
     push, traction, torque, slip = by_hand(mechanism, coefficient, rest, t, mode)
     run = sk.run(
         mechanism,

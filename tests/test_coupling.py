@@ -22,76 +22,78 @@ COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 
 
 @pytest.fixture(scope="module")
-def four_bar():
+def four_bar_table():
     return sk.coupling_table("four_bar", poles=["3/1"])
 
 
 @pytest.fixture(scope="module")
-def five_bar():
+def five_bar_table():
     return sk.coupling_table("five_bar", samples=25, tolerance=1e-3, assembly_mode=0)
 
 
 @pytest.mark.parametrize("mode", [0, 1])
-def test_a_coupling_table_of_one_input_is_within_its_errors(four_bar, mode):
-    """Angles, coefficients and angular velocity of a pole at 200 random inputs.
+def test_a_coupling_table_of_one_input_is_within_its_errors(four_bar_table, mode):
+    """Numbers interpolated in a table are compared with `sk.evaluate` at 200 random inputs.
 
-    A coupling table of the four-bar stores these numbers on a grid of the input, and is
-    interpolated. It is compared with `sk.evaluate` at the same inputs. The table states its
-    largest error, which was measured at some inputs between its nodes. Other inputs can
-    have a slightly larger error, so that 5 % more is allowed.
+    The table of the four-bar stores, on a grid of the input, the angles of the passive
+    pairs, their coefficients (rates per unit rate of the input), and the angular velocity
+    of link 3 relative to link 1. It states its largest error, which was measured at some
+    inputs between the nodes of the grid. Other inputs can have a slightly larger error, so
+    that 5 % more is allowed.
     """
     q = np.random.default_rng(2).uniform(0.0, 2.0 * np.pi, 200)
     exact = sk.evaluate("four_bar", q, poles=["3/1"], assembly_mode=mode)
-    interpolated = four_bar.at(q[:, None], mode)
-    coefficient_limit = 1.05 * four_bar.coefficient_error
-    for k, name in enumerate(four_bar.variables):
+    interpolated = four_bar_table.at(q[:, None], mode)
+    coefficient_limit = 1.05 * four_bar_table.coefficient_error
+    for k, name in enumerate(four_bar_table.variables):
         exact_angle = exact.variable(name)
         angle_gap = np.exp(1j * interpolated.angles[:, k]) - np.exp(1j * exact_angle)
-        assert np.max(np.abs(angle_gap)) < 1.05 * four_bar.angle_error
+        assert np.max(np.abs(angle_gap)) < 1.05 * four_bar_table.angle_error
         coefficients = exact.variable_coefficient(name.removeprefix("theta_"))
         coefficient_gap = np.abs(interpolated.coefficients[:, k, 0] - coefficients)
         assert np.max(coefficient_gap) < coefficient_limit
-    # `turning` is the angular velocity w of link 3 relative to 1 per unit rate of the
-    # input, which is along the pole: w = velocity coefficient times direction.
+    # The angular velocity w per unit rate of the input is along the pole.
     w = exact.direction("3/1") * exact.velocity_coefficient("3/1")[:, None]
-    assert np.max(np.abs(interpolated.turning[:, 0, 0] - w)) < coefficient_limit
-    assert four_bar.angle_error < 1e-6
-    assert four_bar.coefficient_error < 1e-4
+    interpolated_w = interpolated.turning[:, 0, 0]  # of pole 0 per input 0, (200, 3)
+    assert np.max(np.abs(interpolated_w - w)) < coefficient_limit
+    assert four_bar_table.angle_error < 1e-6
+    assert four_bar_table.coefficient_error < 1e-4
 
 
-def test_a_coupling_table_of_two_inputs_is_within_its_errors(five_bar):
-    """Angles and coefficients at 300 random inputs, against `sk.evaluate`.
+def test_a_coupling_table_of_two_inputs_is_within_its_errors(five_bar_table):
+    """Numbers interpolated in a table are compared with `sk.evaluate` at 300 random inputs.
 
-    A coupling table of the five-bar stores these numbers on a grid of its inputs 21 and 51,
-    and is interpolated. It has no numbers (NaN) where the inputs are out of reach, and in
-    cells of the grid at an end of the assembly mode. The table states its largest error,
-    which was measured at some inputs between its nodes. Other inputs can have a slightly
-    larger error, so that 5 % more is allowed.
+    The table of the five-bar stores, on a grid of its inputs 21 and 51, the angles of the
+    passive pairs and their coefficients (rates per unit rate of an input). Where the
+    mechanism cannot be assembled, and beside such inputs, it has no numbers (NaN). Its
+    angles have the tolerance that was requested for the table. The error of its
+    coefficients was measured at some inputs. Other inputs can have a slightly larger error,
+    so that 5 % more is allowed.
     """
     q = np.random.default_rng(7).uniform(0.8, 2.3, (300, 2))
-    interpolated = five_bar.at(q)
+    interpolated = five_bar_table.at(q)
     is_known = np.isfinite(interpolated.angles[:, 0])
     assert np.mean(is_known) > 0.3  # enough inputs with numbers for the comparison
     exact = sk.evaluate("five_bar", q[is_known], poles=[], assembly_mode=0)
-    for k, name in enumerate(five_bar.variables):
+    for k, name in enumerate(five_bar_table.variables):
         angles = interpolated.angles[is_known, k]
         angle_gap = np.exp(1j * angles) - np.exp(1j * exact.variable(name))
-        assert np.max(np.abs(angle_gap)) < 1.05 * five_bar.tolerance
+        assert np.max(np.abs(angle_gap)) < 1.05 * five_bar_table.tolerance
         # Coefficients by the second input, whose index is 1.
         coefficients = exact.variable_coefficient(name.removeprefix("theta_"), "51")
         coefficient_gap = np.abs(interpolated.coefficients[is_known, k, 1] - coefficients)
-        assert np.max(coefficient_gap) < 1.05 * five_bar.coefficient_error
-    assert np.all(np.isnan(five_bar.at([[0.0, 0.0]]).angles))
+        assert np.max(coefficient_gap) < 1.05 * five_bar_table.coefficient_error
+    assert np.all(np.isnan(five_bar_table.at([[0.0, 0.0]]).angles))
 
 
-def test_second_derivatives_of_a_coupling_table_are_symmetric(five_bar):
-    derivatives = five_bar.derivatives
+def test_second_derivatives_of_a_coupling_table_are_symmetric(five_bar_table):
+    derivatives = five_bar_table.derivatives
     swapped = np.swapaxes(derivatives, -1, -2)
     is_known = np.isfinite(derivatives)
     assert np.allclose(derivatives[is_known], swapped[is_known], atol=1e-9)
 
 
-def test_interpolation_in_a_coupling_table_is_exact_for_cubic_polynomials(five_bar):
+def test_interpolation_in_a_coupling_table_is_exact_for_cubic_polynomials(five_bar_table):
     """The interpolation from values and derivatives at nodes has to reproduce cubics.
 
     A coupling table stores angles on a grid of inputs (nodes), with their first and second
@@ -101,7 +103,7 @@ def test_interpolation_in_a_coupling_table_is_exact_for_cubic_polynomials(five_b
     means that they can be interpolated. No input is periodic, so that `rise`, the growth of
     the angle over a period, does not matter.
     """
-    x, y = five_bar.nodes.T
+    x, y = five_bar_table.nodes.T
     cubic = x**3 - 2.0 * x**2 * y + 0.5 * x * y**2 + y**3 + x * y - 4.0
     by_x = 3 * x**2 - 4 * x * y + 0.5 * y**2 + y
     by_y = -2 * x**2 + x * y + 3 * y**2 + x
@@ -112,12 +114,12 @@ def test_interpolation_in_a_coupling_table_is_exact_for_cubic_polynomials(five_b
     bends = np.stack([by_xx, by_xy, by_xy, by_yy], axis=1)
     # The axes are: mode (1), node, angle (1), then one or two axes for the inputs (2).
     table = replace(
-        five_bar,
+        five_bar_table,
         variables=("theta_32",),
         angles=cubic[None, :, None],
         coefficients=slopes[None, :, None],
         derivatives=bends.reshape(1, -1, 1, 2, 2),
-        sure=np.ones_like(five_bar.sure),
+        sure=np.ones_like(five_bar_table.sure),
         rise=np.zeros((1, 2, 1)),
     )
     a, b = np.random.default_rng(1).uniform(0.8, 2.3, (2, 50))
@@ -128,34 +130,41 @@ def test_interpolation_in_a_coupling_table_is_exact_for_cubic_polynomials(five_b
     assert interpolated.coefficients[:, 0, 0] == pytest.approx(by_a, abs=1e-12)
 
 
-def test_archives_and_csv_hold_the_numbers_of_a_coupling_table(four_bar, tmp_path, capsys):
+def test_archives_and_csv_hold_the_numbers_of_a_coupling_table(
+    four_bar_table, tmp_path, capsys
+):
     """`export --to coupling` writes .npz and .csv files, which are read back.
 
     A coupling table has, at nodes of the input, the angles of passive pairs, their rates
     per unit rate of the input, and the angular velocity of a pole, here that of link 3
-    relative to link 1.
+    relative to link 1. It also has the error of interpolation in each cell, which is the
+    interval from a node to the next one.
     """
     command = ["export", "four_bar", "--to", "coupling", "--poles", "3/1", "-o"]
     archive = tmp_path / "t.npz"
     assert main([*command, str(archive)]) == 0
-    assert f"errors measured: {four_bar.angle_error:.2g} rad" in capsys.readouterr().err
+    assert (
+        f"errors measured: {four_bar_table.angle_error:.2g} rad" in capsys.readouterr().err
+    )
     loaded = sk.load_coupling(archive)
-    assert np.array_equal(loaded.angles, four_bar.angles)
+    assert np.array_equal(loaded.angles, four_bar_table.angles)
     assert loaded.modes == (0, 1)
-    assert loaded.at(0.7).coefficients == pytest.approx(four_bar.at(0.7).coefficients)
+    assert loaded.at(0.7).coefficients == pytest.approx(four_bar_table.at(0.7).coefficients)
 
     csv_path = tmp_path / "t.csv"
     assert main([*command, str(csv_path), "-q"]) == 0
     with csv_path.open() as file:
         rows = list(csv.DictReader(file))
-    node_count = int(four_bar.count[0])
+    node_count = int(four_bar_table.count[0])
     assert len(rows) == 2 * node_count  # mode by mode
     row = rows[node_count + 9]  # node 9 of mode 1
     # Indices: mode 1, node 9, variable 2 (theta_41) or pole 0, input 0, component y (1).
-    assert float(row["theta_41_by_21"]) == four_bar.coefficients[1, 9, 2, 0]
-    assert float(row["w_3_1_y_by_21"]) == four_bar.turning[1, 9, 0, 0, 1]
-    assert float(row["cell_error"]) == four_bar.error[1, 9]
-    assert rows[node_count - 1]["cell_error"] == ""  # no cell begins at the last node
+    assert float(row["theta_41_by_21"]) == four_bar_table.coefficients[1, 9, 2, 0]
+    assert float(row["w_3_1_y_by_21"]) == four_bar_table.turning[1, 9, 0, 0, 1]
+    assert float(row["cell_error"]) == four_bar_table.error[1, 9]
+    assert (
+        rows[node_count - 1]["cell_error"] == ""
+    )  # no cell begins at the last node of mode 0
 
 
 @pytest.mark.skipif(COMPILER is None, reason="needs a C compiler")
@@ -173,7 +182,7 @@ def test_the_c_header_of_a_coupling_table_gives_the_numbers_of_python(
     """
     from spherekit.exchange.coupling_header import header
 
-    table = request.getfixturevalue(name)
+    table = request.getfixturevalue(f"{name}_table")
     (tmp_path / "table.h").write_text(header(table), encoding="ascii")
     m = len(table.inputs)
     variable_count = len(table.variables)

@@ -14,9 +14,12 @@ from spherekit.errors import SolveError
 def run(mechanism, samples=7, search=False):
     """Run `poles` with warnings as errors, and return its table.
 
-    Asserted is that a row with status OK has no NaN, except in the derivatives of a
-    direction. These are all missing or none, and missing only if the velocity coefficient
-    is small beside its errors. Rows out of reach have no coefficient.
+    Assertions:
+
+    - A row with status OK has no NaN except in the derivative du/dq of a pole direction u
+      by the input q. Its components are all missing or none.
+    - The derivative is missing only if its error would be large.
+    - Rows out of reach have no coefficient.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -31,14 +34,16 @@ def run(mechanism, samples=7, search=False):
     assert is_missing.any(axis=1).equals(is_missing.all(axis=1))
 
     rows = ok_rows[is_missing.any(axis=1)]
-    # With the relative angular velocity v, the direction is u = v / |v|, and du/dq is the
-    # part of dv/dq at right angles to u, over |v|. Its error is therefore the sum of the
-    # errors of v, of dv/dq, and of u times |dv/dq|, over |v|. `spherekit` leaves out du/dq
-    # if a bound of this error exceeds 1e-6.
+    # With the relative angular velocity v per unit rate of the input, the direction is
+    # u = v / |v|, and du/dq is the part of dv/dq at right angles to u, over |v|. The error
+    # of du/dq times |v| is about the sum of three errors: those of v, of dv/dq, and of u
+    # times |dv/dq|. The acceleration coefficient, the part of dv/dq along u, stands for
+    # |dv/dq|. `spherekit` leaves out du/dq if a bound of its error exceeds 1e-6.
     error_sum = rows["velocity_coefficient_error_bound"].abs()
     error_sum += rows["acceleration_coefficient_error_bound"]
     error_sum += rows["error_bound"] * rows["acceleration_coefficient"].abs()
-    assert (error_sum >= 1e-6 * rows["velocity_coefficient"].abs()).all()
+    velocity_size = rows["velocity_coefficient"].abs()  # |v|
+    assert (error_sum >= 1e-6 * velocity_size).all()
     out_of_reach = frame["status"] == "OUT_OF_REACH"
     assert frame.loc[out_of_reach, "velocity_coefficient"].isna().all()
     return frame
