@@ -11,22 +11,24 @@ from spherekit.positions.assembly_enumeration import enumerate_assemblies
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 
-SAME = 1e-6
-"""Links whose orientations differ by less are in one configuration."""
+SAME_ORIENTATION = 1e-6
+"""Configurations are the same if no element of their rotation matrices differs by more."""
 INPUTS = 6
 """At how many inputs the modes are compared."""
-CLEAR = 1e4
+MAX_CONDITIONING = 1e4
 """Configurations of worse conditioning may come and go with rounding."""
 
 
 def well_conditioned_orientations(position_analysis, values):
-    """Return the orientations (n, links, 3, 3) of configurations that are well clear.
+    """Return the orientations (n, links, 3, 3) of configurations away from dead centres.
 
-    Those beside a dead centre of the inputs are left out: rounding decides on them.
+    At a dead centre of the inputs two configurations meet and vanish. Beside it, rounding
+    decides whether a search finds them. Configurations whose conditioning (a condition
+    number with locked inputs) is `MAX_CONDITIONING` or more are therefore left out.
     """
     variable_count = len(position_analysis.mechanism.variable_names)
     motion = position_analysis.given(values.reshape(-1, variable_count))
-    return np.asarray(motion.rotations[motion.conditioning < CLEAR])
+    return np.asarray(motion.rotations[motion.conditioning < MAX_CONDITIONING])
 
 
 def choose_samples(evidence, count=INPUTS):
@@ -47,9 +49,10 @@ def read_sample(evidence, sample):
 def compare(notes, inputs_text, first, second):
     """Note configurations that one of two sources has and the other lacks.
 
-    Each source is checked by its own claim of completeness. If it claims that it is
-    complete, a lack is a contradiction; with a weaker claim (a sampled search) the lack is
-    only noted as not found. A source without a claim may lack any number.
+    Each source makes its own claim of completeness. If it claims that it has all
+    configurations, a missing one is a contradiction. With a weaker claim (a sampled search)
+    it is noted as not found, which is no fault. A source without a claim may lack any
+    number.
 
     Parameters
     ----------
@@ -68,13 +71,16 @@ def compare(notes, inputs_text, first, second):
         if claim is None:
             continue
         notes.count_comparisons()
-        missing = count_missing(other_configurations, configurations, SAME)
+        # The number of configurations of the other source that this source lacks.
+        missing = count_missing(
+            other_configurations, candidates=configurations, apart=SAME_ORIENTATION
+        )
         if missing:
             is_contradiction = claim.guarantee is Guarantee.COMPLETE
             notes.add_finding(
                 f"{name} lacks {missing} configurations that {other_name} has at "
                 f'{inputs_text}; it claims "{claim}"',
-                Kind.CONTRADICTION if is_contradiction else Kind.SHORT,
+                Kind.CONTRADICTION if is_contradiction else Kind.NOT_FOUND,
             )
 
 
@@ -93,7 +99,8 @@ def run_and_curves(evidence, notes):
     Parameters
     ----------
     evidence, notes
-        The results of the mechanism, and the notes to which findings are added.
+        `Evidence`, which has the mechanism and runs its analyses when their results are
+        first used; and `Notes`, which collect the findings.
     """
     if not evidence.has_one_input:
         return
@@ -127,12 +134,14 @@ def run_and_forward(evidence, notes):
     """Compare the rows of three samples with all configurations found at each input.
 
     Forward kinematics solves for all configurations at the inputs of a single sample,
-    whereas a run follows assembly modes from sample to sample.
+    whereas a run follows assembly modes from sample to sample. Configurations beside a dead
+    centre (by their condition number) are left out, because rounding decides on them.
 
     Parameters
     ----------
     evidence, notes
-        The results of the mechanism, and the notes to which findings are added.
+        `Evidence`, which has the mechanism and runs its analyses when their results are
+        first used; and `Notes`, which collect the findings.
     """
     position_analysis = evidence.position_analysis
     for sample in choose_samples(evidence, 3):
@@ -162,7 +171,8 @@ def whole_turns(evidence, notes):
     Parameters
     ----------
     evidence, notes
-        The results of the mechanism, and the notes to which findings are added.
+        `Evidence`, which has the mechanism and runs its analyses when their results are
+        first used; and `Notes`, which collect the findings.
     """
     if any(pair.type == "Cr" for pair in evidence.mechanism.pairs):
         return

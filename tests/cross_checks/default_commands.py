@@ -23,20 +23,22 @@ AT_REST = ("NO_POLE", "ILL_CONDITIONED")
 
 
 def _register_default_command(analysis):
-    """Register the check of one analysis by its default command."""
+    """Register a check that runs one analysis without options and judges its results."""
 
     @check(
         f"{analysis} by default",
-        f"`run -a {analysis}` answers or says why not; rows in range, numbers exactly "
-        "where the status is OK, no empty table without a word, counts as printed",
+        f"`run -a {analysis}` computes tables or says why not; rows are in the range of "
+        "the inputs, numbers are exactly where the status is OK, a message explains an "
+        "empty table, the summary counts the rows of the tables",
     )
     def check_default_command(evidence, notes):
-        """Run the analysis without options, and check its answer, tables and counts.
+        """Run the analysis without options, and check its tables, messages and counts.
 
         Parameters
         ----------
         evidence, notes
-            The results of the mechanism, and the notes to which findings are added.
+            `Evidence`, which has the mechanism and runs its analyses when their results are
+            first used; and `Notes`, which collect the findings.
         """
         # A mechanism may be refused with a message. Then there are no tables.
         run = evidence.run_analysis(analysis)
@@ -44,7 +46,7 @@ def _register_default_command(analysis):
             return
         for name, frame in run.tables.items():
             judge_rows(evidence, name, frame, notes)
-        judge_main(run, analysis, notes)
+        judge_main_table(run, analysis, notes)
         judge_counts(run, notes)
 
 
@@ -110,7 +112,8 @@ def _note_rows_out_of_range(evidence, name, frame, notes):
     Parameters
     ----------
     evidence, notes
-        The results of the mechanism, and the notes to which findings are added.
+        `Evidence`, which has the mechanism and runs its analyses when their results are
+        first used; and `Notes`, which collect the findings.
     name, frame
         Name of a table, and its rows as a data frame.
     """
@@ -143,17 +146,22 @@ def _note_rows_out_of_range(evidence, name, frame, notes):
             )
 
 
-def judge_main(result, analysis, notes):
-    """Note a main table without rows of which nothing is said."""
+def judge_main_table(result, analysis, notes):
+    """Note a missing main table, or an empty one without a message that explains it.
+
+    The main table of an analysis has the name of the analysis. A message explains an empty
+    table if a printed line about the analysis has one of the words `NOTHING`.
+    """
     frame = result.tables.get(analysis)
     notes.count_comparisons()
     if frame is None:
         notes.add_finding(f"there is no table {analysis}", Kind.SILENT)
         return
-    own = [line for line in result.printed.splitlines() if f"{analysis}:" in line]
-    if not len(frame) and not any(word in line for line in own for word in NOTHING):
+    messages = [line for line in result.printed.splitlines() if f"{analysis}:" in line]
+    is_explained = any(word in line for line in messages for word in NOTHING)
+    if not len(frame) and not is_explained:
         notes.add_finding(
-            f"the table {analysis} is empty, and of that it says: {own or 'nothing'}",
+            f"the table {analysis} is empty, and of that it says: {messages or 'nothing'}",
             Kind.SILENT,
         )
 

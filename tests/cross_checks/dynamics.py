@@ -28,7 +28,8 @@ def simulation_and_inverse(evidence, notes):
     Parameters
     ----------
     evidence, notes
-        The results of the mechanism, and the notes to which findings are added.
+        `Evidence`, which has the mechanism and runs its analyses when their results are
+        first used; and `Notes`, which collect the findings.
     """
     motion = evidence.motion
     masses = evidence.mechanism.masses

@@ -32,7 +32,7 @@ SECONDS = 8.0
 
 
 class Kind(Enum):
-    """How bad a finding is. All kinds but `SHORT` are faults."""
+    """How bad a finding is. All kinds but `NOT_FOUND` are faults."""
 
     CONTRADICTION = "contradicts"
     """Two results disagree."""
@@ -40,7 +40,7 @@ class Kind(Enum):
     """A table is empty, a unit or a claim is missing, and nothing says so."""
     FAULT = "faults"
     """A command fails without a proper message."""
-    SHORT = "not found"
+    NOT_FOUND = "not found"
     """Something exists that a search missed, and its claim says that this may be."""
 
 
@@ -76,12 +76,12 @@ class Notes:
 
     @property
     def wrong(self):
-        """Findings that are faults: all but those of the kind `SHORT`.
+        """Findings that are faults: all but those of the kind `NOT_FOUND`.
 
         A finding of that kind is a result that a search missed, and the claim of the search
         says that results may be missing.
         """
-        return [finding for finding in self.findings if finding[0] is not Kind.SHORT]
+        return [finding for finding in self.findings if finding[0] is not Kind.NOT_FOUND]
 
 
 CHECKS = {}

@@ -53,21 +53,24 @@ def shipped_subjects(names=()):
 def random_subject(seed):
     """Return the random mechanism of a seed, with its name, kind and number of samples.
 
-    The kind changes with the seed. Mechanisms are drawn until one can be assembled. If a
-    mechanism is given by its sizes, assembly modes have to be searched to find that out.
-    One that is given in a reference pose is assembled there.
+    The kind changes with the seed. Mechanisms are drawn until the position analysis accepts
+    one, that is, until one can be assembled and has as many degrees of freedom as inputs.
     """
     kind = tuple(KINDS)[seed % len(KINDS)]
+    # The second number gives a sequence that differs from that of `default_rng(seed)`.
     random = np.random.default_rng([seed, 20])
     while True:
         try:
             mechanism = KINDS[kind](random)
+            # If only sizes are given, assembly modes have to be searched to learn whether
+            # the mechanism can be assembled. A reference pose is an assembly already.
             has_sizes = isinstance(mechanism.geometry, SizeGeometry)
             PositionAnalysis(mechanism, samples=3, search=has_sizes)
         except sk.SpherekitError:
             continue
         name = f"random_{seed}"
         mechanism = replace(with_masses(random, mechanism), name=name)
+        # 91 samples are a quarter of the default number, and take less time.
         return Subject(name, kind, mechanism, samples=91)
 
 

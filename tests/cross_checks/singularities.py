@@ -10,17 +10,18 @@ from spherekit.completeness import Guarantee
 from spherekit.positions.assembly_enumeration import enumerate_assemblies
 from spherekit.positions.input_revolutions import whole_periods
 
-SINGULAR = 1e5
-"""Least conditioning of the locked mechanism at a place that is said to be singular."""
-NEAR = 1e-7
-"""Distance (rad) in the inputs of a place at which the mechanism is nearly singular."""
-NEARLY = 30.0
-"""Least conditioning there."""
-AGREE = 1e-6
-MOST = 8
-"""How many places of a mechanism are put in as inputs."""
-LEADS = 1e-5
-"""By how much (rad) a stated distance may miss a place."""
+MIN_SINGULAR_CONDITIONING = 1e5
+"""Least condition number, with locked inputs, at a singularity that is listed."""
+DISTANCE_BESIDE_RAD = 1e-7
+"""Distance (rad) in the inputs between a listed singularity and a point beside it."""
+MIN_CONDITIONING_BESIDE = 30.0
+"""Least condition number, with locked inputs, of the worst mode at such a point."""
+SAME_INPUT_RAD = 1e-6
+"""Inputs (rad) that differ by less are the same."""
+MAX_CHECKED = 8
+"""Largest number of singularities of a mechanism that are checked."""
+END_TOLERANCE_RAD = 1e-5
+"""Distance (rad) by which a listed input may lie outside the range of the input."""
 
 
 def listed(evidence, notes):
@@ -44,22 +45,24 @@ def places_are_singular(evidence, notes):
     points = tables["singularities"]
     points = points[points["kind"].isin(INPUT_RESTS)]
     if evidence.has_one_input:
-        _on_curves(evidence, points, notes)
+        _check_on_curves(evidence, points, notes)
     else:
-        _at_inputs(evidence, points, notes)
+        _check_beside_listed_inputs(evidence, points, notes)
 
 
-def _on_curves(evidence, points, notes):
+def _check_on_curves(evidence, points, notes):
     """Check listed singularities of a mechanism with one input.
 
     Each must be on its configuration curve at its input. There the conditioning of the
-    mechanism with its input locked, a condition number, must exceed `SINGULAR`. Only
-    singularities that are certain and have an arc length `s` on a curve are checked.
+    mechanism with its input locked, a condition number, must exceed
+    `MIN_SINGULAR_CONDITIONING`. Only singularities that are certain and have an arc length
+    `s` on a curve are checked.
 
     Parameters
     ----------
     evidence, notes
-        The results of the mechanism, and the notes to which findings are added.
+        `Evidence`, which has the mechanism and runs its analyses when their results are
+        first used; and `Notes`, which collect the findings.
     points
         The table of singularities at which the input can rest while links move.
     """
@@ -69,11 +72,11 @@ def _on_curves(evidence, points, notes):
     points = points[points["s"].notna() & (points["certain"] == "yes")]
     row: Any
     # A few singularities of each mechanism are enough.
-    for row in points.head(MOST).itertuples():
+    for row in points.head(MAX_CHECKED).itertuples():
         values = curves[row.curve].curve.at(row.s).values.reshape(1, -1)
         conditioning = float(position_analysis.given(values).conditioning[0])
         notes.add_contradiction_if(
-            not conditioning > SINGULAR,
+            not conditioning > MIN_SINGULAR_CONDITIONING,
             f"{row.kind} of {row.output} at q = {np.degrees(row.q):.9g} deg (curve "
             f"{row.curve}, s = {row.s:.9g}): the locked mechanism has the conditioning "
             f"{conditioning:.3g} there",
@@ -85,46 +88,48 @@ def _on_curves(evidence, points, notes):
         gap = abs(values[0, input_variable] - row.q)
         gap = abs(gap - 2.0 * np.pi * round(gap / (2.0 * np.pi)))
         notes.add_contradiction_if(
-            not gap < AGREE,
+            not gap < SAME_INPUT_RAD,
             f"{row.kind} of {row.output}: the curve is at {gap:.2e} rad from q = "
             f"{row.q:.9g}",
         )
 
 
-def _at_inputs(evidence, points, notes):
+def _check_beside_listed_inputs(evidence, points, notes):
     """Check listed singularities of a mechanism with several inputs.
 
-    A small distance (`NEAR`) from the listed inputs, in the direction of each input and
-    against it, all configurations are enumerated. Two of them meet at a singularity of type
-    II or III. At least one must therefore be nearly singular there: the largest
-    conditioning (a condition number of the mechanism with locked inputs) must be at least
-    `NEARLY`.
+    At a listed singularity of type II or III two configurations meet, and the mechanism can
+    move although its inputs are locked. One input at a time is changed by
+    `DISTANCE_BESIDE_RAD`, up and down, and all configurations are enumerated there. At
+    least one of them must be nearly singular: its conditioning, a condition number of the
+    mechanism with locked inputs, must be `MIN_CONDITIONING_BESIDE` or more.
 
     Parameters
     ----------
     evidence, notes
-        The results of the mechanism, and the notes to which findings are added.
+        `Evidence`, which has the mechanism and runs its analyses when their results are
+        first used; and `Notes`, which collect the findings.
     points
         The table of singularities.
     """
     position_analysis = evidence.position_analysis
     names = [f"q_{name}" for name in position_analysis.inputs]
-    places = points[names].to_numpy(dtype=float)
-    chosen = evidence.random.permutation(len(places))[:MOST]
+    listed_inputs = points[names].to_numpy(dtype=float)
+    chosen = evidence.random.permutation(len(listed_inputs))[:MAX_CHECKED]
     directions = np.concatenate([np.eye(len(names)), -np.eye(len(names))])
-    for place in places[chosen]:
-        # The largest conditioning of all configurations beside the singularity.
+    for singular_inputs in listed_inputs[chosen]:
+        # The largest conditioning of all configurations beside the singularity. It stays 0
+        # if there is no configuration at any of these inputs; then nothing is compared.
         worst = 0.0
         for direction in directions:
-            inputs = place + NEAR * direction
+            inputs = singular_inputs + DISTANCE_BESIDE_RAD * direction
             values = enumerate_assemblies(position_analysis.solver, inputs).values
             if len(values):
                 conditioning = position_analysis.given(values).conditioning
                 worst = max(worst, float(np.nanmax(conditioning)))
-        # Nothing is said if no configuration exists at any of the inputs.
         notes.add_contradiction_if(
-            0.0 < worst < NEARLY,
-            f"type II or III at {describe_inputs(place)}: {NEAR:g} rad beside it the worst "
+            0.0 < worst < MIN_CONDITIONING_BESIDE,
+            f"type II or III at {describe_inputs(singular_inputs)}: "
+            f"{DISTANCE_BESIDE_RAD:g} rad beside it the worst "
             f"conditioning of all modes is {worst:.3g}",
         )
 
@@ -139,13 +144,14 @@ def assembly_modes_end_at_places(evidence, notes):
     An assembly mode ends where one sample is OK and the next is out of reach, or the other
     way round. There two modes meet, and the input is at a singularity of type II or III.
     If the configurations were only searched by samples, a missing singularity is no
-    contradiction, but a result that the search did not find (`Kind.SHORT`). Only mechanisms
-    with one input are checked.
+    contradiction, but a result that the search did not find (`Kind.NOT_FOUND`). Only
+    mechanisms with one input are checked.
 
     Parameters
     ----------
     evidence, notes
-        The results of the mechanism, and the notes to which findings are added.
+        `Evidence`, which has the mechanism and runs its analyses when their results are
+        first used; and `Notes`, which collect the findings.
     """
     tables = listed(evidence, notes) if evidence.has_one_input else None
     if tables is None:
@@ -172,14 +178,16 @@ def assembly_modes_end_at_places(evidence, notes):
             listed_q = points.loc[is_end & is_of_mode, "q"].to_numpy(dtype=float)
             # Both ends of a range of whole turns are one configuration, listed once.
             listed_q = add_opposite_ends(evidence, listed_q)
-            is_between = (listed_q >= low - AGREE) & (listed_q <= high + AGREE)
+            is_between = (listed_q >= low - SAME_INPUT_RAD) & (
+                listed_q <= high + SAME_INPUT_RAD
+            )
             notes.count_comparisons()
             if not (is_between.any() or (is_end & is_of_mode & is_whole_curve).any()):
                 notes.add_finding(
                     f"assembly mode {assembly_mode} ends between q = "
                     f"{np.degrees(low):.6f} and "
                     f"{np.degrees(high):.6f} deg, and no type II or III of it is listed",
-                    Kind.SHORT if is_sampled else Kind.CONTRADICTION,
+                    Kind.NOT_FOUND if is_sampled else Kind.CONTRADICTION,
                 )
 
 
@@ -194,7 +202,9 @@ def add_opposite_ends(evidence, q):
     if not whole_periods(low, high, period):
         return q
     candidates = np.concatenate([q, q + (high - low), q - (high - low)])
-    is_in_range = (candidates >= low - LEADS) & (candidates <= high + LEADS)
+    is_in_range = (candidates >= low - END_TOLERANCE_RAD) & (
+        candidates <= high + END_TOLERANCE_RAD
+    )
     return candidates[is_in_range]
 
 
@@ -215,7 +225,8 @@ def singular_rows_are_listed(evidence, notes):
     Parameters
     ----------
     evidence, notes
-        The results of the mechanism, and the notes to which findings are added.
+        `Evidence`, which has the mechanism and runs its analyses when their results are
+        first used; and `Notes`, which collect the findings.
     """
     tables = listed(evidence, notes)
     if tables is None:
@@ -240,7 +251,7 @@ def singular_rows_are_listed(evidence, notes):
         names = [f"q_{name}" for name in evidence.position_analysis.inputs]
         places = points[names].to_numpy(dtype=float)
         has_whole_curve = False
-    for q in rows[names].to_numpy()[:MOST]:
+    for q in rows[names].to_numpy()[:MAX_CHECKED]:
         gap = np.min(np.max(np.abs(places - q), axis=1), initial=np.inf)
         is_excused = has_whole_curve or is_everywhere or not evidence.has_one_input
         is_listed = gap < 1e-3

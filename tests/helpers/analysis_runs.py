@@ -8,7 +8,9 @@ from spherekit.velocities.pole_request import request
 
 
 def run_single_analysis(analysis, mechanism, **parameters):
-    """Run one analysis that reads no samples, and require that it does not fail.
+    """Run one analysis with some parameters, and require that it does not fail.
+
+    The number of samples of the inputs is that of a run by default.
 
     Returns
     -------

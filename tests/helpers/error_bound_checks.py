@@ -129,8 +129,9 @@ def judge_bounds(mechanism, path, **options):
 def compare_special_mechanism(seed):
     """Compare errors and bounds for the special mechanism of a seed.
 
-    It is a four-bar, perhaps with dyads, whose geometry is special or nearly so, such as
-    equal arcs. One of 50 rows is compared with 50 digits in any case.
+    It is a four-bar, perhaps with more pairs of links (dyads) added, whose geometry is
+    special or nearly so, such as equal arcs. The reference has 50 digits in rows in which
+    fewer digits do not decide, and in every 50th row.
 
     Returns
     -------
@@ -144,7 +145,10 @@ def compare_special_mechanism(seed):
         position_analysis = PositionAnalysis(mechanism, path=path)
     except SpherekitError:
         return family, ErrorComparison()
+    # Warnings of NumPy are ignored: failed rows hold NaN, which the comparison leaves out.
     with np.errstate(all="ignore"):
+        # `as_written`: the reference has the sizes in the decimal digits of a file, which
+        # float64 only approximates. The bounds must cover this rounding too.
         comparison = compare_errors_with_bounds(
             position_analysis, as_written=True, every=50
         )
@@ -259,7 +263,8 @@ def _compare_rows(
     moving_input
         Number of the input pair that moves.
     is_decimal
-        Whether the reference has the decimal sizes of the file.
+        Whether the sizes of the reference mechanism are the exact decimal numbers of the
+        file, and not these numbers rounded to float64.
     every
         One of this many rows is compared in 50 digits even if it is not needed; 0 for none.
     """
@@ -272,8 +277,8 @@ def _compare_rows(
         is_close_to_bound = errors[kind] > 0.5 * bounds[kind]
         is_doubtful |= np.any(is_close_to_bound.reshape(-1, len(is_doubtful)), axis=0)
     if every:
-        # The first row varies from call to call, so that not always the same samples of a
-        # motion are chosen.
+        # The first row changes with the number of rows compared before, and is the next one
+        # for the decimal reference. So not always the same samples are chosen.
         first = (comparison.rows + int(is_decimal)) % every
         is_doubtful[first::every] = True
     if np.any(is_doubtful):
@@ -305,8 +310,8 @@ def _errors_of_rows(motion, field, pole_request, rows, moving_input, is_decimal,
     moving_input
         Number of the input pair that moves.
     is_decimal
-        Whether the reference has the decimal sizes of the file, and not these sizes rounded
-        to float64.
+        Whether the sizes of the reference mechanism are the exact decimal numbers of the
+        file, and not these numbers rounded to float64.
     digits
         The arithmetic of the reference, with its number of digits.
 

@@ -26,17 +26,19 @@ from spherekit.velocities.pole_request import request
 SAMPLES = 3
 TOLERANCE = 1e-9
 """Deviation (rad, or relative to the largest rate) that is allowed in any case."""
-BOUND = 10.0
+BOUND_FACTOR = 10.0
 """A direction may deviate by this multiple of its own error bound."""
-CONDITIONED = 100.0
-"""A value may deviate by this multiple of the rounding unit times the conditioning."""
-SPREAD = 10.0
+ROUNDING_FACTOR = 100.0
+"""A value may deviate by this multiple of the rounding unit times the condition number."""
+PERTURBATION_FACTOR = 10.0
 """A value may deviate by this multiple of its change in a perturbed configuration."""
-DETERMINED = 1e-13
+MISFIT_FACTOR = 10.0
+"""A direction may deviate by this multiple of the misfit of the reference motion."""
+MIN_SINGULAR_VALUE_RATIO = 1e-13
 """Below this ratio of smallest to largest singular value the motion is not determined."""
-NEARLY_SINGULAR = 1e-3
+NEARLY_SINGULAR_RATIO = 1e-3
 """Below this ratio of singular values a perturbed configuration is evaluated too."""
-CLOSED = 1e-10
+MAX_GAP_RAD = 1e-10
 """Largest gap (rad) of a pair in a closed loop."""
 MOST_LINKS_BY_RANK = 7
 """Mechanisms of more links that the count of freedoms refuses are not tried by rank."""
@@ -84,7 +86,9 @@ def check_random_mechanisms(seeds):
 def _check_seed(seed, tally):
     """Evaluate the mechanism of a seed for each of its inputs, and add its faults.
 
-    A mechanism may be refused with a `SpherekitError`, which is no fault.
+    A mechanism may be refused with a `SpherekitError`, which is no fault. A `CountError`
+    says that the number of degrees of freedom is not that of the inputs. Other kinds of
+    `PlanError` say that some part is rigid, loose or over-constrained.
 
     Parameters
     ----------
@@ -96,9 +100,9 @@ def _check_seed(seed, tally):
     _, mechanism = random_mechanism(seed)
     fields = {}
     try:
-        # If counting links and pairs gives too few degrees of freedom, the position
-        # analysis examines the rank of the velocity equations, which takes long for many
-        # links. This call raises a `CountError` for such mechanisms.
+        # `plan_assembly` counts the degrees of freedom from the numbers of links and pairs.
+        # It raises a `CountError` if this count is wrong. The position analysis would then
+        # examine the rank of the velocity equations, which takes long for many links.
         if len(mechanism.links) > MOST_LINKS_BY_RANK:
             plan_assembly(mechanism)
         with warnings.catch_warnings():
@@ -110,6 +114,7 @@ def _check_seed(seed, tally):
             motion = position_analysis.motion()
             poles = all_poles(len(mechanism.links))
             for pair in motion.assembly.inputs:
+                # Directions (`poles`) and velocity coefficients (`rates`) of all poles.
                 pole_request = request(
                     position_analysis.mechanism,
                     mechanism.pairs[pair].name,
@@ -153,13 +158,16 @@ def find_faults(motion, field, moving_input, tally):
     if not np.any(is_evaluated):
         return faults
     rows = np.flatnonzero(is_evaluated)
-    # The reference: angular velocities of all links by the velocity equations.
-    # `free_matrix` are these equations without those of the moving input.
+    # The reference: angular velocities w of all links by least squares from the velocity
+    # equations, their derivatives dw by the input, and the residuals of these equations.
+    # `gaps` are the largest distances between the two sides of a pair. `free_matrix` are
+    # the equations without those of the moving input. At a dead centre, where this input
+    # cannot have the rate 1, its null vector still gives the directions of all poles.
     w, dw, singular_values, residuals, free_matrix, gaps = link_rates(
         mechanism, motion.rotations[is_evaluated], motion.assembly.inputs, moving_input
     )
     # The negated comparison also reports gaps that are NaN.
-    for k in np.flatnonzero(~(gaps < CLOSED)).tolist():
+    for k in np.flatnonzero(~(gaps < MAX_GAP_RAD)).tolist():
         faults.append(f"row {rows[k]}: a pair misses by {gaps[k]:.1e}")
     faults += _find_wrong_inputs(motion, rows)
     for k, row in enumerate(rows.tolist()):
@@ -167,10 +175,12 @@ def find_faults(motion, field, moving_input, tally):
             faults += _find_wrong_directions(field, row, free_matrix[k], tally)
             continue
         arguments = (field, row, w[k], dw[k], singular_values[k], residuals[k])
-        # At first no deviation of w and of dw is allowed for an uncertain configuration.
+        # First the configuration is taken as exact. If that gives faults and the equations
+        # are badly conditioned, w and dw may also deviate by the change that a small error
+        # of the configuration causes.
         row_faults = _find_faults_of_row(*arguments, spread=(0.0, 0.0), tally=tally)
-        if row_faults and singular_values[k, -1] < NEARLY_SINGULAR * singular_values[k, 0]:
-            # Badly conditioned rows may deviate as much as the configuration allows.
+        least_regular = NEARLY_SINGULAR_RATIO * singular_values[k, 0]
+        if row_faults and singular_values[k, -1] < least_regular:
             spread = _find_spread(motion, row, moving_input)
             row_faults = _find_faults_of_row(*arguments, spread=spread, tally=tally)
         faults += row_faults
@@ -249,14 +259,18 @@ def _find_wrong_inputs(motion, rows):
     for column, pair in enumerate(motion.assembly.inputs):
         joint = revolute(motion.joints[pair])
         first_link, second_link = motion.mechanism.ends[pair]
+        # The frame of the pair in each of its links, with columns x, y, z in ground axes;
+        # z is the axis of the pair. The angle of the pair turns the first x to the second.
         first_frames = motion.rotations[rows, first_link] @ joint.first
         second_frames = motion.rotations[rows, second_link] @ joint.second
         second_x = second_frames[:, :, 0]
         cosine = np.sum(second_x * first_frames[:, :, 0], axis=1)
         sine = np.sum(second_x * first_frames[:, :, 1], axis=1)
         gap = np.arctan2(sine, cosine) - motion.inputs[rows, column]
+        # Angles that differ by whole turns are the same.
         gap = np.abs(np.remainder(gap + np.pi, 2 * np.pi) - np.pi)
-        for k in np.flatnonzero(~(gap < CLOSED)):
+        # The negated comparison also reports a gap that is NaN.
+        for k in np.flatnonzero(~(gap < MAX_GAP_RAD)):
             faults.append(f"row {rows[k]}: input off by {gap[k]:.1e}")
     return faults
 
@@ -280,15 +294,15 @@ def _find_faults_of_row(field, row, w, dw, singular_values, residual, *, spread,
         `Tally` that counts statuses and deviations.
     """
     flatness = singular_values[-1] / singular_values[0]
-    if flatness < DETERMINED:
+    if flatness < MIN_SINGULAR_VALUE_RATIO:
         return [f"row {row}: OK, but the motion is not determined ({flatness:.1e})"]
     w_scale = max(1.0, float(np.max(np.linalg.norm(w, axis=1))))
     dw_scale = max(w_scale**2, float(np.max(np.linalg.norm(dw, axis=1))))
-    least_limit = max(TOLERANCE, CONDITIONED * EPS / flatness)
+    least_limit = max(TOLERANCE, ROUNDING_FACTOR * EPS / flatness)
     if not residual < w_scale * least_limit:
         return [f"row {row}: OK, but the pairs cannot move so ({residual:.1e})"]
-    w_limit = max(least_limit, SPREAD * spread[0] / w_scale)
-    dw_limit = max(least_limit, SPREAD * spread[1] / dw_scale)
+    w_limit = max(least_limit, PERTURBATION_FACTOR * spread[0] / w_scale)
+    dw_limit = max(least_limit, PERTURBATION_FACTOR * spread[1] / dw_scale)
     faults = []
 
     def compare(name, deviation, limit):
@@ -324,11 +338,11 @@ def _find_faults_of_row(field, row, w, dw, singular_values, residual, *, spread,
             rate_vector = field.velocity_coefficient[pole][row] * direction
             compare(f"rate {pole}", _length(rate_vector - relative_w) / w_scale, w_limit)
             deviation = _length(np.cross(direction, relative_w)) / w_scale
-            limit = max(w_limit, BOUND * direction_error * relative_rate / w_scale)
+            limit = max(w_limit, BOUND_FACTOR * direction_error * relative_rate / w_scale)
             compare(f"direction {pole}", deviation, limit)
             deviation = field.acceleration_coefficient[pole][row] - relative_dw @ direction
             # A direction may deviate by its bound, and the derivative with it.
-            limit = dw_limit + BOUND * direction_error
+            limit = dw_limit + BOUND_FACTOR * direction_error
             compare(f"acceleration_coefficient {pole}", abs(deviation) / dw_scale, limit)
             compare(f"length {pole}", abs(_length(direction) - 1.0), 1e-12)
         else:
@@ -343,9 +357,15 @@ def _find_wrong_directions(field, row, free_matrix, tally):
     the motion with the moving input free: the last right singular vector of the velocity
     equations without the equations of this input, of unknown scale.
 
-    A direction may deviate by the largest of four limits: `TOLERANCE`; rounding, which
-    grows if a second motion is nearly possible; the misfit of the reference motion; and the
-    error bound that spherekit states for the direction.
+    A direction may deviate by the largest of four limits:
+
+    - `TOLERANCE`;
+    - `ROUNDING_FACTOR` times the rounding error, which grows if a second motion is nearly
+      possible;
+    - `MISFIT_FACTOR` times the misfit of the reference motion;
+    - `BOUND_FACTOR` times the error bound that spherekit states for the direction.
+
+    The factors have to be so large that rounding alone is never reported.
 
     Parameters
     ----------
@@ -375,9 +395,13 @@ def _find_wrong_directions(field, row, free_matrix, tally):
         relative_w = w[pole[1]] - w[pole[0]]
         tally.poles["direction alone"] += 1
         # The limits apply to the cross product of the direction with the relative angular
-        # velocity. The factors only have to be large enough for rounding.
-        limit = max(TOLERANCE, CONDITIONED * EPS / max(gap, EPS), SPREAD * motion_misfit)
-        limit = max(limit, BOUND * field.direction_error[pole][row] * _length(relative_w))
+        # velocity, which is zero if the two are parallel.
+        limit = max(
+            TOLERANCE, ROUNDING_FACTOR * EPS / max(gap, EPS), MISFIT_FACTOR * motion_misfit
+        )
+        limit = max(
+            limit, BOUND_FACTOR * field.direction_error[pole][row] * _length(relative_w)
+        )
         deviation = _length(np.cross(direction, relative_w))
         if not deviation <= limit:
             faults.append(

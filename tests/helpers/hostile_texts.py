@@ -36,7 +36,14 @@ TEXTS = {
 }
 """Citations that nobody wrote, by what they do where they are not escaped."""
 
-NAMED, PARSED, FREE, PLACED = "name", "expression", "free", "placed"
+NAME = "name"
+"""Sort of a field for names, which have a restricted spelling."""
+EXPRESSION = "expression"
+"""Sort of a field for mathematical expressions, which are parsed."""
+CHOICE = "choice"
+"""Sort of a field for one of several given words."""
+FREE = "free"
+"""Sort of a field for any text."""
 
 
 def find_text_fields(kind="mechanism"):
@@ -50,15 +57,18 @@ def find_text_fields(kind="mechanism"):
     Returns
     -------
     dict
-        Sort by key path, where ``*`` stands for any name. The sort is `NAMED` for names
-        with a restricted spelling, `PARSED` for expressions, `PLACED` for one of several
-        given words, and `FREE` for any text.
+        Sort by key path, where ``*`` stands for any name. The sort is `NAME` for names
+        with a restricted spelling, `EXPRESSION` for mathematical expressions, `CHOICE` for
+        one of several given words, and `FREE` for any text.
     """
     whole_schema = schema(kind)
     sorts = {}
 
     def visit(node, path, visited_definitions):
         """Add the fields for text in a part of the schema to `sorts`, by their paths.
+
+        The sort of a field is `NAME`, `EXPRESSION`, `CHOICE` (one of several given words)
+        or `FREE` (any text).
 
         Parameters
         ----------
@@ -73,18 +83,18 @@ def find_text_fields(kind="mechanism"):
         """
         if "$ref" in node:
             name = node["$ref"].removeprefix("#/$defs/")
-            # Names have a restricted spelling, and expressions are parsed.
-            if name in ("name", "expression"):
-                sorts[path] = NAMED if name == "name" else PARSED
+            if name == "name":
+                sorts[path] = NAME
+            elif name == "expression":
+                sorts[path] = EXPRESSION
             elif name not in visited_definitions:
                 definition = whole_schema["$defs"][name]
                 visit(definition, path, (*visited_definitions, name))
             return
-        # The type is a word or a list of words. A text is one of several given words, or it
-        # is free.
+        # The type is a word or a list of words; both have "string" in them for a text.
         if "string" in str(node.get("type", "")):
             is_restricted = "enum" in node or "const" in node
-            sorts[path] = PLACED if is_restricted else FREE
+            sorts[path] = CHOICE if is_restricted else FREE
         for combination in ("anyOf", "oneOf", "allOf"):
             for part in node.get(combination, ()):
                 visit(part, path, visited_definitions)
@@ -98,9 +108,10 @@ def find_text_fields(kind="mechanism"):
         for key in ("additionalProperties", "items"):
             if isinstance(node.get(key), dict):
                 visit(node[key], (*path, "*"), visited_definitions)
-        # A table without any declared keys may contain anything, such as free texts.
-        is_open = node.get("type") == "object" and "additionalProperties" not in node
-        if is_open and not node.get("properties"):
+        # A table for which the schema declares no keys at all may contain any texts.
+        is_table = node.get("type") == "object"
+        declares_keys = node.get("properties") or "additionalProperties" in node
+        if is_table and not declares_keys:
             sorts[path] = FREE
 
     visit(whole_schema, (), ())

@@ -58,32 +58,44 @@ values = (
 def damaged(draw, name):
     """Draw the text of a shipped file after one to three random changes of lines.
 
-    A change may be harmless. `name` is a key of `FILES`. Line ends are those of Unix,
-    Windows or the old Macintosh.
+    A change may be harmless. `name` is the name of the file, a key of `FILES`. `draw` is a
+    function of hypothesis that returns an example of a strategy.
     """
+    changes = (
+        "replace the value",
+        "replace the key",
+        "empty the line",
+        "double the line",
+        "swap two lines",
+        "add a line",
+        "insert characters",
+    )
     lines = FILES[name].split("\n")
     for _ in range(draw(st.integers(1, 3))):
         k = draw(st.integers(0, len(lines) - 1))
         key, equals, _ = lines[k].partition("=")
-        change = draw(st.sampled_from(split("value key drop double swap add cut")))
-        if change == "value" and equals:
+        change = draw(st.sampled_from(changes))
+        if change == "replace the value" and equals:
             lines[k] = f"{key}= {draw(values)}"
-        elif change == "key" and equals:
+        elif change == "replace the key" and equals:
             lines[k] = f"{draw(words)} {lines[k][len(key) :]}"
-        elif change == "drop":
+        elif change == "empty the line":
             lines[k] = ""
-        elif change == "double":
+        elif change == "double the line":
             lines.insert(k, lines[k])
-        elif change == "swap":
+        elif change == "swap two lines":
             m = draw(st.integers(0, len(lines) - 1))
             lines[k], lines[m] = lines[m], lines[k]
-        elif change == "add":
+        elif change == "add a line":
             lines.insert(k, f"{draw(words)} = {draw(values)}")
-        else:
+        else:  # also if a line without "=" has neither a key nor a value
             position = draw(st.integers(0, len(lines[k])))
             inserted = draw(st.text(max_size=2))
             lines[k] = lines[k][:position] + inserted + lines[k][position:]
-    return draw(st.sampled_from(("\n", "\n", "\n", "\r\n", "\r"))).join(lines)
+    # The line end of Unix is repeated, so that it is drawn more often than those of Windows
+    # and of old Macintoshes.
+    line_end = draw(st.sampled_from(("\n", "\n", "\n", "\r\n", "\r")))
+    return line_end.join(lines)
 
 
 files = st.sampled_from(sorted(FILES)).flatmap(damaged)

@@ -56,7 +56,8 @@ class Differences:
         Part of the rows (0 to 1) that the kernel certified, because the error bounds that
         it computes are small enough. Other rows were computed as in the reference.
     statuses
-        Number of different statuses of rows and poles.
+        Number of rows, and of poles in rows, whose status differs between the two
+        computations. A status says whether a row or pole is OK, or why it has no numbers.
     beyond
         Names of the quantities whose difference exceeds the sum of both error bounds.
     """
@@ -67,7 +68,7 @@ class Differences:
 
     @property
     def are_none(self):
-        """Whether kernel and reference agree: no statuses differ and no bound is missed."""
+        """Whether no statuses differ and no difference exceeds the error bounds."""
         return self.statuses == 0 and not self.beyond
 
 
@@ -91,16 +92,20 @@ def evaluate_both_ways(mechanism, **options):
     """
     # Kernels are compiled only for many rows; here they are for any number.
     with patch.object(batch_runner, "MIN_KERNEL_ROWS", 0):
+        # Without a search there are only the modes that have a closed form, or the one of a
+        # reference pose. These are enough for a comparison.
         sampling = make_sampling(Study(mechanism.name, mechanism, search=False, **options))
         position_analysis = sampling.position_analysis
         poles = all_poles(len(mechanism.links))
+        # Directions (`poles`) and velocity coefficients (`rates`) of all poles. Where
+        # constraints repeat each other, the number of links and pairs gives too few degrees
+        # of freedom. `by_rank` accepts those found by the rank of the velocity equations.
         pole_requests = [
             request(
                 position_analysis.mechanism,
                 input_pair=pair,
                 poles=poles,
                 rates=poles,
-                # Whether the mobility was found by rank, and not by counting.
                 by_rank=position_analysis.by_rank,
             )
             for pair in position_analysis.inputs
@@ -110,8 +115,10 @@ def evaluate_both_ways(mechanism, **options):
         )
         if runner is None:
             return None
+        # A block is a number of consecutive samples. Here one block has all of them.
         (kernel_motion,) = runner.blocks(len(sampling))
-        # Signs of pole directions continue from block to block. Here there is one block.
+        # Two opposite directions describe the same pole. A `SignContinuation` chooses one
+        # that continues the rows before, also from block to block. A new one starts anew.
         sign_continuations = [SignContinuation() for _ in pole_requests]
         fields = runner.fields(kernel_motion, sign_continuations)
         kernel_fields = tuple(field.as_arrays for field in fields)

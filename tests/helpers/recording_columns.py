@@ -18,12 +18,15 @@ def read_recording_columns(path, static=False):
     -------
     dict
         List of the values of all rows, by path of the entity and name of the component
-        ("Scalars:scalars") or timeline ("sample"). Rows that move are sorted by sample.
+        ("Scalars:scalars") or timeline ("sample"). Data logged for each sample are in the
+        order of the samples.
     """
     columns = {}
     chunks = [chunk for chunk in RrdReader(path).stream() if chunk.is_static == static]
     batches = [(chunk.entity_path, chunk.to_record_batch()) for chunk in chunks]
     if not static:
+        # A batch has consecutive samples of one entity. Its first sample gives its
+        # position.
         batches.sort(key=lambda item: (item[0], item[1].column("sample")[0].as_py()))
     for entity, batch in batches:
         for name in batch.schema.names:

@@ -18,6 +18,10 @@ class SceneListener:
         Paths of all primitives.
     logged
         Arguments of each call of `log`: page, samples, inputs, times.
+    inputs, focus, row, properties, assembly_modes, times
+        Attributes of the same names of the `RecordingHead` that `start` received.
+    static_paths
+        Paths of the primitives that do not change from sample to sample.
     """
 
     def __init__(self):
@@ -29,10 +33,16 @@ class SceneListener:
         self.logged = []
 
     def start(self, head):
-        """Store what the run announces: inputs, modes, times and the primitives at rest."""
+        """Store what a run announces before its first scene.
+
+        Parameters
+        ----------
+        head
+            `RecordingHead` of the run.
+        """
         self.inputs = head.inputs
-        self.focus = head.focus
-        self.row = head.row
+        self.focus = head.focus  # unit vector to the side from which a viewer looks
+        self.row = head.row  # number of neighbouring samples in a grid of inputs
         self.properties = head.properties
         self.assembly_modes = head.assembly_modes
         self.times = head.times
@@ -41,7 +51,7 @@ class SceneListener:
         ]
 
     def log(self, scene, samples, inputs=None, times=None):
-        """Store a scene with its samples."""
+        """Store a scene: the primitives on one page, drawn for each of these samples."""
         self.scenes.append(scene)
         self.row_counts.append(len(samples))
         self.logged.append((scene.page, samples.tolist(), inputs, times))
