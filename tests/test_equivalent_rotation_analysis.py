@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 import spherekit as sk
 from spherekit.errors import AnalysisError, SolveError
-from spherekit.geometry.mirror import normal_at, upward
+from spherekit.geometry.mirror import normal_at
 from spherekit.geometry.rotation import from_quaternion, quaternion, rotation_about_axis
 from spherekit.geometry.sphere_mesh import spiral_directions
 from spherekit.geometry.tilt_torsion import tilt_torsion
@@ -133,12 +133,16 @@ def test_schedule_reaches_one_limit_and_exceeds_none(table_3):
 def test_schedule_in_cycles_of_a_controller():
     """With `cycle` (s) the table has a row per cycle and ends after a whole number of them.
 
-    The duration exceeds the shortest one by less than a cycle, so that no limit is passed.
-    If there would be too many rows, the table is empty.
+    Without `cycle` the schedule takes the shortest duration that the limit of 30 deg/s
+    allows. With it the duration is rounded up to whole cycles. The inputs are then a little
+    slower, so they still keep the limit. If there would be too many rows, the table is
+    empty.
     """
-    # Start and end are mid-planes, given by their angles phi and gamma in degrees.
+    # The platform is the mirror image of the base in its mid-plane. Start and end of the
+    # rotation are given by the angles phi and gamma (deg) of this plane.
     parameters = "start=phi=75+gamma=-20,end=phi=70+gamma=20,speed=30,samples=5"
-    shortest = findings(run_rotation("two_dof_spm", parameters))["schedule"]["duration_s"]
+    shortest_schedule = findings(run_rotation("two_dof_spm", parameters))["schedule"]
+    shortest = shortest_schedule["duration_s"]
     result = run_rotation("two_dof_spm", f"{parameters},cycle=0.004")
     timing = findings(result)["schedule"]
     table = schedule(result)
@@ -151,7 +155,7 @@ def test_schedule_in_cycles_of_a_controller():
     assert speeds.to_numpy().max() <= 30.0
     assert speeds.iloc[-1].max() < 1e-9
     assert schedule(run_rotation("two_dof_spm", f"{parameters},cycle=1e-9")).empty
-    # Seven cycles have eight ends.
+    # A duration of seven cycles has eight rows, at 0, 1, ..., 7 cycles.
     cycle = repr(shortest / 7)
     assert len(schedule(run_rotation("two_dof_spm", f"{parameters},cycle={cycle}"))) == 8
 
@@ -187,15 +191,21 @@ def test_modes_of_the_start_are_listed_and_chosen():
 def test_a_pose_can_be_given_in_five_ways():
     """A rotation is the same whichever of five descriptions of its ends is used.
 
-    They are angles of mid-planes (phi, gamma), inputs, a quaternion, tilt and torsion, and
-    (for the end) the axis and angle of the rotation. Base and platform mirror each other in
-    a mid-plane. The rotation of Table 3 of Chen et al. 2021 has its ends in angles of
-    mid-planes; the other descriptions are computed from these.
+    The descriptions are:
+
+    - phi and gamma, the angles of the mid-plane, in which base and platform are mirror
+      images of each other: normal = (-sin(phi / 2), sin(gamma / 2), n_z). They are those of
+      Table 3 of Chen et al. 2021.
+    - The inputs. They are the printed 5.3391 and 56.7404 deg with more digits.
+    - A quaternion, or azimuth, tilt and torsion, both computed from phi and gamma.
+    - For the end, also the axis and the angle of the rotation that leads to it.
     """
     mechanism = sk.load("two_dof_spm")
     form = mid_plane_form(mechanism)
-    normals = np.stack([normal_at(*np.radians(p)) for p in ((75.0, -20.0), (70.0, 20.0))])
-    first, second = form.orientations(normals)
+    first_normal = normal_at(*np.radians((75.0, -20.0)))
+    second_normal = normal_at(*np.radians((70.0, 20.0)))
+    # Orientations (3, 3) of the platform at the start and at the end.
+    first, second = form.orientations(np.stack([first_normal, second_normal]))
     second_quaternion = pose_text(QUATERNION, quaternion(second[None])[0])
     tilt_and_torsion = np.degrees(tilt_torsion(first[None]))[0]
     first_tilt = pose_text(("azimuth", "tilt", "torsion"), tilt_and_torsion)
@@ -215,16 +225,19 @@ def test_a_pose_can_be_given_in_five_ways():
 def test_the_nearest_reachable_mid_plane_is_found():
     """No reachable mid-plane of a dense sample of the sphere is nearer than the result.
 
-    Base and platform mirror each other in a mid-plane. A normal and its opposite are the
-    same plane, so absolute cosines are compared. The legs reach a mid-plane if
-    ``|axis . normal| <= sin(arc)`` for each base axis. Wanted mid-planes are given by their
-    angles phi and gamma in degrees.
+    The base and the platform are mirror images of each other in the mid-plane. A normal and
+    its opposite have the same plane, so absolute cosines are compared.
+
+    The elbow of a leg is in the mid-plane, at the angle `arc` from the base axis of the
+    leg. The leg therefore reaches the plane if the angle between axis and plane is at most
+    `arc`. The sine of this angle is ``|axis . normal|``.
     """
     plane = mid_plane_form(sk.load("two_dof_spm")).plane
     directions = spiral_directions(200_000)
     limits = np.sin(plane.arcs)
     is_reachable = np.all(np.abs(directions @ plane.axes.T) <= limits, axis=1)
-    reachable = upward(directions[is_reachable])
+    reachable = directions[is_reachable]
+    # Angles phi and gamma (deg) of mid-planes that the legs do not reach.
     for pose in ((120.0, 0.0), (-70.0, 40.0), (100.0, -60.0), (0.0, 120.0)):
         wanted = normal_at(*np.radians(pose))
         nearest = plane.nearest(wanted)
@@ -255,7 +268,8 @@ def test_a_rotation_ends_where_a_leg_reaches_no_farther():
     The platform is the mirror image of the base in the mid-plane. If this plane turns by
     half an angle about an axis in itself, the platform turns by the whole angle. At each
     sample its normal is turned, and the elbows (axes between the two links of each leg) are
-    computed. They are NaN beyond the reach.
+    computed. An elbow is in the mid-plane, at an arc from the base axis of its leg. It is
+    NaN if the angle between that axis and the plane is larger than the arc.
     """
     form = mid_plane_form(sk.load("two_dof_spm"))
     largest_angle = 3.0
@@ -263,17 +277,22 @@ def test_a_rotation_ends_where_a_leg_reaches_no_farther():
     step = largest_angle / 4000
     ended = 0
     for first, second in np.random.default_rng(7).normal(size=(8, 2, 3)):
-        # The normal at the start, which must be well within reach of all legs.
+        # The normal at the start. The sine of the angle between a base axis and the plane
+        # is |axis . normal|. Starts at which it is beyond the arc of the leg are left out,
+        # and those next to this limit, where both elbows of the leg coincide.
         start = first / np.linalg.norm(first)
-        if np.any(np.abs(form.plane.axes @ start) > np.sin(form.plane.arcs) - 1e-3):
+        sines = np.abs(form.plane.axes @ start)
+        if np.any(sines > np.sin(form.plane.arcs) - 1e-3):
             continue
         # An axis in the mid-plane, in axes of the base.
         axis = np.cross(first, second)
         axis_in_ground = form.frame @ (axis / np.linalg.norm(axis))
-        # The reach does not depend on the signs of the legs, which choose their elbows.
-        rotation = form.rotation_about(start, axis_in_ground, largest_angle, np.ones(3))
+        # The sign of a leg chooses one of its two possible elbows. Both exist up to the
+        # same angle, so all signs are 1.
+        signs = np.ones(3)
+        rotation = form.rotation_about(start, axis_in_ground, largest_angle, signs)
         turned = rotation_about_axis(form.frame.T @ axis_in_ground, 0.5 * theta) @ start
-        elbows, _ = form.plane.elbows(turned, (1, 1, 1))
+        elbows, _ = form.plane.elbows(turned, signs)
         is_beyond = np.any(np.isnan(elbows[..., 0]), axis=1)
         first_beyond = theta[np.argmax(is_beyond)] if np.any(is_beyond) else largest_angle
         assert first_beyond - step - 1e-9 <= rotation.reached <= first_beyond + 1e-9
@@ -466,22 +485,23 @@ def test_a_dead_centre_at_the_start_is_named():
 def test_page_of_a_rotation_draws_axis_path_and_mid_planes(table_3, listener):
     """The scene has links, axis, pointer path, mid-planes and the singularity.
 
-    It shows the rotation of Table 3 of Chen et al. 2021 at four angles. The path about a
-    fixed axis keeps its distance from it. Base and platform mirror each other in a
-    mid-plane, and every mid-plane contains the axis. The type II singularity, where the
-    inputs do not hold the platform, is marked on the path (``lost``), on the axis of theta
-    (``marks/lost``) and in the text (``words``), at the angle of the warning.
+    It shows the rotation of Table 3 of Chen et al. 2021 at four angles theta, over which
+    the scene is plotted (`scene.over`). The path of the pointer keeps its distance from the
+    axis. Base and platform are mirror images of each other in the mid-plane, which contains
+    the axis at every angle. At the type II singularity the inputs do not hold the platform.
+    It is marked on the path (``lost``), on the axis of theta (``marks/lost``) and in the
+    text (``words``), at the angle of the warning.
     """
     scene, row_count = listener.last_scene("Equivalent rotation")
     assert len(scene.over[0].values) == row_count == 4
     primitives = {primitive.path: primitive for primitive in scene.primitives}
-    # All links but the ground.
+    # The mechanism has eleven links. The ground is not drawn.
     assert sum(path.startswith("link/") for path in primitives) == 10
     axis = primitives["axis"].directions
     assert np.max(np.abs(axis - findings(table_3)["axis"])) < 1e-15
     pointer_path = primitives["arc/pointer"]
     assert isinstance(pointer_path, SphereCurves)
-    assert len(pointer_path.marks) == 2
+    assert [mark.label for mark in pointer_path.marks] == ["start", "end"]
     (line,) = pointer_path.curves
     assert np.ptp(line @ axis[0]) < 1e-14
     mid_planes = primitives["mid_plane/now"]

@@ -46,7 +46,7 @@ GCC, GPP, NODE = map(shutil.which, ("gcc", "g++", "node"))
 STRICT = ["-Wall", "-Wextra", "-Wbidi-chars=any", "-pedantic", "-Werror"]
 ENDINGS = {"c": "c", "cpp": "hpp", "js": "mjs", "python": "py", "julia": "jl"}
 ENDINGS |= {"casadi": "py", "latex": "tex", "mjcf": "xml", "coupling": "h", "file": "toml"}
-EVERY = "\n".join(TEXTS.values())
+ALL_HOSTILE_TEXTS = "\n".join(TEXTS.values())
 MARK = {"js": "//", "python": "#", "casadi": "#", "julia": "#", "cpp": "//", "c": " *"}
 
 
@@ -162,26 +162,29 @@ def test_hostile_citations_change_only_the_comments_of_sources(
 ):
     """Whatever a citation contains, the code of the source stays and it compiles.
 
-    `TEXTS` try to end a comment, to hide characters or to change the direction of writing.
-    `EVERY` is all of them in one text. They are compared with the source that `harmless`
-    exports with a plain citation; all words can still be read.
+    `TEXTS` are hostile citations. They try to end a comment, to hide characters or to
+    change the direction of writing. The fixture `harmless` exports the same mechanism with
+    a plain citation. Its code without comments is the expected one. All words of a hostile
+    citation can still be read in the comment at the head of the source.
     """
     # The value of a language is None if its compiler is not installed. Languages without an
     # entry need none.
     if not NEEDED.get(language, "always"):
         pytest.skip(f"there is no compiler of {language}")
     expected_code = code_without_comments(harmless(language), language)
-    all_texts_path = export_with_command(tmp_path, EVERY, language)
+    all_texts_path = export_with_command(tmp_path, ALL_HOSTILE_TEXTS, language)
     assert code_without_comments(all_texts_path, language) == expected_code
     path_by_title = {}
     for number, (title, text) in enumerate(TEXTS.items()):
         path = write_source(tmp_path, text, language, f"printed_{number}")
         path_by_title[title] = path
-    # The preprocessor checks the comments of all C sources below, and their code is equal.
-    # Compiling one of them is therefore enough. Comments of JavaScript are cut off by this
-    # test itself, so that all sources are given to Node.
-    more_paths = list(path_by_title.values()) if language == "js" else []
-    assert_compiles([harmless(language), all_texts_path, *more_paths], language)
+    compiled_paths = [harmless(language), all_texts_path]
+    # For the other sources `code_without_comments` calls the preprocessor of C or the
+    # parser of Python, which would refuse a wrong comment. For JavaScript it only drops
+    # lines that begin with //, so Node must read all sources.
+    if language == "js":
+        compiled_paths += path_by_title.values()
+    assert_compiles(compiled_paths, language)
     for title, text in TEXTS.items():
         path = path_by_title[title]
         assert code_without_comments(path, language) == expected_code, title
@@ -194,7 +197,7 @@ def test_a_module_of_hostile_texts_runs(tmp_path):
     """Node imports a module with hostile texts; it has two functions and sets nothing."""
     if not NODE:
         pytest.skip("there is no node")
-    path = export_with_command(tmp_path, EVERY, "js")
+    path = export_with_command(tmp_path, ALL_HOSTILE_TEXTS, "js")
     program = (
         f"import * as made from {json.dumps(path.as_uri())};"
         "console.log(JSON.stringify([Object.keys(made), globalThis.HACKED ?? 0]))"
@@ -205,13 +208,15 @@ def test_a_module_of_hostile_texts_runs(tmp_path):
 
 
 def test_hostile_texts_are_comments_of_models(harmless, tmp_path):
-    """A hostile citation changes only the comment of a MuJoCo model.
+    """A hostile citation (`TEXTS`) changes only the comment of a MuJoCo model.
 
-    `harmless` exports the model with a plain citation. XML comments may not contain two
-    hyphens. All words of the citation are still in the comment.
+    The fixture `harmless` exports the model with a plain citation. XML comments may not
+    contain two hyphens. All words of the citation are still in the comment.
     """
+    # Canonical XML has no comments.
     bare = ElementTree.canonicalize(harmless("mjcf").read_text("utf-8"))
-    mechanism, values = find_pose(sk.load("four_bar"), 0, None)
+    # The pair variables of the first configuration of assembly mode 0.
+    mechanism, values = find_pose(sk.load("four_bar"), assembly_mode=0, inputs=None)
     for title, text in TEXTS.items():
         model_text = MujocoModel(replace(mechanism, source=Source(text)), values).text
         assert ElementTree.canonicalize(model_text) == bare, title
@@ -219,10 +224,10 @@ def test_hostile_texts_are_comments_of_models(harmless, tmp_path):
         root = ElementTree.fromstring(
             model_text, ElementTree.XMLParser(target=keeps_comments)
         )
-        comments = [element.text for element in root if not isinstance(element.tag, str)]
-        assert not any("--" in element or element.endswith("-") for element in comments), (
-            title
-        )
+        # A comment has the function ElementTree.Comment as its tag, an element its name.
+        comments = [node.text for node in root if node.tag is ElementTree.Comment]
+        for comment in comments:
+            assert "--" not in comment and not comment.endswith("-"), title
         assert_readable(text, comments[0])
 
 
@@ -235,7 +240,7 @@ def test_exports_without_comments_do_not_depend_on_the_citation(
     """
     plain = harmless(language).read_text("utf-8")
     checksum = re.compile("SHA-256 of the mechanism: [0-9a-f]{64}")
-    written = export_with_command(tmp_path, EVERY, language).read_text("utf-8")
+    written = export_with_command(tmp_path, ALL_HOSTILE_TEXTS, language).read_text("utf-8")
     assert checksum.sub("", written) == checksum.sub("", plain)
 
 
@@ -244,19 +249,18 @@ def test_exports_without_comments_do_not_depend_on_the_citation(
 def test_hostile_texts_come_back_from_files(title, tmp_path):
     """A hostile citation is the same after writing and reading, also from a page.
 
-    A page stores the file that it saves as a list: passages of text, and integers for the
-    sizes that a user can vary. Here no size is varied, so an integer is the number itself.
+    A page can save the mechanism file with the sizes that its user has chosen. It stores
+    the file as a list of texts, with a gap for each size that has a slider. Here no size
+    has one, so the joined texts are the file.
     """
     mechanism = loads(hostile_file(TEXTS[title]), title)
     assert mechanism.source.citation == mechanism.source.assumed == TEXTS[title]
     written = dumps(mechanism)
     assert loads(written, title) == mechanism
     assert not escaping.HIDDEN_CHARACTERS.search(written.replace("\n", ""))
-    saved = "".join(
-        repr(number) if isinstance(number := part, int) else part
-        for part in PageMaker(mechanism, [], ["q"], None).make_model([])["toml"]
-    )
-    assert loads(saved, title) == mechanism
+    page_maker = PageMaker(mechanism, vary=[], quantities=["q"], input_pair=None)
+    model = page_maker.make_model(shown_names=[])
+    assert loads("".join(model["toml"]), title) == mechanism
 
 
 def test_hostile_files_fill_every_free_text_field():
@@ -314,7 +318,7 @@ def test_a_citation_on_the_terminal_is_visible(monkeypatch, capsys):
 
     Citations can come from packs of mechanisms by other people.
     """
-    hostile = loads(hostile_file(EVERY), "hostile")
+    hostile = loads(hostile_file(ALL_HOSTILE_TEXTS), "hostile")
     monkeypatch.setattr("spherekit.files.mechanism_reader.load", lambda name: hostile)
     assert main(["mechanisms"]) == 0
     lines = capsys.readouterr().out.split("\n")
@@ -347,9 +351,9 @@ def test_markdown_prints_hostile_texts_as_they_are(title):
 
 
 def test_texts_of_recordings_have_the_citation_in_markdown():
-    mechanism = loads(hostile_file(EVERY), "hostile")
+    mechanism = loads(hostile_file(ALL_HOSTILE_TEXTS), "hostile")
     (motion,) = PositionAnalysis(mechanism, samples=1).blocks(10)
-    source = f"Source: {escaping.markdown_text(EVERY)}"
+    source = f"Source: {escaping.markdown_text(ALL_HOSTILE_TEXTS)}"
     assert _size_table(motion, 0, "").markdown.endswith(source)
     (_, plan) = static_scene(plans(mechanism), [None]).primitives
     assert plan.markdown.endswith(source)
@@ -379,7 +383,10 @@ def test_curves_of_names_with_an_underscore_are_in_legends():
 def test_literals_of_json_html_and_julia_are_read_as_the_same_text(title):
     """JSON, HTML and Julia literals of a text are read as the same text.
 
-    JSON has no "<", so that it can stand in a page; Julia strings have no active "$".
+    - JSON has no "<", so that it can stand in a page.
+    - HTML shows a hidden character, such as a mark of the writing direction, as its code
+      (`escaping.visible` writes U+202E as "[U+202E]").
+    - Julia strings have no active "$", which would put in the value of an expression.
     """
     text = TEXTS[title]
     value = {"text": text, text: [text, 1.5]}
@@ -390,7 +397,9 @@ def test_literals_of_json_html_and_julia_are_read_as_the_same_text(title):
     shown = escaping.html_text(text)
     assert html.unescape(shown) == escaping.visible(text) and not set('<>"') & set(shown)
     julia = escaping.julia_string(text)
-    assert not re.search(r"(?<!\\)(?:\\\\)*\$", julia)
+    # A "$" is active if the number of backslashes before it is even.
+    for backslashes in re.findall(r"(\\*)\$", julia):
+        assert len(backslashes) % 2 == 1
     assert ast.literal_eval(julia.replace("\\$", "$")) == text
 
 

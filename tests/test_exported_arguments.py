@@ -65,33 +65,36 @@ def change_number(document, variable, inputs):
     return None
 
 
-def results_at(made, motion, mode_values, sizes):
+def results_at(exported_formulas, motion, mode_values, sizes):
     """Return all results (results, n) of formulas; loops are closed by Newton's steps if
     needed.
 
     `motion` (k, n) are inputs, rates and time, `mode_values` (m, n) signs or variables of
     the modes, and `sizes` (s, n) the arguments for numbers of the file.
     """
-    if made.step:
-        step = made.numpy_function(made.step)
+    if exported_formulas.step:
+        step = exported_formulas.numpy_function(exported_formulas.step)
         for _ in range(10):
             mode_values = step(motion, mode_values, sizes)[:-1]
-    return made.numpy_function(made.outputs)(motion, mode_values, sizes)
+    return exported_formulas.numpy_function(exported_formulas.outputs)(
+        motion, mode_values, sizes
+    )
 
 
-def motion_arguments(made, modes):
+def motion_arguments(exported_formulas, modes):
     """Return inputs, rates and other arguments of motion (k, modes) at the start of each
     mode.
     """
-    motion = np.full((len(made.motion), len(modes)), MOVED)
+    motion = np.full((len(exported_formulas.motion), len(modes)), MOVED)
     inputs = np.array([mode.at for mode in modes]).T
     motion[: len(inputs)] = inputs
     return motion
 
 
-def relative_gaps(made, values, expected):
+def relative_gaps(exported_formulas, values, expected):
     """Return the gaps (results, n): chords of the unit circle for angles, else relative."""
-    is_angle = np.array([name.startswith("theta_") for name in made.results])[:, None]
+    is_angle = np.array([name.startswith("theta_") for name in exported_formulas.results])
+    is_angle = is_angle[:, None]
     turned = np.abs(np.exp(1j * values) - np.exp(1j * expected))
     return np.where(
         is_angle, turned, np.abs(values - expected) / np.maximum(1.0, np.abs(expected))
@@ -101,61 +104,66 @@ def relative_gaps(made, values, expected):
 def check_argument(mechanism_name, key):
     """Check that a number of a file works as an argument of formulas, or is refused.
 
-    Formulas with an argument for the number are evaluated at a changed value, and compared
-    with formulas of the file in which the number is changed. If the argument is idle (no
-    result depends on it), the results of both files must agree.
+    There are three cases:
+
+    - The number is refused as an argument. The message must name its key.
+    - The argument is idle: no result depends on it. Then the formulas of the file and of a
+      file with a changed number must have the same results.
+    - The argument has an effect. Then the formulas of the file, evaluated with the changed
+      number as argument, must have the results of the changed file.
 
     Returns
     -------
     bool
-        Whether the formulas have an argument for the number. False if it is refused or
-        idle.
+        Whether the argument has an effect.
     """
     document = document_of(mechanism_name)
     try:
-        made = formulas(mechanism_name, vary=[key])
+        file_formulas = formulas(mechanism_name, vary=[key])
     except SpherekitError as problem:
         assert key in str(problem)
         return False
     variable = design_variable(document, key)
-    is_idle = key in idle_arguments([made])
+    is_idle = key in idle_arguments([file_formulas])
     if is_idle:
-        made = formulas(mechanism_name)
-    changed = change_number(document, variable, made.mechanism.input_pairs)
+        file_formulas = formulas(mechanism_name)
+    changed = change_number(document, variable, file_formulas.mechanism.input_pairs)
     # None: no small change of the number leaves the mechanism valid. Nothing can then be
     # compared.
     if is_idle and changed is None:
         return False
     assert changed is not None, key
     changed_mechanism, value = changed
-    expected_formulas = formulas(changed_mechanism, list(made.results))
+    expected_formulas = formulas(changed_mechanism, list(file_formulas.results))
     modes = expected_formulas.modes
     mode_values = np.array([mode.values for mode in modes]).T.reshape(-1, len(modes))
-    motion = motion_arguments(made, modes)
+    motion = motion_arguments(file_formulas, modes)
     expected = results_at(
         expected_formulas,
         motion_arguments(expected_formulas, modes),
         mode_values,
         expected_formulas.size_values,
     )
-    unchanged = results_at(made, motion, mode_values, made.size_values)
+    unchanged = results_at(file_formulas, motion, mode_values, file_formulas.size_values)
     if is_idle:
-        gaps = relative_gaps(made, unchanged, expected)
+        gaps = relative_gaps(file_formulas, unchanged, expected)
         assert np.nanmax(gaps, initial=0.0) < TOLERANCE, key
         return False
 
     # Arguments are in radians or SI units, numbers of the file in its own unit. Their
-    # quotient is the unit, unless the number is zero.
+    # quotient is the unit, unless the number is zero. There is only one argument.
     if variable.value:
-        unit = made.size_values[0, 0] / variable.value
+        ((argument,),) = file_formulas.size_values
+        unit = argument / variable.value
     elif variable.is_angle and document.data["angle_unit"] == "deg":
         unit = np.pi / 180.0
     else:
         unit = 1.0
-    results = results_at(made, motion, mode_values, np.array([[unit * value]]))
+    results = results_at(file_formulas, motion, mode_values, np.array([[unit * value]]))
     assert np.any(np.isfinite(expected)), key
-    assert np.nanmax(relative_gaps(made, results, expected)) < TOLERANCE, key
-    assert np.nanmax(relative_gaps(made, unchanged, expected)) > 1e-13, key
+    assert np.nanmax(relative_gaps(file_formulas, results, expected)) < TOLERANCE, key
+    # The argument has an effect: with the old number the results are others.
+    assert np.nanmax(relative_gaps(file_formulas, unchanged, expected)) > 1e-13, key
     return True
 
 
@@ -268,23 +276,22 @@ CANCELLING = {
 def test_sizes_of_results_that_are_zero_but_for_rounding_are_idle(name, key):
     """Two torques at one pair cancel for all sizes, so that no size is an argument.
 
-    Their sum is zero but for rounding. The size is then idle: no result depends on it. With
-    about a millionth more of one torque, the size has an effect and is an argument.
+    Their sum is zero but for rounding. The size is then idle: no result depends on it. If
+    a third torque of about a millionth of them is added, the size has an effect and is an
+    argument.
     """
     one, other = CANCELLING[name]
     loads = (sk.PairTorque("one", "41", one), sk.PairTorque("other", "41", other))
     mechanism = sk.load("four_bar")
-    cancelling = replace(mechanism, loads=loads, joint_limits=())
-    made = formulas(cancelling, ["generalized_force"], vary=[key])
-    assert idle_arguments([made]) == (key,)
-    # A millionth more of one torque is an effect. The torques of the case "large" have
-    # factors of 1e6, those of the others factors near 1.
+    cancelling = replace(mechanism, loads=loads)
+    file_formulas = formulas(cancelling, ["generalized_force"], vary=[key])
+    assert idle_arguments([file_formulas]) == (key,)
+    # The torques of the case "large" are about 1e6 N m, those of the others about 1 N m.
     added_factor = "1" if name == "large" else "1e-6"
-    larger_torque = f"{one} + {added_factor}*theta_41"
-    loads = (sk.PairTorque("one", "41", larger_torque), loads[1])
-    with_small_sum = replace(mechanism, loads=loads, joint_limits=())
-    made = formulas(with_small_sum, ["generalized_force"], vary=[key])
-    assert idle_arguments([made]) == ()
+    small_torque = sk.PairTorque("small", "41", f"{added_factor}*theta_41")
+    with_small_sum = replace(mechanism, loads=(*loads, small_torque))
+    file_formulas = formulas(with_small_sum, ["generalized_force"], vary=[key])
+    assert idle_arguments([file_formulas]) == ()
 
 
 def test_masses_along_axes_of_wheels_are_arguments():

@@ -53,7 +53,7 @@ def load_case(name):
     return sk.load(str(FILES / f"{name}.toml"))
 
 
-def c_results(path, made, row, q, language):
+def c_results(path, exported_formulas, row, q, language):
     """Return the results (results, n) of the C or C++ source at inputs q (n,) in rad.
 
     `row` is that of the mode in the source's table. Where curves of configurations cross, a
@@ -61,7 +61,7 @@ def c_results(path, made, row, q, language):
     the source returns the signs that a mode has at an input. C++ functions are wrapped in C
     ones, and the library is called for each input.
     """
-    name = made.mechanism.name
+    name = exported_formulas.mechanism.name
     if language == "cpp":
         header = path
         path = header.with_suffix(".cpp")
@@ -82,16 +82,16 @@ def c_results(path, made, row, q, language):
     columns = []
     for value in q.tolist():
         mode = numbers()
-        result = (ctypes.c_double * len(made.results))()
+        result = (ctypes.c_double * len(exported_formulas.results))()
         smooth_mode(ctypes.c_int(row), ctypes.c_double(value), mode)
         function(numbers(value), mode, numbers(), result)
         columns.append([*result])
     return np.array(columns).T
 
 
-def js_results(path, made, row, q):
+def js_results(path, exported_formulas, row, q):
     """Return the results (results, n) of the JavaScript source at inputs q, run by Node."""
-    name = made.mechanism.name
+    name = exported_formulas.mechanism.name
     program = path.with_name("run.mjs")
     program.write_text(
         f"import {{{name} as f, {name}_smooth_mode as smooth}} from './{path.name}';\n"
@@ -102,21 +102,21 @@ def js_results(path, made, row, q):
     return np.array(json.loads(done.stdout), dtype=float).T
 
 
-def python_results(path, made, number, q):
+def python_results(path, exported_formulas, number, q):
     """Return the results (results, n) of the Python source at inputs q, in a mode by
     number.
     """
-    name = made.mechanism.name
+    name = exported_formulas.mechanism.name
     smooth, function = (python_function(path, x) for x in (f"{name}_smooth_mode", name))
     return function(q[None], smooth(number, q), ())
 
 
-def casadi_results(path, made, number, q):
+def casadi_results(path, exported_formulas, number, q):
     """Return the results (results, n) of the CasADi source at inputs q, in a mode by
     number.
     """
     casadi = pytest.importorskip("casadi")
-    name = made.mechanism.name
+    name = exported_formulas.mechanism.name
     symbol = casadi.SX.sym("q")
     smooth = casadi.Function(
         "smooth", [symbol], [python_function(path, f"{name}_smooth_mode")(number, symbol)]
@@ -126,9 +126,9 @@ def casadi_results(path, made, number, q):
     return np.array(columns).T
 
 
-def julia_results(path, made, row, q):
+def julia_results(path, exported_formulas, row, q):
     """Return the results (results, n) of the Julia source at inputs q, run by Julia."""
-    name = made.mechanism.name
+    name = exported_formulas.mechanism.name
     program = path.with_name("run.jl")
     program.write_text(
         f'include("{path.name}")\nfor q in {q.tolist()}\n'
@@ -139,29 +139,29 @@ def julia_results(path, made, row, q):
     return np.array([[float(x) for x in line[1:-1].split(",")] for line in lines]).T
 
 
-def results_by_language(made, folder, row, q, languages):
+def results_by_language(exported_formulas, folder, row, q, languages):
     """Yield each installed language with the results (results, n) of its source.
 
     `row` is that of the mode in the table of modes, `q` (n,) are inputs in rad.
     """
-    number = made.modes[row].number
+    number = exported_formulas.modes[row].number
     endings = {"c": "c", "cpp": "hpp", "js": "mjs", "julia": "jl"}
     installed = {"c": GCC, "cpp": GPP, "js": NODE, "julia": JULIA}
     for language in languages:
         if not installed.get(language, True):
             continue
         path = folder / f"{language}_{row}_x.{endings.get(language, 'py')}"
-        path.write_text(source(made, language))
+        path.write_text(source(exported_formulas, language))
         if language in ("c", "cpp"):
-            yield language, c_results(path, made, row, q, language)
+            yield language, c_results(path, exported_formulas, row, q, language)
         elif language == "js":
-            yield language, js_results(path, made, row, q)
+            yield language, js_results(path, exported_formulas, row, q)
         elif language == "julia":
-            yield language, julia_results(path, made, row, q)
+            yield language, julia_results(path, exported_formulas, row, q)
         elif language == "casadi":
-            yield language, casadi_results(path, made, number, q)
+            yield language, casadi_results(path, exported_formulas, number, q)
         else:
-            yield language, python_results(path, made, number, q)
+            yield language, python_results(path, exported_formulas, number, q)
 
 
 def inputs_about(smooth, seed, count=24):
@@ -183,8 +183,9 @@ def distances_from_crossings(smooth, q):
 def compare_sources(mechanism, folder, seed=0, languages=("python",)):
     """Compare joint angles and their rates by sources with `sk.evaluate`, in all modes.
 
-    With `crossings="pass"` a mode follows its smooth curve through crossings. It consists
-    of pieces, on each of which the signs of its dyads stay the same.
+    At a crossing two configuration curves meet. With `crossings="pass"` a mode follows its
+    smooth curve through it. The mode then consists of pieces, on each of which the signs of
+    its dyads (groups of two links) stay the same.
 
     Returns
     -------
@@ -193,37 +194,46 @@ def compare_sources(mechanism, folder, seed=0, languages=("python",)):
     changing_modes
         Number of modes whose signs change at a crossing.
     """
-    made = formulas(mechanism, ["theta_*", "rate_*"], crossings="pass")
-    smooth = made.mode_table.smooth
+    exported_formulas = formulas(mechanism, ["theta_*", "rate_*"], crossings="pass")
+    smooth = exported_formulas.mode_table.smooth
     q = inputs_about(smooth, seed)
     compared = 0
     changing_modes = 0
-    for row, mode in enumerate(made.modes):
+    for row, mode in enumerate(exported_formulas.modes):
         if len(smooth.pieces(row)) > 1:
             changing_modes += 1
         evaluated = sk.evaluate(
-            made.mechanism, q, poles=[], assembly_mode=mode.number, crossings="pass"
+            exported_formulas.mechanism,
+            q,
+            poles=[],
+            assembly_mode=mode.number,
+            crossings="pass",
         )
         error = evaluated.configuration_error
         is_accurate = (evaluated.status == sk.Status.OK) & (error < MAX_ERROR_RAD)
         is_out_of_reach = evaluated.status == sk.Status.OUT_OF_REACH
         angle_tolerance = ANGLE_TOLERANCE_RAD + 10.0 * error[is_accurate]
-        # Near a crossing the triple product of a dyad is small, proportional to the
-        # distance from the crossing, and rates lose digits.
+        # Sources compute the triple product t of the axes of a dyad as the square root of
+        # t^2, and divide by it to get rates. Rounding changes t^2 by about 1e-16, so rates
+        # have the relative error 1e-16 / t^2. Near a crossing t is proportional to the
+        # distance from it.
         rounding = RATE_ROUNDING / distances_from_crossings(smooth, q)[is_accurate] ** 2
         compared += np.sum(is_accurate)
-        for language, results in results_by_language(made, folder, row, q, languages):
+        for language, results in results_by_language(
+            exported_formulas, folder, row, q, languages
+        ):
             assert np.all(np.any(np.isnan(results[:, is_out_of_reach]), axis=0)), language
-            for key, values in zip(made.results, results, strict=True):
+            for key, values in zip(exported_formulas.results, results, strict=True):
                 kind, _, pair = key.partition("_")
                 if kind == "theta":
                     expected = evaluated.variable(pair)[is_accurate]
                     gap = np.abs(np.exp(1j * values[is_accurate]) - np.exp(1j * expected))
                     assert np.all(gap <= angle_tolerance), (language, mode, key)
-                elif pair in made.mechanism.angles:
+                elif pair in exported_formulas.mechanism.angles:
                     expected = evaluated.variable_coefficient(pair)[is_accurate]
-                    # A rate differs by the error of the angles times its derivative. The
-                    # derivative is taken as 1e3 times the square of the rate.
+                    # A rate differs by the error of the angles times its derivative. This
+                    # derivative is not computed. It is assumed to be at most 1e3 times the
+                    # square of the rate.
                     size = np.maximum(1.0, np.abs(expected)) ** 2
                     gap = np.abs(values[is_accurate] - expected)
                     tolerance = 1e3 * angle_tolerance * size + rounding
@@ -278,13 +288,13 @@ def test_sources_of_several_dyads_that_change_at_once(tmp_path):
 
 
 @pytest.mark.slow
-def test_an_inner_dyad_at_a_change_point(tmp_path):
-    """A six-bar passes the change point of its inner four-bar, with all modes compared.
+def test_a_six_bar_at_the_change_point_of_one_of_its_dyads(tmp_path):
+    """Sources of a six-bar agree with `sk.evaluate` on both sides of a change point.
 
-    The arcs 70, 30, 60 and 40 deg of the inner four-bar have equal sums of opposite arcs,
-    so that its links can be in line. A further dyad (links s5 and s6) is carried by the
-    rocker s4 of the four-bar. The test compares configurations, and counts the modes whose
-    signs change at the change point.
+    The links s1 to s4 are a four-bar with the arcs 70, 30, 60 and 40 deg. At the input 0
+    all its axes are in one plane, since 70 + 30 = 60 + 40. The crank s4 also drives a
+    second dyad, the links s5 and s6. So there are four assembly modes, one for each choice
+    of the signs of both dyads.
     """
     text = four_bar_text((70, 30, 60, 40), -170, 190, zero="0")
     further_dyad = (
@@ -304,29 +314,34 @@ def test_an_inner_dyad_at_a_change_point(tmp_path):
     before_inputs, brackets, inputs = text.partition("[inputs")
     mechanism = loaded(before_inputs + further_dyad + brackets + inputs)
     compared, changed = compare_sources(mechanism, tmp_path)
+    # Each mode is compared at no more than 40 inputs, so more than one mode was compared.
     assert compared > 40 and changed >= 2
 
 
 def test_a_mechanism_whose_modes_do_not_cross(tmp_path):
     """Without crossings the source says so, and no mode changes its signs."""
-    made = formulas("four_bar", ["theta_41"], crossings="pass")
-    assert made.mode_table.smooth.crossings == ()
-    assert "No curves cross between 0 and 6.28319 rad." in source(made, "js")
+    exported_formulas = formulas("four_bar", ["theta_41"], crossings="pass")
+    assert exported_formulas.mode_table.smooth.crossings == ()
+    assert "No curves cross between 0 and 6.28319 rad." in source(exported_formulas, "js")
     compared, changed = compare_sources(sk.load("four_bar"), tmp_path)
     assert compared > 20 and changed == 0
 
 
 def test_fold_angles_of_a_source_keep_their_ratio():
     """Half tangents of fold angles keep their ratio at the flat state (Huffman 1976)."""
-    made = formulas(load_case("flatfold_through"), ["theta_*"], crossings="pass")
-    smooth = made.mode_table.smooth
+    exported_formulas = formulas(
+        load_case("flatfold_through"), ["theta_*"], crossings="pass"
+    )
+    smooth = exported_formulas.mode_table.smooth
     q = np.radians([-35.0, -20.0, -3.0, 3.0, 20.0, 35.0])
     interval = np.searchsorted(smooth.starts, q) - 1
     for row in range(2):
-        function = made.numpy_function(made.outputs)
-        angles = function(q[None], smooth.mode_values[interval, row].T, made.size_values)
+        function = exported_formulas.numpy_function(exported_formulas.outputs)
+        angles = function(
+            q[None], smooth.mode_values[interval, row].T, exported_formulas.size_values
+        )
         folds = np.tan(0.5 * angles)
-        ratios = folds / folds[list(made.results).index("theta_c1")]
+        ratios = folds / folds[list(exported_formulas.results).index("theta_c1")]
         assert np.ptp(ratios, axis=1).max() < 1e-9
 
 
@@ -356,9 +371,10 @@ def test_signs_are_nan_right_at_a_crossing():
 def test_wrong_signs_beyond_a_crossing_are_noticed(monkeypatch, capsys, tmp_path):
     """An export fails if a mode keeps the signs that it has before a crossing.
 
-    The table has the signs of a mode (its mode values) in each interval between crossings.
-    It is falsified before the export compares it with the mechanism: all four intervals get
-    the signs of interval 1.
+    The crossings divide the range of the input into four intervals. For a mode that passes
+    them, the export determines the sign of the dyad in each interval (`mode_values`). Here
+    all intervals get the sign of interval 1. The export then compares the formulas with the
+    mechanism and must notice it.
     """
     from spherekit.exchange import mode_table
 
@@ -378,27 +394,30 @@ def test_wrong_signs_beyond_a_crossing_are_noticed(monkeypatch, capsys, tmp_path
 
 @pytest.mark.slow
 def test_steps_from_the_starts_of_a_triad_lead_to_its_smooth_modes(tmp_path):
-    """From the stored starts Newton's steps lead to the modes of `sk.evaluate`.
+    """Newton's steps from stored configurations lead to the modes of `sk.evaluate`.
 
-    The modes of a triad are not given by signs. Instead the source stores, for each mode
-    and each side of the crossing, the variables at one input (rad). From this start the
-    input is changed to a goal in 200 steps, with four iterations each. A smooth mode is one
-    that continues through the crossing along its smooth curve.
+    At a crossing two configuration curves meet. With `crossings="pass"` an assembly mode
+    does not end there. It continues along its smooth curve.
+
+    The modes of a triad (a group of four links) are not given by signs. Instead the source
+    stores, for each mode and each side of the crossing, the variables at one input (rad).
+    From this start the input is changed to a goal in 200 steps, with four iterations each.
     """
     mechanism = replace(six_bar_with_a_flat_loop(), name="flat_loop")
-    made = formulas(mechanism, ["theta_*"], crossings="pass")
-    smooth = made.mode_table.smooth
+    exported_formulas = formulas(mechanism, ["theta_*"], crossings="pass")
+    smooth = exported_formulas.mode_table.smooth
     assert len(smooth.crossings) == 1
     path = tmp_path / "x.py"
-    path.write_text(source(made, "python"))
+    path.write_text(source(exported_formulas, "python"))
     start = python_function(path, "flat_loop_smooth_variables")
     step = python_function(path, "flat_loop_step")
     angle_indices = list(mechanism.angles.values())
-    changing_modes = 0
+    modes_on_both_sides = 0
     compared = 0
-    for row, mode in enumerate(made.modes):
+    for row, mode in enumerate(exported_formulas.modes):
+        # A piece is a side of the crossing on which a configuration is stored.
         if len(smooth.pieces(row)) > 1:
-            changing_modes += 1
+            modes_on_both_sides += 1
         for goal in (-0.2, -0.02, 0.02, 0.2):
             # The stored variables on the side of the goal, and the input at which they are.
             variables, q = start(mode.number, goal)
@@ -414,20 +433,22 @@ def test_steps_from_the_starts_of_a_triad_lead_to_its_smooth_modes(tmp_path):
             gap = np.abs(np.exp(1j * variables[angle_indices]) - np.exp(1j * expected))
             assert np.max(gap) < 1e-7, (mode, goal)
             compared += 1
-    assert changing_modes >= 2
+    assert modes_on_both_sides >= 2
     assert compared >= 6
     if GCC:
         path = tmp_path / "x.c"
-        path.write_text(source(made, "c"))
+        path.write_text(source(exported_formulas, "c"))
         compile_shared_library(path, "c")
 
 
 def test_turns_are_counted_where_a_smooth_curve_turns_fully():
     """A spring at the rocker of a parallelogram needs a count of turns as an argument.
 
-    On each smooth curve through the crossings of a parallelogram the rocker rotates fully.
-    (With one sign of the dyad all along, it would only swing.) In the shipped four-bar the
-    rocker only swings, so that no count is needed.
+    The torque of a spring depends on whole turns of its pair, which its angle between -pi
+    and pi does not tell. When all links of a parallelogram are in line, two configuration
+    curves cross. With `crossings="pass"` a mode follows the smooth curve through the
+    crossings, on which the rocker turns fully. In the shipped four-bar the rocker only
+    swings, so no count is needed.
     """
     arcs = {"1": 60.0, "2": 30.0, "3": 60.0, "4": 30.0}
     parallelogram = sk.load("four_bar").with_sizes(angle_unit="deg", arcs=arcs)
@@ -450,7 +471,7 @@ def test_a_source_does_not_claim_that_searched_modes_cross_nowhere():
     """
     text = (Path(sk.__file__).parents[1] / "mechanisms" / "roller_cam.toml").read_text()
     text = text.partition("[mass.cam]")[0].replace("[90.0, 45.0] }", "[90.0, 57.0] }")
-    made = formulas(loaded(text), ["theta_follower_pivot"], crossings="pass")
-    assert not made.mode_table.smooth.are_all_known
-    comment = " ".join(source(made, "js").replace("// ", "").split())
+    exported_formulas = formulas(loaded(text), ["theta_follower_pivot"], crossings="pass")
+    assert not exported_formulas.mode_table.smooth.are_all_known
+    comment = " ".join(source(exported_formulas, "js").replace("// ", "").split())
     assert "as far as crossings are known. Curves may also cross at inputs" in comment

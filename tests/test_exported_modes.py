@@ -61,29 +61,32 @@ def special_four_bar(seed):
     return replace(mechanism, name=f"special_{seed}", inputs=(driven,))
 
 
-def functions_in_installed_languages(made, folder):
+def functions_in_installed_languages(exported_formulas, folder):
     """Yield each installed language with the function of its source."""
-    name = made.mechanism.name
+    name = exported_formulas.mechanism.name
     path = folder / name
-    path.with_suffix(".py").write_text(source(made, "python"))
+    path.with_suffix(".py").write_text(source(exported_formulas, "python"))
     yield "python", python_function(path.with_suffix(".py"), name)
     if GCC:
-        path.with_suffix(".c").write_text(source(made, "c"))
-        yield "c", c_function(path.with_suffix(".c"), name, len(made.results), "c")
+        path.with_suffix(".c").write_text(source(exported_formulas, "c"))
+        yield (
+            "c",
+            c_function(path.with_suffix(".c"), name, len(exported_formulas.results), "c"),
+        )
     if NODE:
-        path.with_suffix(".mjs").write_text(source(made, "js"))
+        path.with_suffix(".mjs").write_text(source(exported_formulas, "js"))
         yield "js", js_function(path.with_suffix(".mjs"), name)
 
 
-def random_inputs_of_mode(made, mode, seed):
+def random_inputs_of_mode(exported_formulas, mode, seed):
     """Return random inputs (inputs, n) in rad, over the whole ranges.
 
     Where formulas take Newton's steps, inputs are within 0.02 rad of the start of the mode.
     """
     random = np.random.default_rng(seed)
-    if made.step:
+    if exported_formulas.step:
         return np.array(mode.at)[:, None] + random.uniform(-0.02, 0.02, (1, INPUTS))
-    ranges = np.array([(x.start, x.stop) for x in made.mechanism.inputs])
+    ranges = np.array([(x.start, x.stop) for x in exported_formulas.mechanism.inputs])
     return ranges[:, :1] + np.ptp(ranges, axis=1)[:, None] * random.random((1, INPUTS))
 
 
@@ -103,26 +106,26 @@ def check_modes(mechanism, folder, least=0.5):
     largest
         Largest difference of an angle (rad).
     """
-    made = formulas(mechanism, QUANTITIES)
-    assert not made.mode_table.left_out
-    functions = dict(functions_in_installed_languages(made, folder))
+    exported_formulas = formulas(mechanism, QUANTITIES)
+    assert not exported_formulas.mode_table.left_out
+    functions = dict(functions_in_installed_languages(exported_formulas, folder))
     steps = None
-    if made.step:
-        name = made.mechanism.name
+    if exported_formulas.step:
+        name = exported_formulas.mechanism.name
         steps = python_function((folder / name).with_suffix(".py"), f"{name}_step")
     no_sizes = np.zeros((0, INPUTS))
     largest = 0.0
     compared = 0
-    for mode in made.modes:
-        q = random_inputs_of_mode(made, mode, mode.number)
+    for mode in exported_formulas.modes:
+        q = random_inputs_of_mode(exported_formulas, mode, mode.number)
         # The signs of the mode, or the variables at its start, for each input
         mode_values = np.repeat(np.array(mode.values).reshape(-1, 1), INPUTS, axis=1)
         if steps:
             for _ in range(10):
                 mode_values, _ = steps(q, mode_values, ())
         python_results = functions["python"](q, mode_values, ())
-        results_by_name = dict(zip(made.results, python_results, strict=True))
-        motion, rates = evaluate_mode(made, mode, q, results_by_name)
+        results_by_name = dict(zip(exported_formulas.results, python_results, strict=True))
+        motion, rates = evaluate_mode(exported_formulas, mode, q, results_by_name)
         is_accurate = motion.configuration_error < MAX_ERROR_RAD
         is_compared = (motion.status == sk.Status.OK) & is_accurate
         is_out_of_reach = motion.status == sk.Status.OUT_OF_REACH
@@ -130,13 +133,15 @@ def check_modes(mechanism, folder, least=0.5):
         tolerance = ANGLE_TOLERANCE + 10.0 * motion.configuration_error[is_compared]
         for language, function in functions.items():
             results = function(q, mode_values, no_sizes)
-            if not made.step and made.mode_value_names:
+            if not exported_formulas.step and exported_formulas.mode_value_names:
                 unreached = results[:, is_out_of_reach]
                 assert np.all(np.any(np.isnan(unreached), axis=0)), language
-            for key, values in zip(made.results, results, strict=True):
+            for key, values in zip(exported_formulas.results, results, strict=True):
                 kind, _, pair = key.partition("_")
                 if kind == "theta":
-                    expected = motion.values[is_compared, made.mechanism.angles[pair]]
+                    expected = motion.values[
+                        is_compared, exported_formulas.mechanism.angles[pair]
+                    ]
                     gap = np.abs(np.exp(1j * values[is_compared]) - np.exp(1j * expected))
                     assert np.all(gap <= tolerance), (language, mode, key, np.max(gap))
                     largest = max([largest, *gap])
@@ -146,43 +151,46 @@ def check_modes(mechanism, folder, least=0.5):
                     size = np.maximum(1.0, np.abs(expected)) ** 2
                     gap = np.abs(values[is_compared] - expected)
                     assert np.all(gap <= 1e3 * tolerance * size), (language, mode, key)
-    assert compared >= least * INPUTS * len(made.modes), compared
+    assert compared >= least * INPUTS * len(exported_formulas.modes), compared
     return largest
 
 
-def evaluate_mode(made, mode, q, results_by_name):
-    """Return the motion and the rates at inputs in a mode, by `sk.evaluate`.
+def evaluate_mode(exported_formulas, mode, q, results_by_name):
+    """Return the configurations and rates of a mode at inputs, by `sk.evaluate`.
 
-    With several inputs the numbers of modes depend on the inputs asked for. Then, at each
-    input, the configuration nearest to the results of the formulas is taken.
+    With several inputs a mode can have another number at other inputs. The configuration of
+    the mode is then the one that is nearest to the results of the formulas.
 
     Parameters
     ----------
-    made
+    exported_formulas
         The formulas, with their mechanism and its assembly modes.
     mode
         The mode of the formulas that is evaluated.
     q
-        (inputs, n) inputs in rad.
+        (driven pairs, n) values of the inputs in rad.
     results_by_name
-        Results (n,) of the formulas.
+        (n,) results of the formulas, by names such as ``theta_41``.
 
     Returns
     -------
     motion
-        One row for each of the n inputs.
+        One configuration (row) for each of the n values.
     rates
-        Rates (n,) of the angles by pair; empty with several inputs.
+        (n,) rates of the angles, by pair. Empty with several inputs.
     """
-    mechanism = made.mechanism
+    mechanism = exported_formulas.mechanism
     if len(q) == 1:
-        evaluated = sk.evaluate(mechanism, q[0], assembly_mode=mode.number)
+        (values_of_input,) = q
+        evaluated = sk.evaluate(mechanism, values_of_input, assembly_mode=mode.number)
         rates = {pair: evaluated.variable_coefficient(pair) for pair in mechanism.angles}
         return evaluated._motion, rates
+    # All configurations at the n samples, in all assembly modes.
     motion = sk.trace(mechanism, path=q.T)
     gaps = []
     for pair, variable in mechanism.angles.items():
         angles = results_by_name[f"theta_{pair}"][motion.sample]
+        # The chord on the unit circle does not change if an angle differs by 2 pi.
         gaps.append(np.abs(np.exp(1j * angles) - np.exp(1j * motion.values[:, variable])))
     # NaN belongs to configurations that do not close. They are never the nearest.
     distances = np.nan_to_num(np.max(gaps, axis=0), nan=np.inf)
@@ -207,11 +215,15 @@ def test_sources_have_both_modes_though_the_middle_of_the_range_is_singular(name
 
 def test_a_change_point_by_numbers():
     """The four-bar 70, 30, 60, 40 deg at 1 rad, by spherical trigonometry, to 1e-5 rad."""
-    made = formulas(load_case("cp2"), ["theta_tip", "theta_joint", "theta_out"])
-    function = made.numpy_function(made.outputs)
+    exported_formulas = formulas(
+        load_case("cp2"), ["theta_tip", "theta_joint", "theta_out"]
+    )
+    function = exported_formulas.numpy_function(exported_formulas.outputs)
     angles = [
-        function(np.ones((1, 1)), np.array([mode.values]).T, made.size_values)[:, 0]
-        for mode in made.modes
+        function(np.ones((1, 1)), np.array([mode.values]).T, exported_formulas.size_values)[
+            :, 0
+        ]
+        for mode in exported_formulas.modes
     ]
     assert angles[0][2] == pytest.approx(0.89580, abs=1e-5)
     assert angles[1] == pytest.approx([2.72287, 1.26604, -1.95178], abs=1e-5)
@@ -260,14 +272,15 @@ def test_working_modes_of_a_coaxial_wrist(tmp_path):
 def test_a_mode_that_formulas_do_not_give_is_not_written(tmp_path, monkeypatch, capsys):
     """A mode with wrong signs is noticed before the export, left out, and named.
 
-    The formulas of a four-bar select a mode by the sign of its dyad, the only entry of
-    `mode_values`. That of mode 1, -1, is replaced by its absolute value. A page still has
-    mode 0. If no other mode is wanted, the export is refused.
+    The formulas of a four-bar select one of its two assembly modes by the sign of its dyad,
+    1 or -1 (`mode_values`). Here mode 1, named p0 in the file, gets 1 instead of -1. It is
+    left out, and mode 0 is still exported. If only mode 1 is wanted, the export is refused.
     """
     find_candidate = mode_table._find_candidate
 
-    def find_wrong_candidate(tracer, sampled, mode, *others):
-        candidate = find_candidate(tracer, sampled, mode, *others)
+    def find_wrong_candidate(*arguments):
+        """Return a mode that may be exported, with the sign 1 instead of -1."""
+        candidate = find_candidate(*arguments)
         return replace(candidate, mode_values=np.abs(candidate.mode_values))
 
     monkeypatch.setattr(mode_table, "_find_candidate", find_wrong_candidate)
@@ -298,8 +311,8 @@ def test_a_mode_without_a_regular_sample_is_named():
 @pytest.mark.parametrize("language", ["cpp", "julia", "casadi"])
 def test_the_other_languages_name_the_same_modes(name, language):
     """Sources in C++, Julia and CasADi list both modes and say how they were checked."""
-    made = formulas(load_case(name))
-    text = source(made, language)
+    exported_formulas = formulas(load_case(name))
+    text = source(exported_formulas, language)
     assert "1.0" in text and "-1.0" in text
     assert "0 (+): mode 1;" in text and "1 (-): mode -1;" in text
     comment = " ".join(text.replace("# ", "").replace("// ", "").split())

@@ -99,22 +99,24 @@ def test_links_that_rest_have_no_pole(name):
     If two links rest only up to rounding, `sk.evaluate` can still give an axis, as the
     intersection of great circles through other poles. Formulas compute the axis from the
     rates alone and give NaN. So `sk.evaluate` must have a pole wherever formulas have one,
-    but not the reverse. In two of the mechanisms no links need to rest exactly.
+    but not the reverse. In "planetary_bevel" no links rest, and in "folded_kite" they rest
+    only up to rounding. In the other mechanisms some links must rest.
     """
-    made = formulas(CASES[name](), ["pole_*", "*_coefficient_*"])
-    mechanism = made.mechanism
+    exported_formulas = formulas(CASES[name](), ["pole_*", "*_coefficient_*"])
+    mechanism = exported_formulas.mechanism
     inputs = mechanism.input_pairs
-    function = made.numpy_function(made.outputs)
+    function = exported_formulas.numpy_function(exported_formulas.outputs)
     resting_count = 0
-    for mode in made.modes:
+    for mode in exported_formulas.modes:
+        # (1, inputs) the inputs (rad) of a configuration of the mode.
         q = np.array([mode.at])
         evaluated = sk.evaluate(mechanism, q if len(inputs) > 1 else q[0])
-        motion = np.zeros((len(made.motion), 1))
-        motion[: len(inputs), 0] = mode.at
+        # Poles and coefficients depend on the inputs alone, not on their rates.
+        motion = q.T
         mode_values = np.array(mode.values).reshape(-1, 1)
-        columns = function(motion, mode_values, made.size_values)
-        results = dict(zip(made.results, columns[:, 0], strict=True))
-        row = row_of_mode(evaluated, made, results, mode)
+        columns = function(motion, mode_values, exported_formulas.size_values)
+        results = dict(zip(exported_formulas.results, columns[:, 0], strict=True))
+        row = row_of_mode(evaluated, exported_formulas, results, mode)
         for a, b in combinations(mechanism.links, 2):
             for pair in inputs:
                 suffix = "" if len(inputs) == 1 else f"_by_{pair}"
@@ -140,7 +142,7 @@ def test_links_that_rest_have_no_pole(name):
     assert resting_count or name in ("planetary_bevel", "folded_kite")
 
 
-def row_of_mode(evaluated, made, results, mode):
+def row_of_mode(evaluated, exported_formulas, results, mode):
     """Return the row of `sk.evaluate` that belongs to an assembly mode of formulas.
 
     With several inputs modes are numbered differently. The row is then the one with the
@@ -150,19 +152,19 @@ def row_of_mode(evaluated, made, results, mode):
     ----------
     evaluated
         The result of `sk.evaluate` at the inputs of the mode.
-    made
+    exported_formulas
         The formulas.
     results
         Results of the formulas in this mode, by name.
     mode
         The mode of the formulas.
     """
-    if len(made.mechanism.inputs) == 1:
+    if len(exported_formulas.mechanism.inputs) == 1:
         return list(evaluated.assembly_mode).index(mode.number)
-    ground, *links = made.mechanism.links
+    ground, *links = exported_formulas.mechanism.links
     distances = 0.0
     for link in links:
-        for pair in made.mechanism.input_pairs:
+        for pair in exported_formulas.mechanism.input_pairs:
             name = f"{link}_{ground}"
             # A link at rest has no pole (NaN). Its velocity is zero in any direction.
             pole = np.nan_to_num([results[f"pole_{name}_{x}_by_{pair}"] for x in "xyz"])
@@ -178,21 +180,27 @@ def test_a_pole_that_never_exists_is_nan_in_every_language(tmp_path):
 
     Its source compiles in every language.
     """
-    made = formulas("five_bar", ["pole_5_1_*_by_21", "theta_32"])
+    exported_formulas = formulas("five_bar", ["pole_5_1_*_by_21", "theta_32"])
     columns = np.full((2, 3), 1.2), np.ones((1, 3)), np.zeros((0, 3))
-    for language, function in functions_by_language(tmp_path, "five_bar", made):
+    for language, function in functions_by_language(
+        tmp_path, "five_bar", exported_formulas
+    ):
         results = function(*columns)
         assert np.all(np.isnan(results[:3])) and np.all(np.isfinite(results[3])), language
 
 
 def test_a_passive_pair_keeps_its_axis_where_it_rests():
     """The axis of a passive pair exists also in the mode in which its links rest."""
-    made = formulas(folded_kite(), ["pole_rocker_base_*", "velocity_coefficient_*"])
-    function = made.numpy_function(made.outputs)
+    exported_formulas = formulas(
+        folded_kite(), ["pole_rocker_base_*", "velocity_coefficient_*"]
+    )
+    function = exported_formulas.numpy_function(exported_formulas.outputs)
     coefficients = []
-    for mode in made.modes:
-        columns = function(np.array([[1.0]]), np.array([mode.values]).T, made.size_values)
-        results = dict(zip(made.results, columns[:, 0], strict=True))
+    for mode in exported_formulas.modes:
+        columns = function(
+            np.array([[1.0]]), np.array([mode.values]).T, exported_formulas.size_values
+        )
+        results = dict(zip(exported_formulas.results, columns[:, 0], strict=True))
         assert all(np.isfinite(results[f"pole_rocker_base_{x}"]) for x in "xyz")
         coefficients.append(abs(results["velocity_coefficient_rocker_base"]))
     assert min(coefficients) < 1e-12 < max(coefficients)

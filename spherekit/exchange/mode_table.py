@@ -96,9 +96,9 @@ class ModeCandidate:
     """An assembly mode of the mechanism that may be exported with explicit formulas.
 
     The formulas are evaluated at the inputs of `motion`. The mode is exported if they give
-    the same configurations. *Places* are the numbers that select the mode in the formulas:
-    signs of dyads (two links and three R pairs), or variables from which Newton's method
-    starts.
+    the same configurations. *Mode values* are the numbers that select the mode in the
+    formulas: signs of dyads (two links and three R pairs), or variables from which Newton's
+    method starts.
 
     If modes follow smooth curves, the inputs at which curves cross divide the range of the
     input into intervals. The values of a mode can differ between intervals. Otherwise there
@@ -320,7 +320,7 @@ def _join_mode_values(
 ) -> SmoothModes:
     """Return the mode values of all modes in the intervals of the input.
 
-    Places are the values that select a mode in the formulas. Crossings divide the range of
+    Mode values select a mode in the formulas. Crossings divide the range of
     the input into intervals, in which the values of a mode differ. In a further short
     interval about each crossing the values are unknown (NaN) for modes that change there.
 
@@ -396,9 +396,10 @@ def _find_candidate(
 ) -> ModeCandidate:
     """Choose configurations of an assembly mode, and determine its mode values.
 
-    *Places* are the numbers that select the mode in the formulas: the signs of its dyads in
-    closed form, otherwise the variables from which Newton's method starts. A dyad consists
-    of two links and three R pairs. Its sign says in which of two ways it is assembled.
+    *Mode values* are the numbers that select the mode in the formulas: the signs of its
+    dyads in closed form, otherwise the variables from which Newton's method starts. A dyad
+    consists of two links and three R pairs. Its sign says in which of two ways it is
+    assembled.
 
     Parameters
     ----------

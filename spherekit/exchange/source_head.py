@@ -89,10 +89,10 @@ def _argument_lines(source: Source) -> Iterator[str]:
 def _mode_lines(source: Source, position: int, mode: Mode) -> Iterator[str]:
     """Yield the lines on an assembly mode: its number, name, mode values and a known input.
 
-    Places are the values that the source takes to select the mode: the signs of its dyads,
-    or the pair variables (rad) from which Newton's method starts. If modes follow smooth
-    curves through crossings, the mode values may change with the input. A further line then
-    gives the mode values of each interval of the input.
+    Mode values are the numbers that the source takes to select the mode: the signs of its
+    dyads, or the pair variables (rad) from which Newton's method starts. If modes follow
+    smooth curves through crossings, the mode values may change with the input. A further
+    line then gives the mode values of each interval of the input.
 
     Parameters
     ----------
