@@ -226,9 +226,12 @@ def test_a_signal_stops_a_run_and_prints_the_command_to_resume_it(
 ):
     """After SIGINT or SIGTERM one line says what is done and how to go on.
 
-    The printed command completes the run; its files are those of an uninterrupted one.
-    Exit status 128 + number says which signal it was.
+    Exit status 128 + number says which signal it was. The same command without `--resume`
+    is refused, because the folder has an unfinished run. The printed command completes the
+    run; its files are those of an uninterrupted one.
     """
+    # Small blocks (2 MB), so that the run consists of many and is stopped between two. The
+    # signal is sent to another process, and this one completes the run.
     monkeypatch.setattr(batch_runner, "BLOCK_BYTES", 1 << 21)
     folder = tmp_path / "with space"
     arguments = ["run", "four_bar", "-a", "poles:only=31", "--samples", "80000", "-o"]
@@ -533,18 +536,21 @@ def test_files_are_read_and_written_in_pieces(tmp_path, monkeypatch):
 @pytest.mark.many
 @pytest.mark.parametrize("job, count", [(run_four_bar, 5_000), (run_with_springs, 1_500)])
 def test_memory_does_not_grow_with_the_samples(job, count, tmp_path, monkeypatch):
-    """Four times as many samples need little more memory than their inputs.
+    """A run with four times as many samples does not keep the additional rows in memory.
 
-    Rows are written to files, and only the inputs of all samples are in memory. There may
-    be up to five arrays of them. The peak may grow by these arrays and by a tenth of the
-    bytes of the additional rows. Afterwards the library Arrow has less than 1 MB more than
-    before. `count` is the smaller number of samples.
+    Rows are written to files, and only inputs are kept for all samples. For each additional
+    sample the peak of memory may grow by five numbers of 8 bytes and by a tenth of the
+    bytes of its rows. Afterwards the library Arrow has less than 1 MB more than before.
+    `count` is the smaller number of samples.
     """
     for module in (table_store, table_files):
         monkeypatch.setattr(module, "CHUNK_ROWS", 1024)
 
     def measure(samples):
-        """Return the peak of memory, what Arrow still holds, and bytes of all tables."""
+        """Return the peak of memory, the growth of Arrow's memory, and the size of tables.
+
+        All three are in bytes.
+        """
         pool = pa.default_memory_pool()
         arrow_bytes_before = pool.bytes_allocated()
         tracemalloc.start()
@@ -562,9 +568,9 @@ def test_memory_does_not_grow_with_the_samples(job, count, tmp_path, monkeypatch
     small_peak, _, small_table_bytes = measure(count)
     large_peak, arrow_bytes, large_table_bytes = measure(4 * count)
     additional_samples = 3 * count
-    input_bytes = 5 * 8 * additional_samples
+    permitted_input_bytes = 5 * 8 * additional_samples
     additional_bytes = large_table_bytes - small_table_bytes
-    assert large_peak - small_peak < input_bytes + 0.1 * additional_bytes
+    assert large_peak - small_peak < permitted_input_bytes + 0.1 * additional_bytes
     assert arrow_bytes < 1e6
 
 
@@ -577,18 +583,20 @@ def test_the_engine_that_began_goes_on(tmp_path):
 
 
 def test_an_analysis_of_all_samples_is_not_resumed(tmp_path):
-    """An analysis that needs all samples at once is computed again on resuming.
+    """On resuming, an analysis that needs all samples at once starts from the first one.
 
-    The run is interrupted after all of its 361 samples, before this analysis has its table.
-    The samples are done and kept. After resuming, the analysis has got all of them in one
-    block, and its table has their rows in both assembly modes.
+    The run is interrupted when its 361 samples are done and before the table "words" of the
+    analysis is computed. After resuming, all 361 samples are given to the analysis in one
+    block, and its table has a row for each of them in both assembly modes.
     """
+    # It interrupts after the first block, although this is the last one too.
+    interrupt = interrupt_after(1, is_last=True)
     with pytest.raises(KeyboardInterrupt) as error:
         sk.run(
             sk.load("four_bar"),
             AnalysisOfAllSamples(),
             folder=tmp_path,
-            progress=interrupt_after(1, is_last=True),
+            progress=interrupt,
         )
     assert "361 of 361 samples are done and kept" in note(error.value)
     result = sk.run(

@@ -69,11 +69,13 @@ def test_a_model_has_the_pose_of_the_mechanism_and_motors_at_its_inputs(name, in
 
     Every link has a geometry that can be seen; motors are at the inputs alone.
     """
+    # `values` are the pair angles (rad) of the pose. Loads have no influence on it.
     mechanism, values = find_pose(replace(sk.load(name), loads=()), inputs=inputs)
     model, data = load_model(MujocoModel(mechanism, values).text)
     closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
     rotations = closure.linearise(values[None]).rotations[0]
     assert largest_rotation_gap(mechanism, data, rotations) < 1e-14
+    # `efc_pos` are the errors of MuJoCo's constraints, which close the loops.
     assert np.max(np.abs(data.efc_pos), initial=0.0) < 1e-14
     motors = [model.actuator(k).name for k in range(model.nu)]
     assert motors == [item.pair for item in mechanism.inputs]
@@ -136,9 +138,9 @@ def test_loads_have_the_power_that_they_say():
     """MuJoCo's power of all loads is that of their laws, at a random state.
 
     Power is torque times joint rate, force times velocity of the point, or moment times
-    angular velocity. The numbers below are those of `LOADS`. Loads act at every passive
-    pair. MuJoCo's bodies form a tree, so the pair that closes the loop is a hinge of a
-    second body of its link. This one has a load too.
+    angular velocity. The laws below have the numbers of `LOADS`, one term for each load.
+    Loads act at all three passive pairs. One of these is 41, which closes the loop.
+    MuJoCo's bodies form a tree, so 41 is the hinge of a second body of its link.
     """
     loaded = replace(sk.load("four_bar"), loads=LOADS)
     mujoco_model = MujocoModel(*find_pose(loaded, inputs=0.7))
@@ -146,13 +148,15 @@ def test_loads_have_the_power_that_they_say():
     model, data = load_model(mujoco_model.text)
     rng = np.random.default_rng(5)
     data.qvel[:] = rng.uniform(-1.0, 1.0, model.nv)
+    # The random angles open the loop. Loads depend on angles and rates alone, so the laws
+    # must be satisfied all the same.
     data.qpos += rng.uniform(-0.3, 0.3, model.nq)
     mujoco.mj_forward(model, data)
     power = data.qvel @ (data.qfrc_actuator + data.qfrc_passive)
 
     theta = {pair: data.joint(pair).qpos[0] for pair in ("32", "43", "41")}
     rate = {pair: data.joint(pair).qvel[0] for pair in theta}
-    # The stiffness and the rest angle of coil and second_coil.
+    # The springs coil and second_coil, with their stiffnesses and rest angles.
     springs = -3.0 * (theta["32"] - 0.2) - 4.0 * (theta["32"] + 0.1)
     expected = springs * rate["32"]
     expected -= 0.1 * rate["43"] ** 2  # damper

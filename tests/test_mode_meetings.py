@@ -40,9 +40,10 @@ SAME_INPUT_RAD = 1e-6
 def find_contradictions(text, low, high):
     """Compare the named meetings of modes of a run with a proof by `certify_curves`.
 
-    The proof by interval arithmetic encloses all saddles (places where curves may cross)
-    and turning points (dead centres) of the configuration curves. A saddle with level sign
-    0 is a crossing; otherwise the curves pass it at a small distance.
+    The proof by interval arithmetic encloses all saddles and turning points (dead centres)
+    of the configuration curves. Near a saddle the curves are the zeros of a function g of
+    two coordinates that has a saddle point. If g is 0 there, its level sign is 0 and two
+    curves cross. Otherwise they pass each other at a small distance.
 
     Parameters
     ----------
@@ -72,6 +73,7 @@ def find_contradictions(text, low, high):
             saddles.append((q, saddle.level_sign))
 
     def is_doubtful(q):
+        """Whether the run says that it may have missed turning points near an input."""
         return any(start <= q <= stop for start, stop in turning_points.doubtful)
 
     messages = []
@@ -87,6 +89,7 @@ def find_contradictions(text, low, high):
         is_listed = np.any(np.abs(all_inputs - q) < SAME_INPUT_RAD)
         if not (is_listed or is_doubtful(q)):
             messages.append(f"dead centre at {q} is not known")
+    # The claim of the run may be "complete: all modes, which meet nowhere in the range".
     claim = position_analysis.claim
     if claim.guarantee is Guarantee.COMPLETE and "nowhere" in str(claim):
         messages += [f"curves cross at {q}" for q, sign in saddles if sign == 0]
@@ -109,8 +112,8 @@ def compare_with_proof(count, seed):
     these inputs; `certify_curves` proves where curves cross (see `find_contradictions`).
 
     The curves of each four-bar cross in a flat configuration (a change point), in which all
-    axes lie on one great circle. Its pairs are flat at 0 or at 180 deg, depending on the
-    position from which their angles count (`zero`). Both occur here.
+    axes lie on one great circle. The zero position of the pairs is varied, so that their
+    angles are 0 or 180 deg in the flat configuration.
 
     Parameters
     ----------
@@ -128,7 +131,9 @@ def compare_with_proof(count, seed):
     compared = 0
     with_meeting = 0
     while compared < count:
+        # The kinds are a vertex that folds flat, a kite, a parallelogram and a rhombus.
         arcs = random_crossing_arcs(random, KINDS[compared % len(KINDS)])
+        # The ends of the input range (deg). A flat configuration is in its middle.
         low, high = symmetric_range(random)
         zero_deg = str(random.choice(["0", "180"]))
         text = four_bar_text(arcs, low, high, zero=zero_deg)
@@ -199,8 +204,9 @@ def test_a_near_miss_is_no_crossing(difference):
 
     The configuration curves of a four-bar with two and two equal sides cross in a flat
     configuration. If one of two sides of 80 deg is changed by `difference` (deg), they pass
-    each other at a small distance. A difference of 1e-13 deg is smaller than what 64-bit
-    numbers tell apart. The run must then not fail, but may name a crossing.
+    each other at a small distance. For 1e-4 and 1e-7 deg the claims of the run are compared
+    with a proof. A difference of 1e-13 deg is smaller than what 64-bit numbers tell apart.
+    The run must then not fail, but may name a crossing.
     """
     from decimal import Decimal
 
@@ -212,6 +218,7 @@ def test_a_near_miss_is_no_crossing(difference):
         if difference != "1e-13":
             assert named_count == (1 if difference == "0" else 0)
         if difference in ("1e-4", "1e-7"):
+            # Between claims of the run and the proof, from -50 to 50 deg of the input.
             contradictions, _ = find_contradictions(text, -50, 50)
             assert contradictions == []
 
@@ -392,19 +399,21 @@ def test_change_points_at_the_middle_and_the_ends_of_a_range_are_exact(arcs):
     ],
 )
 def test_angles_that_count_turns_are_continuous_through_crossings(arcs, zero):
-    """Loads that count turns of a pair see no jump by a turn where the mode is smooth.
+    """Angles with counted turns have no jump by a turn where the configurations are smooth.
 
-    In flat configurations two curves of configurations cross. With `crossings="pass"` both
-    assembly modes follow their smooth curves. `arcs` are those of ground, crank, coupler
-    and rocker (deg); `zero` is the input (deg) at which the four-bar is flat.
+    Such angles are needed for loads that depend on the turns of a pair. In flat
+    configurations two curves of configurations cross. With `crossings="pass"` both assembly
+    modes follow their smooth curves through a crossing. `arcs` are those of ground, crank,
+    coupler and rocker (deg); `zero` is the input (deg) at which the four-bar is flat.
     """
     samples = 145
-    mechanism = loaded(four_bar_text(arcs, 0, 360, zero))
+    mechanism = loaded(four_bar_text(arcs, low=0, high=360, zero=zero))
     position_analysis = PositionAnalysis(mechanism, samples=samples, crossings="pass")
     motion = position_analysis.motion()
     pairs = [pair.name for pair in mechanism.pairs]
-    # There are no samples before these.
-    angles = continue_angles(motion, pairs, position_analysis.angle_unwrapping, last={})
+    # Angles (rad) of all rows by pair. `last` are the angles before the first sample: none.
+    counter_of_turns = position_analysis.angle_unwrapping
+    angles = continue_angles(motion, pairs, counter_of_turns, last={})
     mode_count = 2
     for pair, values in angles.items():
         steps = np.abs(np.diff(values.reshape(mode_count, samples), axis=1))
@@ -414,12 +423,15 @@ def test_angles_that_count_turns_are_continuous_through_crossings(arcs, zero):
 
 
 def test_evaluate_follows_smooth_curves():
-    """Velocity coefficients at -0.3 and 0.3 rad are equal in size on a smooth curve.
+    """With `crossings="pass"`, `evaluate` follows the smooth curve through a flat state.
 
-    The flat state is at 0 rad. On each smooth curve a configuration and the one with the
-    opposite angles mirror each other, so the coefficients have equal sizes. A mode that
-    keeps the sign of its dyad is on another curve after the flat state, with a coefficient
-    that differs by more than 0.1.
+    The mechanism is a paper vertex of four creases, a four-bar. In its flat state, at the
+    input 0, two smooth curves of configurations cross. On each of them, the configurations
+    at -0.3 and 0.3 rad mirror each other, so velocity coefficients have equal sizes there.
+
+    By default, a mode is one way to assemble the dyad of the four-bar (its two links that
+    are not the ground or the crank). This mode changes to the other curve in the flat
+    state, where the coefficient differs by more than 0.1.
     """
     path = str(FILES / "flatfold_through.toml")
 

@@ -153,16 +153,19 @@ def test_a_long_search_says_what_it_does_unless_it_is_to_be_quiet(capsys, monkey
 
 
 def test_the_order_of_modes_does_not_hang_on_rounding_at_half_turns():
-    """Modes with angles of half a turn are sorted alike, although rounding changes signs.
+    """Assembly modes are sorted alike, although rounding changes signs of half turns.
 
-    The agile eye has such modes. Rounding decides whether an angle is just below pi or just
-    above -pi.
+    The agile eye has modes with angles of half a turn. Rounding decides whether such an
+    angle is just below pi or just above -pi. `mode_sort_key` must not depend on this: modes
+    that are changed by up to 1e-12 rad and shuffled are sorted into the order of before.
     """
     position_analysis = PositionAnalysis(sk.load("agile_eye"), samples=[1, 1, 1])
     solver = position_analysis.solver
-    q = position_analysis.input_grid.q[0]
+    inputs = position_analysis.input_grid.q[0]
+    # A group is a set of links that are placed together. The agile eye has one group.
     group = solver.assembly.groups[0]
-    closure = group_closure(solver.start(q[None]), group)
+    closure = group_closure(solver.start(inputs[None]), group)
+    # All modes at these inputs, sorted by `mode_sort_key`.
     values, _ = find_group_configurations(group, closure)
     angles = np.array(values)
     assert np.any(np.abs(np.abs(angles) - np.pi) < 1e-9)

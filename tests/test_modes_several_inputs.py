@@ -108,12 +108,16 @@ def random_platform(random):
 def count_platform_configurations(position_analysis):
     """Return how many configurations a 3-RRR has at each sample, -1 where in doubt.
 
-    `count_configurations` solves the polynomial equations of the platform for the
-    positions of the crank ends in the frame of the base. It calls no solver of spherekit;
-    only the axes of the pairs are read from the mechanism.
+    Each leg has a crank, which the input turns about a base axis, and a coupler to the
+    platform. The inputs give the axes at the crank ends (pairs b1 to b3) in the frame of
+    the base. With these `count_configurations` solves the polynomial equations of the
+    platform. It calls no solver of spherekit; only the axes of the pairs are read from the
+    mechanism.
     """
     solver = position_analysis.solver
     mechanism = position_analysis.mechanism
+    # The state in which only the inputs are placed. The base and the three cranks are then
+    # one rigid body. `body_from_link` has the rotations of links to the axes of this body.
     state = solver.start(position_analysis.input_grid.q)
 
     def axis(pair, side):
@@ -126,7 +130,8 @@ def count_platform_configurations(position_analysis):
         crank = mechanism.link_number[f"crank{leg}"]
         crank_ends.append(state.body_from_link[crank] @ axis(f"b{leg}", 0))
     base_rotation = state.body_from_link[mechanism.link_number["base"]]
-    # (samples, 3 legs, 3 components) in the frame of the base
+    # From the axes of the body to the frame of the base, by the transposed rotation:
+    # n are samples, k legs, i and j components. The shape is (samples, 3 legs, 3).
     crank_ends = np.einsum("nji,nkj->nki", base_rotation, np.stack(crank_ends, axis=1))
     coupler_arcs = [np.arccos(axis(f"b{leg}", 1) @ axis(f"c{leg}", 0)) for leg in (1, 2, 3)]
     platform_axes = np.stack([axis(f"c{leg}", 1) for leg in (1, 2, 3)])
@@ -434,7 +439,10 @@ def test_a_lost_configuration_is_noticed(monkeypatch):
 
 
 def graph_of(name, shape):
-    """Return an empty configuration graph over a grid of samples, and all configurations.
+    """Return a configuration graph without nodes, and the configurations for its nodes.
+
+    The nodes of the graph are configurations at the samples of a grid of inputs. Edges are
+    paths of the inputs between neighbouring samples. Tests add nodes and edges themselves.
 
     Parameters
     ----------
@@ -442,6 +450,13 @@ def graph_of(name, shape):
         Name of a shipped mechanism.
     shape
         Number of samples of each input.
+
+    Returns
+    -------
+    graph
+        The graph without nodes and edges.
+    configurations
+        All configurations at all samples: the sample number and the pair variables of each.
     """
     position_analysis = PositionAnalysis(sk.load(name), samples=shape)
     configurations = enumerate_configurations(
@@ -525,11 +540,13 @@ def test_close_configurations_of_opposite_sign_stay_two_nodes(signs, equal):
 def test_wrong_paths_never_make_two_equal_nodes_for_any_batch_size(
     name, shape, batch_size, known_of_four, monkeypatch
 ):
-    """A graph built along faulty paths has no double nodes and does not depend on batches.
+    """A graph built along faulty paths has no double nodes.
 
     The nodes of the graph are configurations at the samples of a grid of inputs. Paths lead
-    from a node to the neighbouring samples. Every third path is made to jump to the first
-    configuration of the sample to which it leads, so that several paths end at one node.
+    from a node to a configuration at a neighbouring sample. Every third path is made to end
+    in the first configuration of that sample, which is usually wrong. Several paths then
+    end at one node. The graph must also be the same for any number of paths that are
+    followed together.
 
     Parameters
     ----------
@@ -542,10 +559,11 @@ def test_wrong_paths_never_make_two_equal_nodes_for_any_batch_size(
         4 if all configurations are nodes at first. If it is 3, each fourth configuration is
         left out, and only the paths can find it.
     """
-    graph, configurations = graph_of(name, shape)
+    empty_graph, configurations = graph_of(name, shape)
     follow = ConfigurationGraph._follow_paths
 
     def follow_wrongly(graph, nodes, sample):
+        """Follow paths from nodes to samples, with wrong ends of every third."""
         verified, values = follow(graph, nodes, sample)
         for row in np.flatnonzero(nodes % 3 == 0).tolist():
             first = configurations.values[configurations.sample == sample[row]][:1]
@@ -559,21 +577,24 @@ def test_wrong_paths_never_make_two_equal_nodes_for_any_batch_size(
     graphs = []
     for paths_at_once in (batch_size, 10**6):
         monkeypatch.setattr(configuration_graph, "PATHS_AT_ONCE", paths_at_once)
-        graph = ConfigurationGraph(graph.solver, graph.input_grid)
+        graph = ConfigurationGraph(empty_graph.solver, empty_graph.input_grid)
         graph.add(configurations.sample[is_known], configurations.values[is_known])
-        for direction in (2, 3):  # towards the neighbours along the second input
+        # Directions 2 and 3 lead to the neighbours along the second input.
+        for direction in (2, 3):
+            # The neighbouring sample of each node, -1 at the border of the grid.
             targets = graph._neighbours[direction][graph.sample]
             graph._join_along_paths(np.flatnonzero(targets >= 0), direction)
         graphs.append(graph)
         for sample in range(len(graph.input_grid)):
             sample_values = np.exp(1j * graph.values[graph.sample == sample])
+            # From each configuration to the nearest other one. `SELF_DISTANCE` is larger
+            # than any of them, for samples without configurations.
             distances = distances_to_nearest(sample_values)
-            # A sample without configurations has no distances.
             assert np.min(distances, initial=SELF_DISTANCE) > SAME_CONFIGURATION
     in_batches, at_once = graphs
     assert np.array_equal(in_batches.sample, at_once.sample)
-    # The node to which the path from each node led in each direction, and the set of joined
-    # nodes to which each node belongs.
+    # `_partner` is the node to which the path from each node led in each direction.
+    # `_piece` is the set of joined nodes to which each node belongs.
     assert np.array_equal(in_batches._partner, at_once._partner)
     assert np.array_equal(in_batches._piece, at_once._piece)
 
@@ -679,21 +700,24 @@ def test_random_platforms_have_the_counts_of_an_independent_formula(seed):
     """A random 3-RRR has at every sample as many configurations as its polynomial says.
 
     The counts by the polynomial are -1 at samples where they are in doubt, which are left
-    out. Counts are also compared with elimination at each sample alone. Grids of inputs and
-    paths take turns.
+    out. Counts are also compared with elimination at each sample alone.
     """
     random = np.random.default_rng(seed)
     mechanism = random_platform(random)
+    # A tuple is a grid with so many values of each input. A number is that of the samples
+    # on a path through the ranges of the inputs.
     samples = [(4, 4, 4), 50, (2, 3, 6), 7][seed % 4]
     try:
         position_analysis = PositionAnalysis(mechanism, samples=samples)
     except sk.SolveError:
-        # An error is right only if the platform closes at no sample. Without modes
-        # (`follow`) there is no such error.
+        # The error says that the platform closes at no sample. The polynomial must say the
+        # same. The samples are read from an analysis that does not follow modes from sample
+        # to sample, because it raises no such error.
         position_analysis = PositionAnalysis(mechanism, samples=samples, follow=False)
         assert np.max(count_platform_configurations(position_analysis)) <= 0
         return
     motion = position_analysis.motion()
+    # No configuration is listed twice at a sample.
     assert count_repeats(motion) == 0
     counts = count_rows(motion, len(position_analysis.input_grid))
     expected = count_platform_configurations(position_analysis)

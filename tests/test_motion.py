@@ -25,10 +25,13 @@ SHIPPED = (
 def test_joint_angles_and_orientations_of_links_agree_over_a_whole_turn(name):
     """R_second = R_first F_first Z(angle) F_second^T for each R pair, to 1e-14.
 
-    F are the frames of the pair in its two links (by an independent function), and Z is the
-    rotation about the pair's axis, which is z of these frames. After a turn of the input
-    all links are back, so no assembly mode has flipped on the way.
+    R are the rotations of the two links of the pair, F are its frames in these links (by an
+    independent function), and Z is the rotation about the pair's axis, which is z of these
+    frames. After a turn of the input all links are back in their first orientations, so the
+    motion has not changed to another assembly mode on the way.
     """
+    # Without a search, the mode of the reference pose is computed alone if the file has
+    # one.
     motion = sk.trace(sk.load(name), samples=181, search=False)
     assert np.all(motion.status == sk.Status.OK)
     assert np.max(motion.residual) < 5e-15
