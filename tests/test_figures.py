@@ -114,13 +114,16 @@ def test_a_mode_has_one_colour_in_all_figures(four_bar):
 
 @pytest.mark.slow
 def test_singularities_are_marked_in_all_plots_over_the_input(four_bar):
-    """Triangles mark the inputs of the table of singularities, on the curve of a mode.
+    """Triangles mark singularities on the curve of an assembly mode, at the right inputs.
 
-    This holds for a range and for a path that runs backwards.
+    The inputs are those of the table of singularities. The fixture `four_bar` is a run over
+    the range of the input. The second run has the path of inputs from 360 to 0 degrees.
     """
     expected_inputs = np.degrees(np.sort(four_bar.frame("singularities")["q"].to_numpy()))
     backwards = np.linspace(2.0 * np.pi, 0.0, 73)[:, None]
     runs = [four_bar, sk.run("four_bar", ["poles", "singularities"], path=backwards)]
+    # "angles, form i" are transmission angle and angles to both types of singularities.
+    # Form i is the first of two relations of input and output by Di Gregorio.
     for run, name in product(runs, ("velocity coefficients", "angles, form i")):
         for panel in run.plot(name).axes:
             marks = [x.get_xydata()[0] for x in panel.lines if x.get_marker() == "v"]
@@ -201,19 +204,23 @@ def test_the_stereographic_map_keeps_circles(pole):
 
 
 def test_maps_centred_on_a_ground_axis_have_the_other_axes_to_the_right_and_upwards():
-    """The map is not mirrored, and the frame of the opposite view leads back.
+    """A map is not mirrored, and the opposite view of the opposite view is the first one.
 
-    On an equal-area map, a direction 90 degrees from the centre is at the radius sqrt(2).
+    The centre of the map is a ground axis or its opposite. On an equal-area map, a
+    direction 90 degrees from the centre is at the radius sqrt(2).
     """
-    for out in range(3):
-        for positive in (True, False):
-            frame = frame_about(np.eye(3)[[out]] * (1.0 if positive else -1.0))
+    ground_axes = np.eye(3)
+    for centre_axis in range(3):
+        for sign in (1.0, -1.0):
+            # Rows of a frame: the directions to the right, upwards and of the centre.
+            frame = frame_about(sign * ground_axes[[centre_axis]])
             view = SphereView(frame)
-            assert np.linalg.det(frame) == pytest.approx(1.0)
+            assert np.linalg.det(frame) == pytest.approx(1.0)  # not mirrored
             right, up = ("xyz".index(name) for name in view.axis_names[:2])
-            for axis, to in ((right, (1.0, 0.0)), (up, (0.0, 1.0))):
-                place = on_paper(view, np.eye(3)[[axis]])[0]
-                assert place == pytest.approx(np.sqrt(2.0) * np.array(to))
+            right_point = on_paper(view, ground_axes[[right]])[0]
+            assert right_point == pytest.approx([np.sqrt(2.0), 0.0])
+            up_point = on_paper(view, ground_axes[[up]])[0]
+            assert up_point == pytest.approx([0.0, np.sqrt(2.0)])
             assert np.array_equal(opposite_frame(opposite_frame(frame)), frame)
 
 
@@ -259,18 +266,21 @@ def test_a_pole_of_a_curve_is_a_gap_and_leaves_the_frame():
 def test_a_grid_of_inputs_is_a_map_with_its_zeros():
     """Values over a grid of two inputs are drawn as a map with a line at zero.
 
-    The function a - 0.3 is zero where the first input is 0.3 rad.
+    The function a - 0.3 of the inputs a (horizontal) and b (vertical, both rad) is zero on
+    the vertical line a = 0.3.
     """
     a, b = np.meshgrid(np.linspace(0.0, 1.0, 6), np.linspace(1.0, 3.0, 5), indexing="ij")
     over = (Axis("left", "rad", a.ravel()), Axis("right", "rad", b.ravel()))
     values = (a - 0.3).ravel()
-    panel, bar = one_figure([series(values, "", "c", "c")], over).axes
+    drawn_series = series(values, unit="", label="c", group="c")
+    panel, bar = one_figure([drawn_series], over).axes  # the map and its colour bar
     meshes = [x for x in panel.collections if x.get_array() is not None]
     mesh = meshes[0]
     assert np.asarray(mesh.get_array()).reshape(5, 6) == pytest.approx((a - 0.3).T)
     assert mesh.norm.vmin == -mesh.norm.vmax  # so that zero has the colour between
     assert panel.get_xlabel() == "left, deg"
-    assert panel.figure.get_supylabel() == "right, deg"
+    assert panel.figure.get_supylabel() == "right, deg"  # shared by all panels of a figure
+    # The first collection is the mesh, the others are lines.
     zero_lines = []
     for collection in panel.collections[1:]:
         zero_lines += [path.vertices for path in collection.get_paths()]

@@ -145,11 +145,12 @@ def test_maps_over_a_grid_draw_no_reversal_of_an_axis(name, poles, grid):
 def test_sizes_over_a_grid_are_those_of_the_angular_velocities():
     """Magnitudes of angular velocities over a grid are those of `sk.evaluate`.
 
-    The derivative of a magnitude by the first input is checked by a central difference.
+    They are the angular velocities of link 3 relative to link 1 over the rate of input 21.
+    The derivative of a magnitude by this input is checked by a central difference.
     """
     result = sk.run("five_bar", "poles:only=3/1", samples=(7, 7))
-    # The drawn series of assembly mode 0, from which figures are made. The path names the
-    # input that moves, 21, and the two links.
+    # The series of numbers that figures of assembly mode 0 (page 0) show, by path. A path
+    # names the input that moves, 21, and the two links.
     series_by_path = {}
     for scene in result.views._collector.scenes():
         for primitive in scene.primitives:
@@ -160,14 +161,16 @@ def test_sizes_over_a_grid_are_those_of_the_angular_velocities():
     assert (velocity.label, acceleration.label) == ("|ω31/ω21|", "|ω31/ω21|′")
 
     def relative_speed(inputs):
+        """Return the angular velocity |w31| at unit rate of input 21, the other locked."""
         row = sk.evaluate("five_bar", inputs, assembly_mode=0)
         return np.linalg.norm(row.angular_velocity("3", "21")[0])
 
+    # `over` are the axes of the grid, one for each input.
     q = np.stack([axis.values for axis in scene.over], axis=1)
     step = 1e-5
     for row in np.flatnonzero(np.isfinite(velocity.values))[::5]:
-        size = relative_speed(q[row])
-        assert velocity.values[row] == pytest.approx(size, rel=1e-9)
+        speed = relative_speed(q[row])
+        assert velocity.values[row] == pytest.approx(speed, rel=1e-9)
         change = relative_speed(q[row] + [step, 0.0]) - relative_speed(q[row] - [step, 0.0])
         derivative = change / (2.0 * step)
         assert acceleration.values[row] == pytest.approx(derivative, rel=1e-5, abs=1e-6)
@@ -224,22 +227,36 @@ def drawn_figures():
 
     They have one and two columns, legends, colours, and up to five maps.
     """
-    small_circle, large_circle = tilted_circle(0.3, 0.4), tilted_circle(1.4)
-    marks = [Mark("a mark with a long name", np.array([0.0, 0.6, 0.8]), 2)]
+    small_circle = tilted_circle(radius=0.3, tilt=0.4)
+    large_circle = tilted_circle(radius=1.4)
+    marks = [Mark("a mark with a long name", np.array([0.0, 0.6, 0.8]), tone=2)]
     plain = SphereCurves("c", "border", [small_circle])
-    far = SphereCurves("c", "border", [large_circle, -small_circle], 1, marks)
+    # The opposite circle is on the other hemisphere.
+    two_sides = SphereCurves(
+        "c", "border", [large_circle, -small_circle], tone=1, marks=marks
+    )
     points = np.concatenate([tilted_circle(r) for r in (0.2, 0.5, 0.8)])
-    colours = SphereMap("m", "margin", points, np.zeros((0, 3), int), points[:, 2], "")
+    # A map of values (here z) without triangles is drawn as coloured points.
+    no_triangles = np.zeros((0, 3), int)
+    colours = SphereMap("m", "margin", points, no_triangles, values=points[:, 2], unit="")
     arrows = []
     for k in range(5):
-        directions = tilted_circle(1.2, 0.2 * k)
+        directions = tilted_circle(radius=1.2, tilt=0.2 * k)
         arrows.append(Arrow(f"p{k}", f"P{k}1", directions, primary=False))
     axis = (Axis("q", "rad", CIRCLE_ANGLES),)
-    for columns, parts in ((1, [plain]), (2, [plain]), (2, [far]), (2, [plain, colours])):
-        scene = Scene("Page", tuple(parts), source="an")
+    for columns, parts in (
+        (1, [plain]),
+        (2, [plain]),
+        (2, [two_sides]),
+        (2, [plain, colours]),
+    ):
+        scene = Scene("Page", tuple(parts), source="analysis")
         yield plan_figures([scene], {}, columns=columns)
     for columns, count in ((2, 1), (1, 3), (2, 5)):
-        scenes = [Scene(k, tuple(arrows[:count]), axis, "an") for k in range(2)]
+        scenes = [
+            Scene(mode, tuple(arrows[:count]), over=axis, source="analysis")
+            for mode in range(2)
+        ]
         yield plan_figures(scenes, {}, columns=columns)
 
 

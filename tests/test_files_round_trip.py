@@ -100,17 +100,31 @@ def random_loads(random, links, pair, random_angle):
 
     `random_angle` is a function that returns a random angle (rad).
     """
-    a, b = map(float, random.uniform(0, 1, 2))
+    a, b = map(float, random.uniform(0, 1, 2))  # numbers for fields of any unit
     components = ("1", f"theta_{pair}", "0.5*t")
+
+    def random_speed():
+        """Return a random rate (rad/s), which must not be 0."""
+        return abs(random_angle()) + 1e-9
+
     return (
         sk.PairTorque("torque", pair, f"-2*theta_{pair}"),
         sk.PointForce("force", links[0], random_axis(random), components, "link"),
         sk.Moment("moment", links[1], components),
-        sk.Spring("spring", pair, a, random_angle()),
-        sk.Damper("damper", pair, b),
-        sk.Friction("friction", pair, a, b, abs(random_angle()) + 1e-9),
-        sk.Bearings("held", pair, (a + 0.1,), b, a, abs(random_angle()) + 1e-9),
-        sk.TorqueTable("table", pair, (0.0, a, a + 1), (a, b, a), True),
+        sk.Spring("spring", pair, stiffness=a, rest=random_angle()),
+        sk.Damper("damper", pair, damping=b),
+        sk.Friction("friction", pair, torque=a, viscous=b, speed=random_speed()),
+        sk.Bearings(
+            "held",
+            pair,
+            positions=(a + 0.1,),
+            radius=b,
+            coefficient=a,
+            speed=random_speed(),
+        ),
+        sk.TorqueTable(
+            "table", pair, times=(0.0, a, a + 1), torques=(a, b, a), periodic=True
+        ),
     )
 
 

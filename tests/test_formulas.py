@@ -40,31 +40,40 @@ def with_input(name):
     return name if mechanism.inputs else mechanism.with_inputs(mechanism.pairs[0].name)
 
 
-def evaluate_terms(made, expressions, motion, mode_values, sizes=None):
+def evaluate_terms(formula_set, expressions, motion, mode_values, sizes=None):
     """Return the values (expressions, n) of symbolic terms of formulas, by NumPy.
 
     Parameters
     ----------
-    made
+    formula_set
         Formulas of a mechanism, with their symbols and tables.
     expressions
         Terms of these formulas.
-    motion, mode_values, sizes
-        (k, n) or (k, 1) values of the variables of formulas: inputs and rates, signs or
-        joint angles of the mode, and numbers of the file (default: those of the file).
+    motion
+        (k, n) inputs of the mechanism; their rates and further variables of time may
+        follow.
+    mode_values
+        (k, n) or (k, 1) values that select the assembly mode: signs of its dyads, or the
+        variables of all pairs from which Newton's method starts.
+    sizes
+        (k, n) or (k, 1) numbers of the file that are arguments; by default those of the
+        file.
     """
     if sizes is None:
-        sizes = np.array([size.value for size in made.sizes])[:, None]
+        sizes = np.array([size.value for size in formula_set.sizes])[:, None]
     n = np.shape(motion)[1]
     values = np.concatenate(
         [np.broadcast_to(x, (len(x), n)) for x in (motion, mode_values, sizes)]
     )
-    terms = [variable for kind in made.variables for variable in kind]
-    # Profiles are tables: functions that are stored as series over the arc length s, the
-    # variable `table.variable`. They are NaN beyond the ends of an open profile. The
-    # symbols `table.terms` stand for the functions.
+    # The symbols of motion, mode values and sizes, in this order like `values`.
+    motion_symbols, mode_symbols, size_symbols = formula_set.variables
+    terms = [*motion_symbols, *mode_symbols, *size_symbols]
+    # Profiles of contacts are tables: functions of the arc length s, stored as series. A
+    # pair variable `table.variable` is the arc length from the point `table.start`. Beyond
+    # the ends of an open profile the functions are NaN. The symbols `table.terms` stand for
+    # the functions.
     table_columns = []
-    for table in made.tables:
+    for table in formula_set.tables:
         edges = table.series.edges
         s = values[terms.index(table.variable)] + table.start
         if table.closed:
@@ -73,17 +82,17 @@ def evaluate_terms(made, expressions, motion, mode_values, sizes=None):
         is_on_profile = (s >= edges[0]) & (s <= edges[-1])
         column[~is_on_profile] = np.nan
         table_columns.append(column.T)
-    terms += [term for table in made.tables for term in table.terms]
+    terms += [term for table in formula_set.tables for term in table.terms]
     function = array_function(expressions, terms)
     return function(np.concatenate([values, *table_columns]))
 
 
-def evaluate_results(made, *columns):
-    return evaluate_terms(made, made.outputs, *columns)
+def evaluate_results(formula_set, *columns):
+    return evaluate_terms(formula_set, formula_set.outputs, *columns)
 
 
-def evaluate_step(made, *columns):
-    return evaluate_terms(made, made.step, *columns)
+def evaluate_step(formula_set, *columns):
+    return evaluate_terms(formula_set, formula_set.step, *columns)
 
 
 def accepted_keys(mechanism_or_name):
@@ -111,24 +120,29 @@ def accepted_keys(mechanism_or_name):
     return accepted
 
 
-def random_arguments(made, seed=1):
-    """Return random motions, mode values and sizes (k, 200) for formulas.
+def random_arguments(formula_set, seed=1):
+    """Return 200 random arguments of formulas: motion, mode values and sizes.
 
-    Each row is in a random mode. Sizes differ by up to a thousandth from those of the file.
-    Where loops are closed by Newton's steps, inputs are near the start of the mode and five
-    steps are made.
+    Each is an array (variables, 200) as described in `evaluate_terms`. Each column is in a
+    random assembly mode. Sizes differ by up to a thousandth from those of the file.
+
+    Without a closed form, the mode values are pair variables. They are those of a
+    configuration of the mode, corrected by five steps of Newton's method at inputs near
+    those of that configuration.
     """
     rng = np.random.default_rng(seed)
-    modes = rng.integers(len(made.modes), size=ROWS)
-    motion = rng.uniform(-3.0, 3.0, (len(made.motion), ROWS))
-    mode_values = np.array([made.modes[k].values for k in modes]).T.reshape(-1, ROWS)
-    file_sizes = np.array([size.value for size in made.sizes])[:, None]
-    sizes = file_sizes * rng.uniform(0.999, 1.001, (len(made.sizes), ROWS))
-    if made.step:
-        inputs = np.array([made.modes[k].at for k in modes]).T
+    modes = rng.integers(len(formula_set.modes), size=ROWS)
+    motion = rng.uniform(-3.0, 3.0, (len(formula_set.motion), ROWS))
+    mode_values = np.array([formula_set.modes[k].values for k in modes]).T.reshape(-1, ROWS)
+    file_sizes = np.array([size.value for size in formula_set.sizes])[:, None]
+    sizes = file_sizes * rng.uniform(0.999, 1.001, (len(formula_set.sizes), ROWS))
+    if formula_set.step:
+        inputs = np.array([formula_set.modes[k].at for k in modes]).T
         motion[: len(inputs)] = inputs + rng.uniform(-1e-3, 1e-3, inputs.shape)
         for _ in range(5):
-            mode_values = evaluate_step(made, motion, mode_values, sizes)[:-1]
+            # The pair variables after a step, and in the last row the closure residual.
+            after_step = evaluate_step(formula_set, motion, mode_values, sizes)
+            mode_values = after_step[:-1]
     return motion, mode_values, sizes
 
 
@@ -139,29 +153,30 @@ def random_arguments(made, seed=1):
 def test_sources_return_the_values_of_their_symbolic_terms(name, tmp_path):
     """Compiled sources in every language agree with their terms evaluated by NumPy.
 
-    C may differ by 4 units of the last place. Other languages, and mechanisms with contact
-    profiles, whose series are stored as tables, may differ by 1e-14 or by 100 times the
-    change of results when arguments change by one unit.
+    C may differ by 4 units of the last place. Other languages may differ by 1e-14 plus 100
+    times the change of the result when arguments change by one unit. So may mechanisms
+    with contact profiles, which are stored as tables of coefficients.
     """
     mechanism = with_input(name)
-    made = formulas(mechanism, vary=accepted_keys(mechanism))
-    arguments = random_arguments(made)
-    expected = evaluate_results(made, *arguments)
+    formula_set = formulas(mechanism, vary=accepted_keys(mechanism))
+    arguments = random_arguments(formula_set)
+    expected = evaluate_results(formula_set, *arguments)
     rng = np.random.default_rng(3)
     shaken_arguments = [
         x * (1.0 + 2e-16 * rng.choice([-1.0, 1.0], x.shape)) for x in arguments
     ]
-    # Without steps of Newton's method, modes are selected by signs of dyads.
-    if not made.step:
-        shaken_arguments[1] = arguments[1]  # signs stay as they are
-    sensitivity = np.abs(evaluate_results(made, *shaken_arguments) - expected)
+    # The second argument selects the assembly mode. With Newton's method it has pair
+    # variables. In closed form it has signs +1 and -1, which must not change.
+    if not formula_set.step:
+        shaken_arguments[1] = arguments[1]
+    sensitivity = np.abs(evaluate_results(formula_set, *shaken_arguments) - expected)
     is_finite = np.isfinite(expected) & np.isfinite(sensitivity)
     assert np.mean(is_finite) > 0.5
     size = np.maximum(1.0, np.abs(expected))
-    for language, function in functions_by_language(tmp_path, name, made):
+    for language, function in functions_by_language(tmp_path, name, formula_set):
         results = function(*arguments)
         assert np.all(np.isfinite(results[is_finite])), language
-        if language in ("c", "cpp") and not made.tables:
+        if language in ("c", "cpp") and not formula_set.tables:
             tolerance = 4.0 * np.spacing(np.abs(expected))
         else:
             tolerance = 1e-14 * size + 100.0 * sensitivity
@@ -198,13 +213,13 @@ def test_arguments_are_numbers_of_the_file(name, keys):
     if sk.load(name).masses:
         quantities.append("B*")
     changed_file = formulas(make_design(document, variables, values), quantities)
-    made = formulas(name, quantities, keys)
+    formula_set = formulas(name, quantities, keys)
     motion, mode_values, _ = random_arguments(changed_file)
     expected = evaluate_results(changed_file, motion, mode_values)
     # Arguments are in radians, files in degrees.
-    units = np.where([size.unit == "rad" for size in made.sizes], np.pi / 180.0, 1.0)
+    units = np.where([size.unit == "rad" for size in formula_set.sizes], np.pi / 180.0, 1.0)
     sizes = (units * values)[:, None]
-    results = evaluate_results(made, motion, mode_values, sizes)
+    results = evaluate_results(formula_set, motion, mode_values, sizes)
     # In some random rows the loops do not close. They are NaN in both results.
     assert np.mean(np.isfinite(expected)) > 0.5
     assert results == pytest.approx(expected, rel=1e-11, abs=1e-12, nan_ok=True)
@@ -216,21 +231,23 @@ def test_formulas_have_the_angles_and_coefficients_of_evaluate(name):
 
     Coefficients are compared in size, because an axis has two directions.
     """
-    made = formulas(name, ["theta_*", "velocity_coefficient_*"])
+    formula_set = formulas(name, ["theta_*", "velocity_coefficient_*"])
     links = sk.load(name).links
-    for mode in made.modes:
-        # `at` are the inputs of a configuration of the mode, `values` select the mode.
+    for mode in formula_set.modes:
+        # `at` are the inputs of a configuration of the mode. `values` select the mode. They
+        # are signs of its dyads, or pair variables from which Newton's method starts.
         q = mode.at[0] + np.linspace(-0.05, 0.05, 5)
         evaluated = sk.evaluate(name, q, assembly_mode=mode.number)
         mode_values = np.reshape(mode.values, (-1, 1))
-        columns = evaluate_results(made, evaluated.q[None], mode_values)
-        for key, values in zip(made.results, columns, strict=True):
+        motion = evaluated.q[None]  # (1, 5): one input at five samples
+        columns = evaluate_results(formula_set, motion, mode_values)  # (results, 5)
+        for key, values in zip(formula_set.results, columns, strict=True):
             if key.startswith("theta_"):
                 gap = np.exp(1j * values) - np.exp(1j * evaluated.variable(key))
                 assert np.max(np.abs(gap)) < 1e-12
                 continue
-            # velocity_coefficient_LINK_LINK. Names of links may contain "_"; results that
-            # cannot be split into two links are not compared.
+            # velocity_coefficient_LINK_LINK. Links whose names contain "_" are split at the
+            # wrong place, and then not compared.
             first, second = key.removeprefix("velocity_coefficient_").split("_")[:2]
             if first in links and second in links:
                 earlier, later = sorted((first, second), key=links.index)
@@ -255,7 +272,7 @@ def test_newton_steps_of_a_source_close_the_loops(tmp_path):
     The input is 0.02 rad from the start of mode 2. Each call returns how far the loops were
     open before it.
     """
-    made = formulas("double_butterfly", ["theta_*"])
+    formula_set = formulas("double_butterfly", ["theta_*"])
     source_path = str(tmp_path / "x.c")
     library_path = str(tmp_path / "x.so")
     sk.export("double_butterfly", source_path, quantities=["theta_*"])
@@ -263,7 +280,7 @@ def test_newton_steps_of_a_source_close_the_loops(tmp_path):
     subprocess.run(command, check=True)
     step = ctypes.CDLL(library_path).double_butterfly_step
     step.restype = ctypes.c_double
-    mode = made.modes[2]
+    mode = formula_set.modes[2]
     q = mode.at[0] + 0.02
     variables = (ctypes.c_double * len(mode.values))(*mode.values)
     motion = (ctypes.c_double * 1)(q)

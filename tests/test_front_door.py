@@ -53,8 +53,9 @@ def slope(function, q, h=1e-3):
 def test_a_changed_arc_gives_the_motion_of_the_closed_form(assembly_mode):
     """With a crank of 25 deg, coefficients and frames are those of spherical trigonometry.
 
-    The closed form is `oracles.closed_forms`; second derivatives come from a five-point
-    stencil. A pole and its coefficients may change sign together.
+    The closed form is that of Di Gregorio (`oracles.closed_forms`). Its assembly mode is
+    the one with the same rocker angle. The acceleration coefficient is compared with the
+    derivative of the velocity coefficient by finite differences.
     """
     original = sk.load("four_bar")
     longer = original.with_sizes(angle_unit="deg", arcs={"2": 25.0})
@@ -81,7 +82,8 @@ def test_a_changed_arc_gives_the_motion_of_the_closed_form(assembly_mode):
     coupler_velocity = rows.velocity_coefficient("3/1")[:, None] * rows.direction("3/1")
     assert np.max(np.abs(rows.angular_velocity("3") - coupler_velocity)) < 1e-12
 
-    # Link 4 relative to link 2. It lists pair 43 first, as its frame in the source does.
+    # The rotation of link 4 relative to link 2. The mechanism and the closed form have the
+    # same frames of these links: the first axis is 21 in link 2, and 43 in link 4.
     frames = four_bar_frames(q, arcs, mode)
     relative = np.einsum("nji,njk->nik", rows.rotation("2"), rows.rotation("4"))
     expected_relative = np.einsum("nji,njk->nik", frames[2], frames[4])
@@ -206,10 +208,11 @@ def test_a_mechanism_without_a_file():
 
 
 def test_a_mechanism_built_by_axes_stands_in_its_pose_at_zero():
-    """Axes by longitude and latitude (deg) or components are those of the built mechanism.
+    """A mechanism can be given by its axes in a reference pose, which has the input 0.
 
-    In the pose of the axes the rotation of every link is the identity. `with_sizes` changes
-    axes, and values: the angles of pairs in that pose.
+    The rotation of every link in this pose is the identity. Here axes are given by
+    longitude and latitude (deg). `with_sizes` changes an axis, given by components, and the
+    angle that a pair has in the pose (`values`).
     """
     links = ["base", "crank", "coupler", "rocker"]
     lonlat = {"drive": (0, 90), "tip": (90, 70), "joint": (20, 15), "hinge": (70, 30)}
@@ -346,26 +349,29 @@ def test_the_example_in_the_help_of_the_package_runs(tmp_path, monkeypatch, caps
     """The lines of the help of `spherekit` run as they stand.
 
     They evaluate a four-bar with a crank of 25 deg at one input (`here`) and at 50 inputs
-    (`turn`). They also build a mechanism (`made`), simulate one (`falling`), and run an
-    analysis (`result`). Coefficients are those of the closed form; figure and recording are
-    written.
+    (`turn`). They also build a mechanism (`made`), compute its motion at 361 samples
+    (`motion`), simulate a mechanism (`falling`), and run an analysis (`result`).
+    Coefficients are compared with those of the closed form, without their sign, because an
+    axis has two directions.
     """
     pytest.importorskip("matplotlib")
     monkeypatch.chdir(tmp_path)
     names = {}
     exec(sk.__doc__[sk.__doc__.index("import numpy") :], names)
-    # A row of the printed plan of poles: link 1 with itself, with links 2 and 4 by pairs,
-    # and with link 3 by the first pass of the construction.
+    # The row of link 1 in the printed plan of poles. Its columns are the links 1 to 4: "x"
+    # is the axis of a pair, and "I" a pole of the first pass of the construction.
     assert "1  ■  x  I  x" in capsys.readouterr().out
-    row, rows, arcs = names["here"], names["turn"], arcs_with_crank(math.radians(25.0))
+    row = names["here"]
+    rows = names["turn"]
+    arcs = arcs_with_crank(math.radians(25.0))
     expected_at_rows = four_bar_coefficients(rows.q, arcs, closed_form_mode(rows, arcs))[1]
     assert len(rows.q) == 50
-    assert np.abs(rows.velocity_coefficient("4/1")) == pytest.approx(
-        np.abs(expected_at_rows)
-    )
+    coefficients = rows.velocity_coefficient("4/1")  # of link 4 relative to link 1
+    assert np.abs(coefficients) == pytest.approx(np.abs(expected_at_rows))
     expected_at_row = four_bar_coefficients(row.q, arcs, closed_form_mode(row, arcs))[1]
     assert np.abs(row.velocity_coefficient("4/1")) == pytest.approx(np.abs(expected_at_row))
-    assert len(names["motion"]) == 2 * 361 and names["made"].name == "wrist"
+    assert names["made"].name == "wrist"
+    assert len(names["motion"]) == 2 * 361  # two assembly modes
     figure = names["result"].plot("velocity coefficients")
     assert any(len(line.get_xdata()) == 361 for line in figure.axes[0].lines)
     assert (tmp_path / "four_bar.rrd").read_bytes()[:4] == RECORDING

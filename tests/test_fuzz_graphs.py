@@ -85,8 +85,9 @@ def check_invariance(mechanism, link_order):
     """Assert that names, orders and the frame of a file do not change its motion.
 
     The second mechanism has other link names, the links in `link_order`, exchanged ends of
-    pairs, and all axes turned by `FRAME_ROTATION`. Its angular velocities must be those of
-    the first, turned alike, and a mechanism that is refused must be refused again.
+    some pairs, and all axes rotated by `FRAME_ROTATION`. Pairs keep their names. Its
+    angular velocities must be those of the first, rotated in the same way. A mechanism that
+    is refused must be refused again.
     """
     second, new_names = reordered(turned(mechanism, FRAME_ROTATION), link_order)
     try:
@@ -109,17 +110,20 @@ def check_invariance(mechanism, link_order):
         Status.MODE_LOST,
         Status.NOT_CLOSED,
     }
-    for input_pair, first in first_fields.items():
+    # The fields have the angular velocities w by number of the link, one field for each
+    # input pair (by name) that moves.
+    for input_pair, first_field in first_fields.items():
         second_field = second_fields[input_pair]
-        is_ok = (first.status == Status.OK) & (second_field.status == Status.OK)
-        for link, w in first.w.items():
+        is_ok = (first_field.status == Status.OK) & (second_field.status == Status.OK)
+        for link, w in first_field.w.items():
             expected = w[is_ok] @ FRAME_ROTATION.T
             error = second_field.w[second_number[link]][is_ok] - expected
             scale = np.maximum(1.0, np.max(np.abs(expected), axis=1, initial=0.0))
             largest = np.max(np.abs(error), axis=1, initial=0.0)
+            # Some random mechanisms are nearly singular, which enlarges rounding errors.
             assert np.max(largest / scale, initial=0.0) < 1e-7
-        if np.any(first.status != second_field.status):
-            for status in (first.status, second_field.status):
+        if np.any(first_field.status != second_field.status):
+            for status in (first_field.status, second_field.status):
                 assert {Status(code) for code in status} <= undecided
 
 
@@ -175,8 +179,9 @@ def follow_to_next_sample(motion, row, steps=40):
 def check_rows_stay_in_one_mode(motion):
     """Assert that each row is reached from the row before it by a continuous motion.
 
-    Rows near singularities are skipped, where `follow_to_next_sample` gives None. In the
-    other rows the sign of the determinant with inputs locked must not change either.
+    `follow_to_next_sample` moves the mechanism in small steps. It returns None where it
+    would pass near a singularity, and such rows are skipped. In the other rows, the
+    determinant of the closure equations with locked inputs must not change its sign either.
     """
     mechanism = motion.mechanism
     # For each variable whether its pair is an R pair.
@@ -189,6 +194,7 @@ def check_rows_stay_in_one_mode(motion):
         difference = motion.values[row + 1] - expected
         # Angles are compared without whole turns.
         difference = np.where(is_angle, np.angle(np.exp(1j * difference)), difference)
+        # Another assembly mode would differ by much more.
         assert np.max(np.abs(difference)) < 1e-6, row
         sign = sign_of_locked_determinant(motion, row)
         assert sign == sign_of_locked_determinant(motion, row + 1)

@@ -135,22 +135,29 @@ def test_sources_of_cpp_compile_with_each_name(tmp_path):
 
 @pytest.mark.skipif(not GCC, reason="there is no gcc")
 def test_every_function_and_macro_that_the_compiler_knows_is_renamed(tmp_path):
-    """No function or macro of GCC's headers is used as a name. GCC itself lists more than
-    1200.
+    """A mechanism called like a function or macro of C gets another name in exported C.
+
+    GCC lists the functions that ISO and POSIX headers declare, and the macros that ISO
+    headers define. There are more than 1200.
     """
-    path, info = tmp_path / "all.c", tmp_path / "all.info"
-    path.write_text(includes(*ISO, *POSIX))
-    words = [GCC, "-std=c17", "-D_XOPEN_SOURCE=700"]
-    kept = ["-aux-info", str(info), "-c", str(path), "-o", str(tmp_path / "all.o")]
-    subprocess.run([*words, *kept], check=True)
-    known = set(re.findall(r"\b([A-Za-z]\w*)(?= \()", info.read_text()))
-    path.write_text(includes(*ISO))
-    words = [GCC, "-std=c17", "-dM", "-E", str(path)]
-    macros = subprocess.run(words, check=True, capture_output=True, text=True).stdout
-    known |= set(re.findall(r"^#define ([A-Za-z]\w*)", macros, re.M))
-    assert len(known) > 1200
-    left = {name for name in known if identifiers.C_NAME_RULES.identifier(name) == name}
-    assert not left, sorted(left)
+    source_path = tmp_path / "all.c"
+    source_path.write_text(includes(*ISO, *POSIX))
+    # With -aux-info, GCC writes a prototype of each declared function to a file.
+    prototypes = tmp_path / "all.info"
+    command = [GCC, "-std=c17", "-D_XOPEN_SOURCE=700", "-aux-info", str(prototypes)]
+    command += ["-c", str(source_path), "-o", str(tmp_path / "all.o")]
+    subprocess.run(command, check=True)
+    reserved_names = set(re.findall(r"\b([A-Za-z]\w*)(?= \()", prototypes.read_text()))
+    # With -dM and -E, GCC prints a line "#define NAME ..." for each macro.
+    source_path.write_text(includes(*ISO))
+    command = [GCC, "-std=c17", "-dM", "-E", str(source_path)]
+    macros = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    reserved_names |= set(re.findall(r"^#define ([A-Za-z]\w*)", macros, re.M))
+    assert len(reserved_names) > 1200
+    unchanged_names = {
+        name for name in reserved_names if identifiers.C_NAME_RULES.identifier(name) == name
+    }
+    assert not unchanged_names, sorted(unchanged_names)
 
 
 @pytest.mark.skipif(not NODE, reason="there is no node")
@@ -367,11 +374,13 @@ def test_models_of_equal_names_load_in_mujoco(ground, coupler, tmp_path):
     assert main(["export", str(file), "--to", "mjcf", "-o", str(path), "--quiet"]) == 0
     model = mujoco.MjModel.from_xml_path(str(path))
     mechanism = sk.load(file)
-    # The objects exist, with numbers above 0: `body` and `actuator` raise for other names.
+    # MuJoCo raises an error for a name that does not exist. Objects of a kind are numbered
+    # from 0; a renamed one is not the first of its kind.
     assert model.body("world_2").id > 0
     assert model.actuator("crank_2").id > 0
-    assert model.site("out_2").id and model.site("out").id >= 0
-    notes = MujocoModel(*find_pose(mechanism, 0, None)).notes
+    assert model.site("out_2").id > 0
+    assert model.site("out").id >= 0
+    notes = MujocoModel(*find_pose(mechanism, assembly_mode=0)).notes
     assert "the body of link world is called world_2, as world is in use" in notes
     again = sk.import_mechanism(path).mechanism
     assert {x.replace("world_2", "world") for x in again.links} == {*mechanism.links}
