@@ -140,11 +140,13 @@ def nearly_parallel_four_bar():
 def test_only_the_default_route_computes_ill_conditioned_rows_in_quad_precision():
     """With two nearly parallel axes, the default route takes quad precision in all rows.
 
-    A route is a way to compute the poles and rates of links. The routes "first" and
-    "conditioned" construct each pole by two great circles, the first ones of the plan or
-    the best conditioned ones. They fail, in double precision, with a status and without
-    numbers.
+    A route is a way to compute the poles (axes of relative rotation) and rates of links.
+    The routes "first" and "conditioned" construct each pole as the intersection of two
+    great circles. "first" takes the first two of the list that is planned for the pole,
+    "conditioned" the two whose intersection is best conditioned. Here both fail in double
+    precision, with a status and without numbers.
     """
+    # Without a search for other modes than that of the reference pose.
     position_analysis = PositionAnalysis(
         nearly_parallel_four_bar(), search=False, samples=2
     )
@@ -157,7 +159,7 @@ def test_only_the_default_route_computes_ill_conditioned_rows_in_quad_precision(
         field = evaluate(motion, pole_request, route=route)
         assert not np.any(field.is_quad_precision)
         assert np.all(field.status == Status.ILL_CONDITIONED)
-        # Angular velocities by number of the link.
+        # Angular velocities by number of the link, from 0. The coupler is the third one.
         coupler = 2
         assert np.all(np.isnan(field.w[coupler]))
 

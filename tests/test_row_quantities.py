@@ -225,13 +225,16 @@ def test_orientations_and_rates_by_quantities_are_those_of_evaluation(name, comp
 def test_pole_axes_by_quantities_are_those_of_relative_rates(name, compared_rows):
     """Pole axes by names such as `pole_4_2_y` are those of relative rates of links.
 
-    Pole times velocity coefficient is the difference of the angular velocities by
-    `sk.evaluate`. The pole of two links that a pair joins is the axis of the pair.
+    `pole_4_2` is the axis about which link 4 turns relative to link 2. Pole times velocity
+    coefficient is the difference of the angular velocities by `sk.evaluate`. If a pair
+    joins two links, the pole of its second link relative to the first is its axis.
     """
     rows = compared_rows(name)
     links = links_to_compare(name)
-    for suffix, moving in rows.input_suffixes():
-        w = {link: rows.evaluation.angular_velocity(link, moving) for link in links}
+    # With several inputs, each of them moves alone while the others are locked. Names then
+    # end in a suffix with the input that moves.
+    for suffix, moving_input in rows.input_suffixes():
+        w = {link: rows.evaluation.angular_velocity(link, moving_input) for link in links}
         scale = 1.0 + np.max(np.abs([*w.values()]), axis=(0, 2))[:, None]
         for a, b in permutations(links, 2):
             pole = rows.vector(f"pole_{a}_{b}", suffix)
@@ -242,7 +245,8 @@ def test_pole_axes_by_quantities_are_those_of_relative_rates(name, compared_rows
             assert np.allclose(np.linalg.norm(pole[turns], axis=1), 1.0, rtol=1e-13)
     for pair in rows.mechanism.pairs:
         if pair.kind.has_axis and {*pair.links} <= {*links}:
-            # The axis is the same for each input that moves; `suffix` is that of the last.
+            # The axis of a pair does not depend on the input that moves, so the suffix of
+            # the last input is as good as any other.
             first, second = pair.links
             axis = rows.vector(f"axis_{pair.name}")
             assert np.array_equal(axis, rows.vector(f"pole_{second}_{first}", suffix))
@@ -352,7 +356,8 @@ def test_linearised_accelerations_agree_with_differences_of_inverse_dynamics(nam
     is_good = np.all(np.isfinite(expected), axis=(1, 2, 3))
     assert np.any(is_good)
 
-    # Names of quantities end in the accelerated input and then the changed input (j).
+    # With two inputs 11 and 21, A_q_11_by_21 is the derivative of the acceleration of 11 by
+    # the angle of 21. Here j is the number of the second one, the changed input.
     for j, (suffix, _) in enumerate(rows.input_suffixes()):
         suffixes = [f"{component}{suffix}" for component in rows.component_suffixes()]
         for kind, quantity in enumerate(("A_q", "A_dq")):
@@ -361,17 +366,19 @@ def test_linearised_accelerations_agree_with_differences_of_inverse_dynamics(nam
             scale = np.max(np.abs(derivative), axis=1, keepdims=True) + 1e-3
             computed = rows.quantities(quantity, suffixes)[is_good]
             assert np.max(np.abs(computed - derivative) / scale) < 3e-7
+        # B_torque needs no differences. It is NaN in modes that failed.
         by_torque = rows.quantities("B_torque", suffixes)
         assert np.nanmax(np.abs(by_torque / inverse_mass[:, :, j] - 1.0)) < 1e-12
 
 
 @pytest.mark.parametrize("name", ["five_bar", "three_rrr"])
 def test_condition_numbers_are_those_of_the_jacobian_of_inverse_kinematics(name):
-    """Ratio of singular values, and the determinant, of the Jacobian at the same pose.
+    """Condition number and determinant are those of the Jacobian of inverse kinematics.
 
     The Jacobian (3, inputs) has the angular velocity of the output per unit rate of each
-    input. That of an output that points has two columns. Its determinant is that of the
-    square matrix with the direction as a further column.
+    input. The condition number is the ratio of its largest and smallest singular values. An
+    output that is a direction has two inputs only. The determinant is then that of the two
+    columns of the Jacobian and the direction as the third.
     """
     # Only quantities whose names begin so are evaluated.
     rows = RowsOfFirstSample(name, lambda x: x.startswith(("condition", "jacobian")))
@@ -380,7 +387,7 @@ def test_condition_numbers_are_those_of_the_jacobian_of_inverse_kinematics(name)
     pose = rows.evaluation.rotation(output.link)
     if has_direction:
         pose = pose @ output.direction
-    # The Jacobian is computed from the normals.
+    # With `normals=True` the result has what is needed for its attribute `jacobian`.
     inverse = sk.InverseKinematics(rows.mechanism).at(pose, normals=True)
     # The working mode of each pose is the one with the inputs of the configuration.
     differences = np.angle(np.exp(1j * (inverse.inputs - rows.q)))

@@ -52,23 +52,25 @@ ONE_TRIANGLE = np.array([[0, 1, 2]])
 
 
 def unchecked(kind, *values, **values_by_name):
-    """Return an instance of a dataclass as its constructor would, without any check.
+    """Return an instance of a dataclass without the checks of its constructor.
 
-    So wrong primitives can be made, as a class of a plugin may do that is not checked. A
-    field without a default has to be given.
+    Tests make wrong primitives with it. A plugin can make such ones too, by a class of its
+    own without checks.
 
     Parameters
     ----------
     kind
-        Class of a primitive or of a scene.
+        Class of a primitive (curve, arrow, plot, ...) or of a scene.
     *values, **values_by_name
-        Values of its fields, in their order and by name. Others get their default, which no
-        class of a primitive makes by a function (`default_factory`).
+        Values of its fields, in their order or by name. Other fields get their defaults. A
+        field without a default has to be given.
     """
     instance = object.__new__(kind)
     names = [field.name for field in fields(kind)]
     given = dict(zip(names, values, strict=False)) | values_by_name
     for field in fields(kind):
+        # No primitive has a default that a function makes (`default_factory`). Assignment
+        # by `object` works for frozen dataclasses too.
         object.__setattr__(instance, field.name, given.get(field.name, field.default))
     return instance
 
@@ -262,10 +264,11 @@ def test_wrong_pages_and_axes_are_refused(scene, fragment):
 @final
 @dataclass(frozen=True, kw_only=True)
 class AnalysisWithWrongScene(MinimalAnalysis):
-    """Analysis whose only scene has one of the primitives of `WRONG`.
+    """Analysis whose only scene has one wrong primitive, such as an array of wrong shape.
 
-    `fault` is the key of the primitive in `WRONG`. The analysis is called "crooked" on the
-    command line. It is `rowwise`, so that it receives samples in blocks.
+    A scene is what an analysis shows on a page of the results. `WRONG` has wrong primitives
+    with the messages that refuse them; `fault` is the key of one. The analysis is called
+    "crooked" on the command line. It is `rowwise`, so that it receives samples in blocks.
     """
 
     name: ClassVar = "crooked"
@@ -285,9 +288,10 @@ class AnalysisWithWrongScene(MinimalAnalysis):
 
     def scene(self, batch):
         """Return the scene with the fault that the parameter names."""
-        primitive, _ = WRONG[self.fault]
-        # The scene of page 0, made without the check of its constructor.
-        return (unchecked(Scene, 0, (primitive,)),)
+        primitive, _message = WRONG[self.fault]
+        # Without the checks of the constructor. Page 0 is that of assembly mode 0.
+        scene = unchecked(Scene, page=0, primitives=(primitive,))
+        return (scene,)
 
 
 @pytest.mark.slow
@@ -337,7 +341,12 @@ def test_conformance_says_what_is_wrong_with_a_scene(fault):
 
 
 def test_shapes_are_in_the_help_of_every_primitive():
-    """Each field that is checked has a line "name, name : (n, 3) ..." in the docstring."""
+    """The docstring of every primitive tells authors of plugins the shapes of its arrays.
+
+    `ARRAY_SHAPES` has the shapes that scenes are checked for, by class and field. Each of
+    these fields must have a line such as "points, normals : (n, 3) ..." in the docstring of
+    its class, and the class must be exported by `spherekit.plugin`.
+    """
     for kind, shapes in ARRAY_SHAPES.items():
         description_by_field = {}
         for line in kind.__doc__.splitlines():

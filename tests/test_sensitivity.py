@@ -166,11 +166,15 @@ def test_draws_of_small_deviations_spread_as_the_first_order_predicts(distributi
 
 
 def test_tolerances_of_the_analysis_follow_from_its_derivatives():
-    """By default each size deviates by 0.1 degrees (spread), and by three times at worst.
+    """The table of tolerances follows from the derivatives by the sizes.
 
-    A row of `tolerances` has the root of squares, the worst sum, and the size that matters
-    most with its share of the variance. 64 draws agree to ten percent.
+    By default the standard deviation (spread) of each size is 0.1 degrees, and its largest
+    deviation is three times as much. The contribution of a size is its derivative times its
+    spread. A row of `tolerances` has the root of the sum of squared contributions, three
+    times their sum (the worst case), and the size with the largest contribution. The spread
+    of 64 random mechanisms (draws) agrees with the first of these to ten percent.
     """
+    # The analysis keeps to the rules for plugins.
     assert conformance("sensitivity:draws=16", mechanisms=["four_bar"], samples=5)
     run = sk.run("four_bar", "sensitivity:by=links.2.arc+links.4.arc,draws=64", samples=9)
     tolerances = run.frame("sensitivity", "tolerances")
@@ -229,13 +233,14 @@ def test_derivatives_of_transmission_angles_predict_those_of_a_sweep():
 
 @pytest.mark.slow
 def test_draws_of_deviating_profiles_are_mechanisms_with_these_profiles(tmp_path):
-    """A draw of deviating profiles has the values of a mechanism with these profiles.
+    """Values for deviating profiles are those of a mechanism that is read with them.
 
-    In the draw, three Fourier coefficients of a cam deviate. The other mechanism is read
-    from a file in which the deviations are added to the coefficients. Each drawn value must
-    be one that the other mechanism has in one of its modes at the same input. Near a dead
-    centre, Newton's method does not reach the configuration of the draw in one go, so that
-    the deviations have to be added gradually.
+    `Sensitivity.scattered` computes quantities of mechanisms whose sizes deviate (draws).
+    In the only draw here, three Fourier coefficients of a cam profile deviate. The other
+    mechanism is read from a file in which the deviations are added to the coefficients.
+    Each drawn value must be one that the other mechanism has in one of its assembly modes
+    at the same input. Near a dead centre, Newton's method does not reach the configuration
+    of the draw at once, so the deviations have to be added gradually.
     """
     coefficients = "cosines = [15.0, 0.0, 3.0]"
     before, last = find("two_contacts").read_text().rsplit(coefficients, 1)
@@ -264,7 +269,8 @@ def test_draws_of_deviating_profiles_are_mechanisms_with_these_profiles(tmp_path
     for q, value in zip(motion.q, drawn, strict=True):
         possible = other_values[np.isclose(other_motion.q, q)]
         assert np.min(np.abs(possible - value)) < 1e-9 * np.max(np.abs(possible))
-    # All drawn values differ, so configurations of different modes have stayed apart.
+    # All drawn values differ. If Newton's method had led from two modes to the same
+    # configuration, two values would be equal.
     assert len(set(np.round(drawn, 9))) == len(motion.q)
 
 
@@ -383,15 +389,17 @@ def test_the_first_order_is_said_to_be_so_where_it_is_not_enough():
 def test_sensitivities_of_a_reference_pose_are_those_of_its_link_sizes(name):
     """A mechanism given by the axes of a pose has the same derivatives as by its arcs.
 
-    In both cases the sizes of links deviate. If the axes in the pose were changed instead,
-    the mechanism would always close in this pose.
+    In both cases the deviating sizes are arcs and angles of links. Deviations of the axes
+    in the pose would mean something else: the changed axes are a closed configuration too.
     """
     sized = sk.load(name)
     motion = sk.trace(sized, samples=3)
     motion = motion.rows(~motion.failed)
     pair_names = [pair.name for pair in sized.pairs]
-    axes = dict(zip(pair_names, motion.axes[1], strict=True))
-    angles = {pair: motion.values[1, k] for pair, k in sized.angles.items()}
+    # The reference pose is an arbitrary configuration, that of row 1.
+    pose_row = 1
+    axes = dict(zip(pair_names, motion.axes[pose_row], strict=True))
+    angles = {pair: motion.values[pose_row, k] for pair, k in sized.angles.items()}
     posed = replace(sized, geometry=PoseGeometry(axes, angles))
 
     passive_pairs = [pair for pair in pair_names if pair != posed.inputs[0].pair]
@@ -414,8 +422,12 @@ def test_sensitivities_of_a_reference_pose_are_those_of_its_link_sizes(name):
     assert np.all(np.max(np.abs(gradients[:, 0]), axis=0) > 1e-2)
 
 
-def acted_on(stiffness=3.0, rest=40.0, tensor=0.4):
-    """Return a four-bar with a coil and inertia."""
+def four_bar_with_spring_and_inertia(stiffness=3.0, rest=40.0, tensor=0.4):
+    """Return a four-bar with a torsion spring and inertia.
+
+    `stiffness` is in N m/rad, the rest angle `rest` of the spring in degrees, and `tensor`
+    is the moment of inertia of the rocker about its z axis.
+    """
     coil = {"kind": "spring", "pair": "hinge", "stiffness": stiffness, "rest": rest}
     return crank_rocker(
         **{**BESIDE_A_DEAD_CENTRE, "base": 60.0, "crank": 25.0},
@@ -432,21 +444,23 @@ def test_derivatives_by_masses_and_loads_are_those_of_differences():
     """Derivatives by a stiffness, a rest angle and an inertia are central differences.
 
     The driving torque and the equivalent inertia B are linear functions of these numbers,
-    so that large steps give exact derivatives. Another size, which is added to the list,
-    has the same derivatives as alone.
+    so that large steps give exact derivatives. The derivatives by an arc are computed
+    together with these, and once more alone. They must be the same.
     """
+    # The last key is the moment of inertia about z: tensor.2.2 is row 2, column 2, from 0.
     keys = ("loads.coil.stiffness", "loads.coil.rest", "mass.rocker.tensor.2.2")
     steps = {"stiffness": 1.0, "rest": np.degrees(1e-3), "tensor": 0.05}
-    mechanism = acted_on()
+    mechanism = four_bar_with_spring_and_inertia()
     motion = sk.trace(mechanism, samples=9)
     sensitivity = Sensitivity(mechanism, (*keys, "links.rocker.arc"), ["torque", "B"])
+    # `sample_rows` are input, rate, acceleration and time of each row of the motion.
     _, gradients = sensitivity.at(sample_rows(motion), motion.values)
     nominal = {"stiffness": 3.0, "rest": 40.0, "tensor": 0.4}
     # The last gradient, that by the arc, is compared below.
     for key, (name, step), gradient in zip(keys, steps.items(), gradients, strict=False):
         sides = []
         for side in (step, -step):
-            other = acted_on(**{name: nominal[name] + side})
+            other = four_bar_with_spring_and_inertia(**{name: nominal[name] + side})
             numbers = Sensitivity(other, ["links.rocker.arc"], ["torque", "B"])
             sides.append(numbers.at(sample_rows(motion), motion.values)[0])
         # The file has angles in degrees, and derivatives are by rad.
@@ -476,7 +490,11 @@ def test_each_number_may_have_a_deviation_of_its_own():
     ]
     by = f"by={'+'.join(keys)}"
     stated = "deviations=links.rocker.arc:0.02+loads.coil.stiffness:0.3+loads.coil.rest:2"
-    run = sk.run(acted_on(), f"sensitivity:of=torque,{by},{stated},draws=512", samples=5)
+    run = sk.run(
+        four_bar_with_spring_and_inertia(),
+        f"sensitivity:of=torque,{by},{stated},draws=512",
+        samples=5,
+    )
     table = run.frame("sensitivity")
     rows = run.frame("sensitivity", "tolerances")
     # In rad, and N m/rad for the stiffness.
@@ -505,13 +523,14 @@ ROLLED = (
 @pytest.mark.many
 @pytest.mark.parametrize("kind, pairs", [("Cs", SLID), ("Cr", ROLLED)])
 def test_profiles_of_a_reference_pose_touch_where_they_are_nearest(kind, pairs, tmp_path):
-    """Derivatives by sizes are differences of mechanisms whose sizes deviate.
+    """Derivatives of a cam mechanism by its sizes agree with central differences.
 
-    The mechanism is given in a reference pose, in which a cam and its follower touch. If a
-    size changes, the profiles touch at the points at which they are nearest in this pose.
-    The loops of the deviating mechanisms are closed again. Central differences over one and
-    over two steps are combined, so that their errors of second order cancel.
+    The mechanism is given in a reference pose, in which a cam and its follower touch. With
+    a changed size they would not touch exactly in this pose. The points of both profiles
+    that are nearest to each other there become the point of contact. Differences over one
+    and over two steps are combined, so that their errors of second order cancel.
     """
+    # A sliding contact (Cs) has no link "arm", so this link is removed from the file.
     text = POSED.replace("TYPE", kind).replace("inputs.shaft", pairs + "inputs.shaft")
     path = tmp_path / "posed.toml"
     path.write_text(text if kind == "Cr" else text.replace(", arm = {}", ""))
@@ -527,7 +546,8 @@ def test_profiles_of_a_reference_pose_touch_where_they_are_nearest(kind, pairs, 
     samples = sample_rows(motion) * [1.0, 1.3, 1.0, 1.0] + [0.0, 0.0, 0.7, 0.0]
     _, gradients = sensitivity.at(samples, motion.values)
     step = 2.0**-10
-    # A row for each draw: one of three sizes deviates by one or two steps to either side.
+    # A draw is a mechanism with deviating sizes, a row of `deviations`. One of three sizes
+    # deviates by one or two steps to either side.
     deviations = step * np.concatenate(
         [np.eye(3), -np.eye(3), 2 * np.eye(3), -2 * np.eye(3)]
     )

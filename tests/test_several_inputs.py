@@ -147,11 +147,13 @@ def test_an_over_constrained_mechanism_moves_and_has_its_poles():
 
 
 def test_inputs_that_do_not_determine_the_pose_are_a_status():
-    """Where both couplers of the five-bar are in line, the inputs are not independent.
+    """Where both couplers of the five-bar are in line, no row is OK.
 
-    By symmetry both cranks have the same angle q. Their ends are then 150 deg apart, the
-    sum of both couplers of 75 deg; the cosine of this arc is an equation for q. The cranks'
-    arcs are 75 deg too, and the base arc is 90 deg.
+    The couplers are then stretched, so that the inputs cannot move independently. The
+    status is AT_SINGULARITY, or OUT_OF_REACH if rounding puts the ends of the cranks a
+    little too far apart. By symmetry both cranks have the same angle q. Their ends are then
+    150 deg apart, the sum of both couplers of 75 deg; the cosine of this arc is an equation
+    for q. The cranks' arcs are 75 deg too, and the base arc is 90 deg.
     """
     sine = np.sin(np.radians(75.0))
     cosine = np.cos(np.radians(75.0))

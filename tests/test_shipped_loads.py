@@ -52,9 +52,10 @@ def test_tables_of_forces_have_numbers_and_no_failed_rows(name):
 @pytest.mark.many
 @pytest.mark.parametrize("name", MUJOCO_TOLERANCE_RAD)
 def test_mujoco_moves_the_mechanism_as_a_simulation_does(name):
-    """From rest for 0.2 s, by the exported model; inputs move by more than 0.05 rad.
+    """The exported MuJoCo model moves as a simulation does, for 0.2 s from rest.
 
-    Friction in bearings follows from reactions, which MuJoCo's loads cannot; it is removed.
+    The inputs move by more than 0.05 rad in this time. Friction in bearings is removed from
+    both, because it depends on reactions, and MuJoCo has no such load.
     """
     mujoco = pytest.importorskip("mujoco")
     mechanism = sk.load(name)

@@ -60,12 +60,14 @@ extern "C" SCALAR step(const SCALAR *motion, SCALAR *mode, const SCALAR *size)
 def compile_object(exported, scalar, folder):
     """Compile an exported header for a type of numbers, and return the object file.
 
-    It has the function `rows`, and `step` if there are Newton's steps. Warnings are errors.
+    The header is a C++ template. The object file has it as functions of C: `rows` computes
+    the exported results, and `step` does one step of Newton's method, if the mechanism
+    needs this method. Warnings are errors.
 
     Parameters
     ----------
     exported
-        Result of `formulas`.
+        Formulas of a mechanism, the result of `formulas`.
     scalar
         Type of numbers, such as "long double".
     folder
@@ -190,8 +192,12 @@ def dual_number_program(exported):
     """Return a C++ program that computes exported results of a four-bar in dual numbers.
 
     A dual number has a value x and a derivative d by the input, here 1 for the input
-    itself. The class `Dual` has operations with itself only, and a conversion from double.
-    The program prints value and derivative of each result at the first mode's input.
+    itself. The class `Dual` has only the operations that the exported formulas may use on
+    a number type of the user. The program prints value and derivative of each result at the
+    first mode's input.
+
+    The exported function has four arrays as arguments: the input, the number that selects
+    the assembly mode, the sizes that were exported as variables, and the results.
     """
     operations = "\n".join(
         f"inline Dual operator{sign}(Dual a, Dual b) {{ return Dual({value}, {slope}); }}"
@@ -211,6 +217,7 @@ def dual_number_program(exported):
         )
     )
     mode = exported.modes[0]
+    # No size is a variable here; an array of C++ needs one entry all the same.
     return (
         "#include <cmath>\n#include <cstdio>\n"
         "struct Dual { double x, d; Dual(double x = 0.0, double d = 0.0) : x(x), d(d) {} "

@@ -192,15 +192,18 @@ def test_a_place_at_both_ends_of_a_turn_is_listed_once():
 
 
 def check_points(position_analysis, points, kind):
-    """Check that singular points are closed and singular at the inputs that they state.
+    """Check that singular points are closed, and of type II if they say so.
+
+    Their flags `inside` must say whether the inputs are within their ranges.
 
     Parameters
     ----------
     points
-        Points of curves or of a surface, with variables and whole inputs in rad.
+        Configurations on curves or on a surface. `values` are all pair variables (rad). The
+        angles of inputs in it may differ by whole turns from `inputs` (rad).
     kind
         "I" or "II". At type II the columns of the passive pairs in the loop equations are
-        linearly dependent.
+        linearly dependent. Type I is not checked.
     """
     mechanism = position_analysis.mechanism
     solver = position_analysis.solver
@@ -208,6 +211,7 @@ def check_points(position_analysis, points, kind):
     values = points.values.copy()
     turns = (points.inputs - values[:, driven]) / (2.0 * np.pi)
     assert np.max(np.abs(turns - np.round(turns)), initial=0.0) < 1e-9
+    # The loops must close at `inputs`, the numbers that users get.
     values[:, driven] = points.inputs
     closure = solver.closure.linearise(values)
     assert np.max(closure.closure_residual, initial=0.0) < 1e-12
@@ -226,20 +230,21 @@ def check_points(position_analysis, points, kind):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["I", pytest.param("II", marks=pytest.mark.long)])
 def test_surfaces_from_random_starts_lie_within_the_ranges_of_inputs(kind):
-    """The mesh is consistently oriented: no directed edge belongs to two triangles.
+    """All vertices of the mesh are singular configurations within the input ranges.
 
-    All vertices are singular configurations within the ranges. The surface of type II is
-    complete: its border is on ends of input ranges. Its edges are at most half of 1.5 times
-    the wanted side, 0.25, because the first mesh has edges of up to 1.5 sides, which are
-    halved once. Sheets of type I cross, and the mesh ends there, so that border and edges
-    are not checked.
+    It is consistently oriented: no directed edge belongs to two triangles. The surface of
+    type II is complete: its border is on ends of input ranges. Surfaces of type I cross
+    each other, and the mesh ends where they do. So its border and edges are not checked.
     """
+    # The wanted length of edges (rad). The first mesh has edges of up to 1.5 times this
+    # length, which are then halved once.
     side = 0.25
     mechanism = sk.load("three_rrr")
     # Without slices (curves of configurations with two of three inputs locked) the search
     # starts from random configurations.
     mesh = singular_surface(mechanism, kind, side=side, halved=1, slices_of_each=0)
     assert len(mesh.points.values)
+    # Random starts may miss a part of the surface, and the result says so.
     assert mesh.claim.guarantee is Guarantee.SAMPLED
     assert np.all(mesh.points.inside)
     check_points(PositionAnalysis(mechanism, samples=3), mesh.points, kind)
@@ -253,8 +258,10 @@ def test_surfaces_from_random_starts_lie_within_the_ranges_of_inputs(kind):
     range_ends = np.array([(item.start, item.stop) for item in mechanism.inputs])
     # (border edges, both vertices, inputs, both ends)
     distances = np.abs(mesh.points.inputs[mesh.border][..., None] - range_ends)
-    # Both vertices of an edge lie on the same end of the same input.
-    assert np.max(np.min(np.max(distances, axis=1), axis=(1, 2))) < 1e-9
+    # Both vertices of an edge are on the same end of the range of the same input.
+    of_farther_vertex = np.max(distances, axis=1)
+    to_nearest_end = np.min(of_farther_vertex, axis=(1, 2))
+    assert np.max(to_nearest_end) < 1e-9
     # One edge of each triangle.
     first = mesh.points.values[mesh.triangles[:, 0]]
     second = mesh.points.values[mesh.triangles[:, 1]]
