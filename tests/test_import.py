@@ -85,8 +85,10 @@ def with_closed_configuration(mechanism):
 def test_an_exported_model_is_imported_as_the_same_mechanism(mechanism, tmp_path):
     """Export to MJCF and import give the same names, ranges and motion.
 
-    All inputs are moved by 0.06 rad, in both mechanisms. The turn of each link from the
-    pose must be equal; the frames of links may differ.
+    All inputs are moved by 0.06 rad from the exported configuration, in both mechanisms.
+    The frames of links may differ, so the rotations of each link by this motion are
+    compared. The imported file states its axes in this configuration, in ground axes. So
+    all links of the imported mechanism have the rotation 1 there.
     """
     original, values = with_closed_configuration(mechanism)
     path = write_model(tmp_path, MujocoModel(original, values).text)
@@ -104,6 +106,7 @@ def test_an_exported_model_is_imported_as_the_same_mechanism(mechanism, tmp_path
     driven = [original.angles[item.pair] for item in original.inputs]
     start = closure.linearise(values[None]).rotations[0]
     moved = values.copy()
+    # Small steps keep Newton's method in the same assembly mode.
     for _ in range(3):
         moved[driven] += 0.02
         solved = closure.solve(moved[None], driven)
@@ -113,9 +116,9 @@ def test_an_exported_model_is_imported_as_the_same_mechanism(mechanism, tmp_path
     imported_rotations = place_links(imported_mechanism, moved[driven])
     for link in original.links:
         k = original.link_number[link]
-        turn = stop[k] @ start[k].T
-        imported_turn = imported_rotations[imported_mechanism.link_number[link]]
-        assert turn == pytest.approx(imported_turn, abs=1e-12)
+        rotation_by_motion = stop[k] @ start[k].T
+        imported_rotation = imported_rotations[imported_mechanism.link_number[link]]
+        assert rotation_by_motion == pytest.approx(imported_rotation, abs=1e-12)
 
 
 def test_loads_and_masses_are_imported_again(tmp_path):
@@ -214,15 +217,16 @@ def test_joints_at_a_constant_ratio_are_gears(ratio, tmp_path):
     """An equality of two joints in MJCF becomes a contact of wheels with that ratio.
 
     The equality says two = ratio one + bent one^2 for the angles of the joints one and two.
-    Only with bent = 0 is the ratio constant. The sines of the radii of bevel wheels are in
-    the inverse ratio of the rates; the sign of the ratio is that of the imported motion.
+    Only if the coefficient bent is 0, as here, is the ratio constant. Joint two must then
+    turn at the ratio times the rate of joint one, with its sign. The sines of the radii of
+    bevel wheels are in the inverse ratio of the rates.
     """
     text = GEARS.format(axis="0 0.6 0.8", ratio=ratio, bent=0)
     mechanism = sk.import_mechanism(write_model(tmp_path, text)).mechanism
     (contact,) = [pair for pair in mechanism.pairs if pair.type == "Cr"]
-    rate = sk.evaluate(mechanism, 0.3, poles=[], assembly_mode=0).variable_coefficient(
-        "two"
-    )
+    # The rate of joint two needs no pole axes.
+    evaluation = sk.evaluate(mechanism, 0.3, poles=[], assembly_mode=0)
+    rate = evaluation.variable_coefficient("two")
     assert rate == pytest.approx(ratio, abs=1e-12)
     sizes = np.sin([profile.radius for profile in contact.profiles])
     by_link = dict(zip(contact.links, sizes, strict=True))
@@ -347,13 +351,17 @@ def test_a_loop_that_is_open_in_the_file_is_closed(tmp_path):
     """A loop that is 0.2 rad open where all joints are zero is closed by moving passive
     joints.
 
-    The loop joins the tip of the left rod, along z, to a point of the tool. This point is
-    0.1 m from the centre, in a direction turned from z by 0.2 rad about y. The frame of the
-    tool is 0.2 m along z. The arcs between the axes of each link stay those of the file.
-    The rod has the axes (0, 0.6, 0.8) and z, so the cosine is 0.8; the hand has the axis of
-    `pivot`, (0.6, 0, 0.8), and the turned direction.
+    The loop joins the tip of the left rod, on the z axis, to a point of the tool, which
+    belongs to the hand. The direction of this point from the centre is turned from z by 0.2
+    rad about y. The arcs between the axes of each link stay those of the file: the rod has
+    the axes (0, 0.6, 0.8) and z with the cosine 0.8; the hand has the axis of `pivot`,
+    (0.6, 0, 0.8), and the turned direction.
     """
-    point_of_tool = f"{0.1 * np.sin(0.2)} 0 {0.1 * np.cos(0.2) - 0.2}"
+    # The point is 0.1 m from the centre. The frame of the tool is 0.2 m from it, along z.
+    x_from_centre = 0.1 * np.sin(0.2)
+    z_from_centre = 0.1 * np.cos(0.2)
+    point_of_tool = f"{x_from_centre} 0 {z_from_centre - 0.2}"
+    # In the original element the point of the tool is on the z axis, and the loop closed.
     loop = LOOPS["two link1"].replace("0 0 -0.1", point_of_tool)
     result = sk.import_mechanism(
         write_model(tmp_path, URDF.format(pivot=-0.1, loop=loop), "wrist.urdf")

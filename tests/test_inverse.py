@@ -163,16 +163,17 @@ def test_the_measures_of_a_three_legged_wrist_are_those_of_its_leg_planes():
     """Distances from singularities follow from the normals of crank-coupler planes.
 
     The measure of type I (a leg at a dead centre) is the sine of the angle between the base
-    axis and the plane of crank and coupler, whose normal is n. The measure of type II is
-    sqrt(rho S). S is the least sum of squares of misfits (relative rates that pairs do not
-    allow) with which the platform turns at 1 rad/s while the cranks are locked. A leg
-    allows rates w of the platform with n.w = 0. At other rates the leg has to take a misfit
-    of n.w. The sum of squares is least if each of its three pairs takes a third, which adds
-    3 (n.w / 3)^2 = (n.w)^2 / 3 to S. The least sum over all directions of w is the squared
-    least singular value of the normals, over 3.
+    axis and the plane of crank and coupler, whose normal is n.
 
-    The factor rho is the electrical resistance between base and platform if each pair is a
-    resistance of 1. Three legs of three pairs have 3 / 3 = 1.
+    The measure of type II is sqrt(S / S_locked). Let the platform turn at the rate w with
+    |w| = 1 rad/s. A pair takes a misfit if its links move as it does not allow. S is the
+    least sum of squared misfits over all pairs and all w while the cranks are locked.
+
+    A leg with a locked crank allows rates w with n.w = 0. At other rates it takes a misfit
+    n.w. The squares are least if each of its three pairs takes a third of it, which adds
+    3 (n.w / 3)^2 = (n.w)^2 / 3. With the normals of all legs as rows of N, S is the least
+    |N w|^2 / 3, so the squared least singular value of N over 3. With all pairs locked each
+    leg takes the whole w, in thirds: S_locked = 3 legs x 3 pairs x (1/3)^2 = 1.
     """
     mechanism = sk.load("three_rrr")
     poses = random_rotations(500, 10)
@@ -206,12 +207,14 @@ def test_the_jacobian_inverts_differences_of_the_inputs(mechanism):
     """The Jacobian (output by inputs) is the inverse of the inputs' central differences.
 
     The inverse kinematics is evaluated at poses turned by 1e-5 rad about x, y and z, away
-    from singularities. A pose is a direction (n, 3) if the output of the mechanism points
-    (`points`), otherwise a rotation (n, 3, 3).
+    from singularities. Poses are directions (n, 3) if the output of the mechanism is the
+    direction of a pointer, otherwise rotations (n, 3, 3).
     """
     kinematics = sk.InverseKinematics(mechanism)
     poses = random_poses(kinematics, 300, 11)
-    inverse = kinematics.at(poses, normals=True)  # the Jacobian is computed from these
+    # The Jacobian is computed from normals, which are only returned if asked for: with one
+    # input locked, the output turns about the axes perpendicular to the input's normal.
+    inverse = kinematics.at(poses, normals=True)
     is_regular = (inverse.status == Status.OK) & (np.min(inverse.type_1, axis=2) > 0.2)
     is_regular &= (inverse.type_2 > 0.2) & (inverse.margin > 0.05)
     assert np.sum(is_regular) > 20
@@ -219,7 +222,8 @@ def test_the_jacobian_inverts_differences_of_the_inputs(mechanism):
 
     def inputs_after_turn(rotation_vector):
         turn = Rotation.from_rotvec(rotation_vector).as_matrix()
-        if kinematics.wrist.points:
+        is_pointer = kinematics.wrist.points
+        if is_pointer:
             turned_poses = poses @ turn.T  # rows are directions
         else:
             turned_poses = turn @ poses
@@ -265,9 +269,10 @@ def test_coinciding_axes_are_a_singularity_and_no_failure_of_the_run():
 
 
 def test_an_output_relative_to_a_moving_link():
-    """Inverse kinematics of a coupler relative to another leg's crank reaches each pose.
+    """Inverse kinematics works for a coupler relative to another leg's crank.
 
-    The ground is then placed like any other link. Forward kinematics leads back.
+    The ground then moves relative to the crank like any other link. The configurations have
+    the given poses; a pose of NaN has none. Forward kinematics leads back to the poses.
     """
     mechanism = sk.load("three_rrr")
     mechanism = replace(mechanism, outputs=(Output("o", "coupler2", "crank1"),))
@@ -275,6 +280,7 @@ def test_an_output_relative_to_a_moving_link():
     poses = random_rotations(5, 18)
     poses[1] = np.nan
     solutions = kinematics.solutions(poses)
+    # `row` is the number of the pose that a solution belongs to.
     assert len(solutions.row) and 1 not in solutions.row
     assert np.max(np.abs(solutions.rotations - poses[solutions.row])) < 1e-13
     forward = ForwardKinematics(mechanism)
@@ -335,14 +341,14 @@ def test_names_of_the_wrist_give_way():
 
 
 @pytest.mark.slow
-def test_every_turn_of_the_mid_plane_mechanism_is_found():
+def test_all_mid_plane_symmetric_solutions_are_found():
     """Solutions for a direction include the mid-plane symmetric ones, with all leg modes.
 
     In `two_dof_spm` base and output link can be mirror images of each other about a plane,
-    the mid-plane. The direction of the output then determines this plane. If the legs reach
-    it, the elbow of each of the two driven legs has two places, which gives 2 x 2 modes. If
-    not, the mid-plane is no solution. The general inverse kinematics has to find these
-    solutions among others.
+    the mid-plane, in which the elbows of all legs are. The direction of the output then
+    determines this plane. If the legs reach it, each of the two driven legs has two
+    possible elbows in it, which gives 2 x 2 modes. If not, no solution is symmetric. The
+    general inverse kinematics has to find these solutions among others.
     """
     mechanism = sk.load("two_dof_spm")
     kinematics = sk.InverseKinematics(mechanism)
@@ -350,8 +356,8 @@ def test_every_turn_of_the_mid_plane_mechanism_is_found():
     directions = np.array([[0.3, 0.8, 0.52], [0.5, 0.5, 0.7], [-0.4, 0.7, 0.1], [0, -1, 1]])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     normals, _ = form.normals_to(directions @ form.frame)
-    # The heights (directions, legs) of the elbows above the line between both places are
-    # NaN for legs out of reach. The sign 1 chooses the same place for all legs.
+    # The elbows (directions, legs, 3) are NaN if a leg does not reach the mid-plane. This
+    # is the same for both elbows that a leg can have, of which `modes` selects one.
     _, heights = form.plane.elbows(normals, modes=1)
     is_reached = np.isfinite(heights).all(axis=1)
     assert 2 <= np.sum(is_reached) < 4
@@ -363,8 +369,8 @@ def test_every_turn_of_the_mid_plane_mechanism_is_found():
         inputs = solutions.inputs[is_of_row][gaps < 1e-9]
         different_inputs = {tuple(np.round(q, 6)) for q in inputs}
         assert len(different_inputs) == (4 if is_reached[row] else 0)
-    # A working mode has a sign for each of the four dyads, and for the bar that closes
-    # them.
+    # A working mode has five signs: one for each of the four dyads (two links each) into
+    # which the mechanism is divided, and one for the last link, a bar between two axes.
     assert {len(signs) for signs in solutions.signs} == {5}
 
 
@@ -379,10 +385,11 @@ def test_solutions_close_where_the_axes_of_a_dyad_coincide():
 def test_the_jacobian_of_the_mid_plane_mechanism_is_that_of_the_velocity_equations():
     """Inverse kinematics at poses of a motion has the Jacobian of its link velocities.
 
-    The mid-plane mechanism is `two_dof_spm`, whose output points. The poses are the 16
-    configurations at driving angles of 14 and 23 deg. A pointer does not show a rotation
-    about itself, so the component of the angular velocity along the pointer is removed. For
-    each pose that moves, a working mode must have the same inputs and the same Jacobian.
+    The output of the mid-plane mechanism, `two_dof_spm`, is the direction of a pointer. The
+    poses are those of its 16 configurations at driving angles of 14 and 23 deg. The
+    direction does not show a rotation about itself, so the component of the angular
+    velocity along the pointer is removed. For each pose whose pointer moves, a working mode
+    must have the same inputs and the same Jacobian.
     """
     mechanism = sk.load("two_dof_spm")
     kinematics = sk.InverseKinematics(mechanism)
@@ -395,17 +402,17 @@ def test_the_jacobian_of_the_mid_plane_mechanism_is_that_of_the_velocity_equatio
     rates = rates - pointers[:, :, None] * along_pointer[:, None]
 
     # A direction leaves open how far the output has turned about it. Newton's method finds
-    # this turn, starting from the orientations `near`. The Jacobian needs the `normals`.
-    # The results of shape (modes, poses, ...) are compared in every mode with the motion,
-    # (poses, ...).
+    # this turn, starting from the orientations `near`. The normals of the inputs are needed
+    # for the Jacobian.
     inverse = kinematics.at(pointers, near=rotations, normals=True)
+    # Results (modes, poses, ...) minus those of the motion (poses, ...).
     input_gaps = np.angle(np.exp(1j * (inverse.inputs - motion.inputs)))
     is_same = np.max(np.abs(input_gaps), axis=2) < 1e-9
     is_same &= inverse.status == Status.OK
     has_same_rates = np.max(np.abs(inverse.jacobian - rates), axis=(2, 3)) < 1e-8
     # In four configurations the pointer rests; inverse kinematics does not converge there.
     moves = np.max(np.abs(rates), axis=(1, 2)) > 1e-6
-    assert np.sum(moves) >= 8
+    assert np.sum(moves) == 12
     assert np.all(np.any(is_same & has_same_rates, axis=0)[moves])
 
 

@@ -46,12 +46,13 @@ def solver(request):
 
 
 def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
-    """Joint angles close the loops; rates and measures agree with a second formulation.
+    """Joint angles of inverse kinematics close the loops; rates and measures are confirmed.
 
-    Rates of inputs by outputs come from inverting the velocities of the output, and the
-    type II measure is the least misfit of the velocity equations of all links with the
-    inputs locked (`oracles.velocity_equations`). Only configurations that are not near a
-    singularity of type I or II are compared.
+    The solver gives the rates of the inputs per rate of the output. Here they follow from
+    forward kinematics: the velocities of the output per rate of the inputs are inverted.
+    The type II measure is confirmed by the velocity equations of all links
+    (`oracles.velocity_equations`): it is their least misfit with the inputs locked.
+    Configurations near a singularity of type I or II are left out.
     """
     mechanism = solver.mechanism
     output = solver.output
@@ -69,10 +70,12 @@ def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
 
     position_solver = ForwardKinematics(mechanism).solver
     output_velocities = output_rates(make_motion(position_solver, values), output)
-    # An output that points is a direction. Others are orientations.
-    directions = poses[rows.pose[is_regular]] if solver.points else None
+    # The output is the direction of a pointer, or else an orientation.
+    is_pointer = solver.points
+    directions = poses[rows.pose[is_regular]] if is_pointer else None
     rates, type_1 = invert_output_rates(output_velocities, directions)
-    # Forward velocities may be missing (NaN), but only in few rows.
+    # Forward velocities are NaN where the inputs do not determine the motion, which may be
+    # so in few rows only.
     is_finite = np.isfinite(output_velocities).all(axis=(1, 2))
     assert np.mean(is_finite) > 0.9
     size = np.max(np.abs(expected_rates[is_finite]), axis=(1, 2))
@@ -101,14 +104,17 @@ def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
 
 @pytest.mark.parametrize("name", ["five_bar", "two_dof_spm"])
 def test_forward_of_inverse_names_the_working_mode(name):
-    """Forward kinematics of the inputs for a pose lists the pose with its working mode.
+    """Forward kinematics of inverse solutions gives their direction and working mode.
 
     A working mode has a sign for each leg, the chain of links from an input to the output.
-    Inputs are given in radians as text.
+    The inputs that inverse kinematics computes for a direction are passed to the forward
+    analysis, in radians as text. Among its solutions must be that direction, with the same
+    signs of the driven legs.
     """
     solver = output_kinematics(sk.load(name))
     directions = spiral_directions(40)
     rows = solver.inverse(directions, solver.labels)
+    # Rows near a singularity of type II are left out: the output is uncertain there.
     is_regular = (rows.status == sk.Status.OK) & (rows.type_2 > LEAST_MEASURE)
     # There are rows of several working modes for each direction. The first 40 are taken.
     chosen = np.flatnonzero(is_regular)[:40]
@@ -119,8 +125,9 @@ def test_forward_of_inverse_names_the_working_mode(name):
     result, findings = found_in(name, poses="+".join(input_texts), unit="rad")
     assert findings["inputs"] == len(chosen)
     table = result.frame("inverse_kinematics", "forward")
-    # Positions of the signs of the driven legs in the label of a working mode. A mid-plane
-    # symmetric architecture (`form`) also has a leg that is not driven.
+    # The numbers of the driven legs, whose signs are compared. They are also the positions
+    # of these signs in the label of a working mode. `two_dof_spm` (with a `form`, since it
+    # can be symmetric about a plane) has a third leg, which is not driven.
     legs = list(solver.form.plane.driven) if solver.form else [0, 1]
     for number, row in enumerate(chosen):
         solutions = table[table["pose"] == number]
@@ -292,14 +299,15 @@ def test_forward_of_one_freedom():
 def test_rows_out_of_reach_offer_the_nearest_pose():
     """A direction out of reach has NaN inputs and a negative margin.
 
-    The margin is the angle (rad) that is left to the limit of the reach of a leg, whose
-    name begins with "axes". The row also has the nearest direction that can be reached, and
+    The margin is the angle (rad) that is left until a leg is stretched or folded. The
+    column `limiting` names this limit of the angle between the two end axes of the leg, as
+    "axes ... at most ...". The row also has the nearest direction that can be reached, and
     `away` is its angle (rad) to the wanted one.
     """
     mechanism = sk.load("five_bar")
-    result, findings = found_in(
-        mechanism, poses="x=0+y=0+z=-1+x=1+y=0+z=0+x=0.3+y=1+z=0.2", working_mode="++"
-    )
+    directions = ["x=0+y=0+z=-1", "x=1+y=0+z=0", "x=0.3+y=1+z=0.2"]
+    # One working mode is taken, that with both signs positive: one sign for each leg.
+    result, findings = found_in(mechanism, poses="+".join(directions), working_mode="++")
     table = result.frame()
     unreached = table[table["status"] == "OUT_OF_REACH"]
     assert unreached[["q_21", "q_51", "rate_x_21", "type_2"]].isna().all(axis=None)

@@ -92,11 +92,13 @@ def test_forward_kinematics_of_the_wrist_match_the_formula_of_the_differential(w
 
 @pytest.mark.slow
 def test_inverse_kinematics_turn_the_side_gears_as_little_as_possible(wrist):
-    """Each pose has two solutions, one for each yaw, and the formula leads back to it.
+    """Inverse kinematics of the wrist gives the pose, with the least turns of both gears.
 
-    A full turn of pitch adds 2 pi to both gears. A full turn of roll adds 2 pi / ratio to
-    one gear and subtracts it from the other. No combination of up to four such turns has a
-    smaller sum of both gear angles.
+    The wrist has the angles yaw, pitch and roll, so each pose has two solutions, with
+    opposite signs of cos(pitch). `hand_rotation`, the formula of the differential, gives
+    the pose of the inputs. A full turn of pitch adds 2 pi to both gears and does not change
+    the pose. A full turn of roll adds 2 pi / ratio to one gear and subtracts it from the
+    other. No combination of up to four such turns has a smaller sum of both gear angles.
     """
     poses = from_tilt_torsion(TILT_TORSION_RAD)
     inverse = sk.InverseKinematics(wrist).solutions(poses)
@@ -169,11 +171,12 @@ def geared_gimbal(has_roll):
 def test_closed_form_inverse_kinematics_match_the_general_solver(mechanism_name, wrist):
     """The closed form (by dyads) agrees with the numerical solver for any graph of links.
 
-    The closed form has two solutions for each pose. Inputs that differ by whole turns of
-    the wheels can lead to the same pose, and both solvers may choose other ones. Therefore
-    only as many solutions as there are poses, half of all, must have equal inputs (rad).
-    These must have equal pair rates and measures of singularities of types I and II.
-    Forward kinematics of the closed form must lead back to all poses.
+    The closed form has two solutions for each pose. The solvers may differ by whole turns
+    of the wheels, which lead to the same pose, so not every solution needs a partner with
+    equal inputs (rad). At least as many as there are poses must have one, so that the
+    comparison is not empty. Partners must have equal pair rates and equal measures of
+    singularities of types I and II. Forward kinematics of the closed form must lead back to
+    all poses.
     """
     if mechanism_name == "differential":
         mechanism = wrist
@@ -183,7 +186,9 @@ def test_closed_form_inverse_kinematics_match_the_general_solver(mechanism_name,
     general = output_kinematics(mechanism, graph=True)
     assert closed_form.solved_by == "dyads"
     assert general.solved_by == "graph"
-    if closed_form.points:  # the output is a direction, not a pose
+    # The output is the direction of a pointer, or else an orientation.
+    is_pointer = closed_form.points
+    if is_pointer:
         poses = spiral_directions(6)
     else:
         # Orientations from four triples of azimuth, tilt and torsion.
@@ -209,7 +214,7 @@ def test_closed_form_inverse_kinematics_match_the_general_solver(mechanism_name,
 
     assert np.max(closed_form.residual(solutions.values)) < 1e-12
     forward = closed_form.forward(solutions.inputs)
-    outputs = forward.directions if closed_form.points else forward.rotations
+    outputs = forward.directions if is_pointer else forward.rotations
     assert np.max(np.abs(outputs - poses[solutions.pose[forward.row]])) < 1e-11
 
 

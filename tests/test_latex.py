@@ -85,12 +85,19 @@ def is_vector(x):
 
 
 def evaluate_tree(node, values):
-    """Return the value of a tree, a number or a vector, for values of its symbols.
+    """Return the value of a formula's tree, a number or a vector.
 
-    SymPy cannot read formulas with vectors. The test has therefore written a division for
-    each cross product, which has its own place in the tree of SymPy. Between vectors a
-    division stands for the cross product here, and a product for the scalar one. A matrix
-    of three columns, such as an inertia tensor, is multiplied by the factor to its right.
+    SymPy cannot read vector products. `parse_formula` has therefore written the cross
+    product a x b as a division, and SymPy keeps it as the factors a and 1 / b, in this
+    order. Between vectors a product is the scalar one. A matrix of three columns, such as
+    an inertia tensor, is multiplied by the factor to its right.
+
+    Parameters
+    ----------
+    node
+        Node of the tree of SymPy, which SymPy has not simplified or sorted.
+    values
+        Values of the symbols by name.
     """
     if node.is_Symbol:
         return values[node.name]
@@ -99,16 +106,16 @@ def evaluate_tree(node, values):
     if node.is_Mul:
         product = mpmath.mpf(1)
         for factor in node.args:
-            inverse = factor.is_Pow and factor.exp == -1
-            part = evaluate_tree(factor.base if inverse else factor, values)
+            is_divisor = factor.is_Pow and factor.exp == -1
+            part = evaluate_tree(factor.base if is_divisor else factor, values)
             has_two_vectors = is_vector(product) and is_vector(part)
             if is_vector(product) and product.cols == 3:
                 product = product * part
-            elif has_two_vectors and inverse:
+            elif has_two_vectors and is_divisor:
                 product = cross_product(product, part)
             elif has_two_vectors:
                 product = (product.T * part)[0]
-            elif inverse and not is_vector(part):
+            elif is_divisor and not is_vector(part):
                 product = product / part
             else:
                 product = product * part
@@ -184,19 +191,22 @@ RUBBING = ("crankshaft", "driving", "driven", "pin_32", "pin_43")
 
 
 def with_random_sizes(mechanism, rng):
-    """Return a mechanism whose sizes differ by up to 3 degrees."""
+    """Return a mechanism with other sizes, and with random zero positions of its pairs.
+
+    Each arc and angle of a link differs by up to 3 degrees from that of the mechanism.
+    """
     sizes = mechanism.geometry.links
 
-    def with_deviations(numbers):
-        return [np.degrees(x) + rng.uniform(-3.0, 3.0) for x in numbers]
+    def changed_sizes_deg(sizes_rad):
+        return [np.degrees(x) + rng.uniform(-3.0, 3.0) for x in sizes_rad]
 
     arcs = {
-        link: with_deviations(link_sizes.arcs)
+        link: changed_sizes_deg(link_sizes.arcs)
         for link, link_sizes in sizes.items()
         if link_sizes.arcs
     }
     angles = {
-        link: with_deviations(link_sizes.angles)
+        link: changed_sizes_deg(link_sizes.angles)
         for link, link_sizes in sizes.items()
         if link_sizes.angles
     }
@@ -313,8 +323,9 @@ def largest_deviation(mechanism, text, evaluation, dynamics, row):
 def test_printed_formulas_give_what_the_engine_gives(number):
     """Printed formulas, evaluated in 40 digits, give the numbers of the engine.
 
-    SymPy reads the formulas. The mechanisms (see `mechanisms`) are chains of dyads, as
-    shipped and with other sizes, with one or two inputs.
+    SymPy reads the formulas. The mechanisms (see `mechanisms`) have one or two inputs and
+    consist of dyads (two links each). Some are as shipped, others have random sizes.
+    `number` selects one of them and is also the seed of the random sizes.
     """
     all_mechanisms = list(mechanisms(np.random.default_rng(number)))
     mechanism = all_mechanisms[number]
@@ -331,7 +342,7 @@ def test_printed_formulas_give_what_the_engine_gives(number):
     evaluation = sk.evaluate(mechanism, inputs if has_several_inputs else inputs[:, 0])
     rows = np.flatnonzero(evaluation.status == sk.Status.OK)
     # There is a row for each of the three times and each assembly mode. Some may be out of
-    # reach.
+    # reach, but at least four must be compared.
     assert len(rows) >= 4
     deviations = [
         largest_deviation(mechanism, text, evaluation, dynamics, row) for row in rows
@@ -406,40 +417,54 @@ def four_bar_of_the_paper(q, p):
 def test_the_four_bar_of_the_paper_term_by_term(p):
     """Each printed quantity of the four-bar has the value of the formula in its source.
 
-    The source is Di Gregorio 2024 (see `four_bar_of_the_paper`). Derivatives are numerical,
-    in 40 digits. The torque is that of Eksergian's equation. The loads are those of the
-    shipped file: torques -sin(q) and -5 sin(theta_41), and viscous friction of 2 N m s/rad,
-    at the pairs 21 and 41.
+    The source is Di Gregorio 2024 (see `four_bar_of_the_paper`), with an assembly mode for
+    each exponent p. Derivatives are numerical, in 40 digits. The torque is that of
+    Eksergian's equation. The loads are those of the shipped file: torques -sin(q) and
+    -5 sin(theta_41), and viscous friction of 2 N m s/rad, at the pairs 21 and 41.
     """
     text = latex(sk.load("four_bar"))
     q, dq, ddq = map(mpmath.mpf, ("0.9", "1.3", "-0.7"))
+    # The document selects the assembly mode by the sign s_1, the paper by (-1)^p.
     given = {"q": q, r"\dot{q}": dq, r"\ddot{q}": ddq, "s_{1}": -((-1) ** p)}
     known = evaluate_document(text, given)
     with mpmath.workdps(40):
         theta, vectors, ratios, parts = four_bar_of_the_paper(q, p)
         assert abs(mpmath.sin((theta - known[r"\theta_{41}"]) / 2)) < 1e-15
         for name, vector in vectors.items():
-            # A pole axis has two opposite unit vectors. For u_31 the paper has the other
-            # one, and its coefficient m_31 the other sign.
+            # A pole axis has two opposite unit vectors. The document and the paper have
+            # opposite ones for u_31, and so opposite signs of its coefficient m_31.
             sense = -1 if name == "u_{31}" else 1
             ours = known[rf"\mathbf{{{name[0]}}}{name[1:]}"]
             assert mpmath.norm(sense * vector - ours) < 1e-15
         assert abs(ratios["m_{31}"] + known["m_{31}"]) < 1e-15
         assert abs(ratios["m_{41}"] - known["m_{41}"]) < 1e-15
-        slopes = [
-            mpmath.diff(lambda at, name=name: four_bar_of_the_paper(at, p)[2][name], q)
-            for name in ratios
-        ]
-        assert abs(slopes[0] + known["m_{31}'"]) < 1e-12
-        assert abs(slopes[1] - known["m_{41}'"]) < 1e-12
+
+        def ratio_of_the_paper(angle, name):
+            _, _, ratios, _ = four_bar_of_the_paper(angle, p)
+            return ratios[name]
+
+        slope_31 = mpmath.diff(lambda angle: ratio_of_the_paper(angle, "m_{31}"), q)
+        slope_41 = mpmath.diff(lambda angle: ratio_of_the_paper(angle, "m_{41}"), q)
+        assert abs(slope_31 + known["m_{31}'"]) < 1e-12
+        assert abs(slope_41 - known["m_{41}'"]) < 1e-12
+
+        def inertia_of_the_paper(angle):
+            """Return the parts of the effective inertia of links 2, 3 and 4."""
+            _, _, _, inertia_parts = four_bar_of_the_paper(angle, p)
+            return inertia_parts
+
+        # A part is x^T I x, with the inertia tensor I of the link and its angular velocity
+        # x per rate of the input, both in axes of the link.
         for k, part in enumerate(parts):
-            tensor, x = (known[rf"\mathbf{{{name}}}_{{{k + 2}}}"] for name in "Ix")
+            link = k + 2
+            tensor = known[rf"\mathbf{{I}}_{{{link}}}"]
+            x = known[rf"\mathbf{{x}}_{{{link}}}"]
             assert abs(part - (x.T * tensor * x)[0]) < 1e-15
             # The derivative of x by the input. It is not printed if it is zero.
-            x_derivative = known.get(rf"\mathbf{{x}}_{{{k + 2}}}'", 0 * x)
-            rate = mpmath.diff(lambda at, k=k: four_bar_of_the_paper(at, p)[3][k], q)
+            x_derivative = known.get(rf"\mathbf{{x}}_{{{link}}}'", 0 * x)
+            rate = mpmath.diff(lambda angle, k=k: inertia_of_the_paper(angle)[k], q)
             assert abs(rate - 2 * (x_derivative.T * tensor * x)[0]) < 1e-12
-        slope = mpmath.diff(lambda at: sum(four_bar_of_the_paper(at, p)[3]), q)
+        slope = mpmath.diff(lambda angle: sum(inertia_of_the_paper(angle)), q)
         m4 = ratios["m_{41}"]
         loads = -mpmath.sin(q) - 2 * dq + m4 * (-5 * mpmath.sin(theta) - 2 * m4 * dq)
         torque = sum(parts) * ddq + slope * dq**2 / 2 - loads

@@ -16,20 +16,32 @@ SOUND_FILE = mechanism_text("library_sound")
 
 @pytest.fixture
 def install(tmp_path, monkeypatch):
-    """Return a function that installs a pack of mechanism files.
-
-    Its arguments are the name of the package, the names of its files (None: the package
-    has no folder), the module to which the entry point refers, and the code of its
-    `__init__.py`, which fails by default: packs must not be imported. The result is the
-    folder of the package.
-    """
+    """Return a function that installs a pack of mechanism files, as pip would."""
     site = tmp_path / "site"
     site.mkdir()
     monkeypatch.syspath_prepend(str(site))
 
     def add(package, files, module=None, code="raise RuntimeError('imported')"):
-        """Write the files of an installed package; the arguments are explained above."""
-        # What pip writes: the metadata, and the entry point that declares the pack.
+        """Write the files of an installed package, a pack of mechanism files.
+
+        Parameters
+        ----------
+        package
+            Name of the package.
+        files
+            Names of its mechanism files. With None the package has no folder, as if it were
+            not installed completely.
+        module
+            Module to which the entry point refers; by default the package itself.
+        code
+            Text of `__init__.py`. It fails by default, since packs must not be imported.
+
+        Returns
+        -------
+        Path of the package's folder.
+        """
+        # What pip writes: the metadata, and the entry point, which declares that the
+        # package is a pack. `GROUP` is the name of the entry points of packs.
         info = site / f"{package}-1.5.dist-info"
         info.mkdir()
         (info / "METADATA").write_text(

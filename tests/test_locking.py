@@ -46,10 +46,12 @@ def test_a_mechanism_with_a_locked_input_moves_as_with_this_input_held_still(
 ):
     """Inverse dynamics of the locked mechanism equal those with a constant input angle.
 
-    Compared are the rotations of all links that remain, the inertia matrix M and the input
-    torques, in the assembly mode whose links are nearest at the first time. The locked
+    Locking an input pair makes one link of its two. Compared are the rotations of all links
+    that remain, and the inertia matrix M and the torques of the other inputs. They are
+    compared in the assembly mode whose links are nearest at the first time. The locked
     mechanism is used as it is and after writing and reading its file.
     """
+    # The start angles are those of the inputs that move, in order.
     locked_pair, locked_angle, start_angles = CASES[name]
     mechanism = loaded_mechanism(name)
     locked = sk.lock(mechanism, {locked_pair: locked_angle}, angle_unit="rad")
@@ -61,9 +63,7 @@ def test_a_mechanism_with_a_locked_input_moves_as_with_this_input_held_still(
     moving_laws = {}
     for k, (pair, start) in enumerate(zip(moving_inputs, start_angles, strict=True)):
         moving_laws[pair] = ConstantSpeed(0.4 - 0.7 * k, start)
-    all_laws = dict(moving_laws)
-    if locked_pair in mechanism.input_pairs:
-        all_laws[locked_pair] = ConstantSpeed(0.0, locked_angle)
+    all_laws = {**moving_laws, locked_pair: ConstantSpeed(0.0, locked_angle)}
     times = [0.0, 0.1]
     held = sk.inverse_dynamics(mechanism, all_laws, times, assembly_mode=0)
     moving = [k for k, item in enumerate(mechanism.inputs) if item.pair != locked_pair]
