@@ -63,17 +63,23 @@ def through(random, line):
 
 @pytest.mark.slow
 def test_superposition_gives_the_motion_of_all_inputs_together():
-    """Eq. (7) of Di Gregorio 2015: prod(c) w = sum of d_i (prod of other c) q'_i u_i.
+    """The platform's velocity is the sum over the inputs, eq. (7) of Di Gregorio 2015.
 
-    Let input i move alone at the rate q'_i. The platform (link 8) then turns about the axis
-    u_i at a rate w_i with c_i w_i = d_i q'_i. The angular velocity w of the platform is
-    computed from the velocity equations, for all inputs together and for each alone.
+    Let input i move alone at the rate q'_i, with the other inputs locked. The platform
+    (link 8) then turns about its pole axis u_i at a rate w_i. The coefficients c_i and d_i
+    of c_i w_i = d_i q'_i follow from pole axes. With all inputs moving, the angular
+    velocity w of the platform is sum(w_i u_i), so
+
+        prod(c) w = sum of d_i (product of the other c) q'_i u_i.
+
+    w is computed from the velocity equations, for all inputs together and for each alone.
     """
     random = np.random.default_rng(1)
     for _ in range(8):
         rows, motion = at_reference(three_legs(random_axes(random, 9)))
         assert rows.type[0] == RowType.REGULAR
-        assert rows.group[0] == 0  # singular in no group
+        # Neither this mechanism is singular, nor those with one input moving alone.
+        assert rows.group[0] == 0
         input_pairs = motion.assembly.inputs
         input_rates = random.normal(size=3)
         rate_by_pair = dict(zip(input_pairs, input_rates, strict=True))
@@ -94,6 +100,7 @@ def test_superposition_gives_the_motion_of_all_inputs_together():
             rate_alone = link_rates_alone[7]
             assert np.allclose(rows.w[0, k], rate_alone, rtol=1e-9, atol=1e-11)
             assert sine_between_lines(rows.u[0, k], rate_alone) < 1e-10
+            # Both rates are those of one motion, scaled to unit length.
             ratio = rows.output_rate[0, k] / abs(rows.input_rate[0, k])
             assert ratio == pytest.approx(np.linalg.norm(rate_alone), rel=1e-9)
 
@@ -275,16 +282,20 @@ def four_bars_of_singular_curves(kind):
 
 
 def test_type_one_curves_of_a_five_bar_are_the_borders_of_reach():
-    """The output lies on a circle of radius |a - b| or a + b about one of the fixed axes.
+    """At type I a leg is stretched or folded, so the output is on a circle.
 
-    a and b are a leg's arcs. While a leg is stretched or folded, it acts as one bar, and
-    the mechanism is a four-bar. The curves of folded legs are closed. Each four-bar with a
-    stretched leg has one closed curve. Both of them meet where both legs are stretched, at
-    two places, which divide them into four curves.
+    The output is the axis 43, which joins both legs. Let a be the crank and b the coupler
+    of a leg. While it is stretched or folded, it acts as one bar of the arc a + b or
+    |a - b|, and the output moves on a circle of this radius about the leg's fixed axis. The
+    mechanism is then a four-bar, whose motion is a curve of type I.
+
+    The curves with a folded leg are closed. Those with one of both stretched legs are one
+    closed curve each. They meet in the two configurations with both legs stretched, which
+    divide them into four open curves.
     """
     mechanism = five_bar()
-    # Curves are found on slices: curves on which one input is locked, at two values of
-    # each.
+    # The search starts from singular points of configuration curves with one input locked,
+    # at two values of each input.
     result = singular_curves(
         with_full_turns(mechanism), "I", pointing="43", slices_of_each=2
     )
@@ -294,7 +305,8 @@ def test_type_one_curves_of_a_five_bar_are_the_borders_of_reach():
     assert sum(curve.closed for curve in result.curves) == closed_count
     assert [count_configuration_curves(bars) for bars in stretched_legs] == [1, 1]
     assert sum(not curve.closed for curve in result.curves) == 4
-    assert not len(result.stray)  # a curve was followed from every point that was found
+    # Stray points are singular points from which no curve could be followed.
+    assert not len(result.stray)
 
     legs = (np.radians(FIRST_LEG_DEG), np.radians(SECOND_LEG_DEG))
     for curve in result.curves:
@@ -309,6 +321,7 @@ def test_type_one_curves_of_a_five_bar_are_the_borders_of_reach():
             radius = crank - coupler if curve.closed else crank + coupler
             cosine = np.sum(axes[:, fixed_axis] * output, axis=1)
             leg_is_on_circle.append(np.max(np.abs(cosine - np.cos(radius))) < 1e-13)
+        # One leg is stretched or folded all along the curve, the other one is not.
         assert sum(leg_is_on_circle) == 1
         assert np.max(curve.points.output_rate) < 1e-12
         assert np.min(curve.points.input_rate) > 1e-12
@@ -316,26 +329,31 @@ def test_type_one_curves_of_a_five_bar_are_the_borders_of_reach():
             singular_ends = (Status.AT_SINGULARITY, Status.AT_SINGULARITY)
             _, followed_curve = curve.traced
             assert followed_curve.ends == singular_ends
-            # Both elbows (variables 1 and 3) are stretched at the ends.
+            # Both elbows (variables 1 and 3) are stretched at the ends. The curve is not
+            # followed into the crossing itself but ends within 1e-4 rad of it.
             assert np.max(np.abs(np.sin(values[[0, -1]][:, [1, 3]]))) < 1e-4
 
 
 @pytest.mark.slow
 def test_type_two_curves_of_a_five_bar_have_coplanar_distal_axes():
-    """On each curve the elbows are as far apart as the couplers reach, in or out.
+    """At type II both couplers are in line, so the arc between the elbows is constant.
 
-    The two couplers are then in line and act as one bar, so the curves are those of
-    four-bars. Points at which types I and II occur together, those of type III, are listed
-    for each curve. Successive points are at most 0.31 rad apart, hardly more than the
-    longest step that is taken (`MAX_CURVE_STEP_RAD`), and the output moves at all of them.
+    The arc is the sum of both coupler arcs (stretched) or their difference (folded). The
+    couplers act as one bar of this arc, and each motion of this four-bar is a curve of type
+    II. Points at which types I and II occur together, those of type III, are listed for
+    each curve. Successive points are at most 0.31 rad apart, hardly more than the longest
+    step that is taken (`MAX_CURVE_STEP_RAD`), and the output moves at all of them.
     """
     mechanism = five_bar()
+    # The output is the direction of the axis 43. The search starts from singular points of
+    # configuration curves with one input locked, at five values of each input.
     result = singular_curves(
         with_full_turns(mechanism), "II", pointing="43", slices_of_each=5
     )
     four_bars = four_bars_of_singular_curves("II")
     assert len(result.curves) == sum(map(count_configuration_curves, four_bars))
-    assert not len(result.stray)  # a curve was followed from every point that was found
+    # Stray points are singular points from which no curve could be followed.
+    assert not len(result.stray)
 
     # `both` has the points of a curve at which types I and II occur together.
     points_of_both_types = np.concatenate([curve.both.values for curve in result.curves])
@@ -388,8 +406,9 @@ def cosine_between_elbows(first_input, second_input):
 def test_the_inputs_rest_at_a_cusp_of_a_singular_curve(monkeypatch):
     """A 3-RRR with one input locked: its singular curve has cusps in the plane of inputs.
 
-    At a cusp the tangent of the curve has no component along the inputs, so it is the
-    motion with locked inputs itself.
+    At a type II singularity there is a motion of the links while both inputs are locked. At
+    a cusp the tangent of the singular curve has no component along the inputs either, so
+    both are the same direction.
     """
     mechanism = sk.load("three_rrr")
     third_input = mechanism.inputs[2]
@@ -401,6 +420,7 @@ def test_the_inputs_rest_at_a_cusp_of_a_singular_curve(monkeypatch):
     closure = position_analysis.solver.closure
     # The configurations of type II: the links can move while the inputs are locked.
     locus = SingularityLocus(closure, degrees_of_freedom=2, constraint=InputsLocked(driven))
+    # To save time, the curve is cut after 20 rad of arc length instead of 200.
     monkeypatch.setattr(curve_tracing, "MAX_SINGULAR_CURVE_LENGTH_RAD", 20.0)
     # The nearest singular configuration, and the curve through it.
     start = locus.project(values[None])
@@ -411,19 +431,21 @@ def test_the_inputs_rest_at_a_cusp_of_a_singular_curve(monkeypatch):
     # (cusps, variables): the last axis has one tangent, as the locus is a curve.
     tangents = cusps.tangents[:, :, 0]
     assert np.max(np.abs(tangents[:, list(driven)])) < 1e-7
+    # `motions` are the unit vectors of the motions with locked inputs.
     cosines = np.abs(np.sum(tangents * cusps.motions, axis=1))
     assert np.all(cosines > 1.0 - 1e-12)
 
 
 def test_aspects_of_a_five_bar_are_regions_of_a_flood_fill():
-    """Aspects are the parts of the space of configurations free of type II.
+    """Aspects are the parts of the space of configurations that type II divides.
 
-    The square of both inputs (a turn each) is sampled at 241 x 241 points; the dyad
-    closes where the elbows are within reach of the couplers. Connected regions are counted
-    by an image library. (It does not join opposite borders of the square, but here there is
-    a single region without that.) Each region is two aspects, one for each sign of the
-    dyad. The analysis uses every tenth point of that grid. Aspects of one or two of these
-    points would be parts whose connection the coarse grid does not show.
+    At each pair of input angles the five-bar closes if the elbows are within reach of the
+    couplers. It then has two configurations, with opposite signs of the dyad (of the
+    determinant that vanishes at type II). So a connected region of the square of both
+    inputs has two aspects. An image library counts the regions on 241 x 241 points.
+
+    The analysis uses every tenth of these points. Aspects of one or two points are not
+    compared, since the coarse grid may not show to which larger part they belong.
     """
     result = aspects(with_full_turns(five_bar()), 25)
     angles = np.linspace(-np.pi, np.pi, 241)
@@ -433,6 +455,8 @@ def test_aspects_of_a_five_bar_are_regions_of_a_flood_fill():
     stretched_cosine = np.cos(np.radians(coupler_1 + coupler_2))
     folded_cosine = np.cos(np.radians(coupler_1 - coupler_2))
     closes = (cosine > stretched_cosine) & (cosine < folded_cosine)
+    # The library does not join regions across opposite borders of the square, which are the
+    # same angles. This five-bar has one region, which is connected without that.
     _, region_count = ndimage.label(closes)
 
     is_large = result.sizes > 2

@@ -38,12 +38,13 @@ def all_curves(position_analysis):
 def test_a_double_zero_of_an_output_rate_is_one_singularity():
     """Two four-bars in a row, both with a dead point of the output in the reference pose.
 
-    The link 2 drives link 4 through the first four-bar, and link 4 drives link 6 through
-    the second one. In the reference pose both transmission ratios, w41 / w21 and w61 / w41,
-    are zero and change their sign. So link 4 reverses there. The rate of link 6 is the
-    product of both ratios: it has a double zero, and link 6 does not reverse. If link 4
-    counts as the input of link 6, both rest there, and only the input reverses: a
-    self-motion. A double zero is located to 1e-7 only, the root of rounding.
+    Link 2 drives link 4 through the first four-bar, and link 4 drives link 6 through the
+    second one. In the reference pose both transmission ratios, w41 / w21 and w61 / w41, are
+    zero and change their sign. So link 4 reverses there. The rate of link 6 is the product
+    of both ratios: it has a double zero, and link 6 does not reverse.
+
+    If link 4 is taken as the input and link 6 as the output, both rest there while link 2
+    moves. That is a self-motion, at which the input reverses and the output does not.
     """
     axes = random_axes(np.random.default_rng(4), 7)
     # Three axes of each four-bar are coplanar, so that its output rests.
@@ -52,8 +53,10 @@ def test_a_double_zero_of_an_output_rate_is_one_singularity():
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     mechanism = mechanism_from_chain(WATT, axes, span=(-0.3, 0.3))
     position_analysis = PositionAnalysis(mechanism, samples=31)
+    # The configuration curve through the reference pose, where all variables are zero.
     curve = follow_arc(position_analysis.solver.closure, np.zeros(7))
 
+    # A double zero is located to 1e-7 only, the square root of rounding.
     (simple_zero,) = report_at(position_analysis, curve, "4/1", "2/1")
     (double_zero,) = report_at(position_analysis, curve, "6/1", "2/1")
     for point, is_double, accuracy in (
@@ -93,9 +96,10 @@ def test_curves_of_folding_four_bars_cross_in_type_three_with_two_tangents(degre
 
     Four points lead out of the crossing, two along each tangent. For each tangent there are
     two relations c w_out = d w_in between the rates of the output 4/1 and of the input,
-    with c and d from pole axes. They are called forms i and ii. In form ii c and d both
-    vanish (type III), because all axes are coplanar (condition III.a). Form i may have
-    values c and d other than zero. It then holds for the rates along the tangent.
+    with c and d from pole axes. Form i takes the axes of the three links of both rates,
+    form ii those of a fourth link too. In form ii c and d both vanish (type III), because
+    all axes are coplanar (condition III.a). In form i they may differ from zero. It then
+    has no type and must hold for the rates along the tangent.
     """
     position_analysis = PositionAnalysis(four_bar(np.radians(degrees)))
     curves = all_curves(position_analysis)
@@ -117,7 +121,8 @@ def test_curves_of_folding_four_bars_cross_in_type_three_with_two_tangents(degre
         directions = outgoing - crossing.values
         points, _ = curve_points(closure, outgoing, directions)
         assert np.max(points.residual) < 1e-13
-        assert np.all(np.abs(points.bends) < 10.0)  # second derivatives along the curves
+        # The second derivatives along the curves stay finite at the crossing.
+        assert np.all(np.abs(points.bends) < 10.0)
 
         # Forms i and ii of the first tangent, then of the second one.
         relations_i = point.relations[::2]
@@ -128,7 +133,8 @@ def test_curves_of_folding_four_bars_cross_in_type_three_with_two_tangents(degre
             assert relation_ii.type == Type.III
             assert relation_ii.agrees  # geometric conditions and rates give one type
             assert any(x.label == "III.a" and x.certain for x in relation_ii.conditions)
-            if relation_i.type is None:
+            is_regular = relation_i.type is None
+            if is_regular:
                 output_term = relation_i.c * tangent[output_variable]
                 input_term = relation_i.d * tangent[input_variable]
                 assert abs(output_term - input_term) < 1e-12
@@ -228,14 +234,16 @@ def test_rest_points_of_all_poles_are_where_relative_rates_vanish(chain, seed):
 
 @pytest.mark.parametrize("chain", [EIGHT_BARS[1], EIGHT_BARS[10]])
 def test_input_output_relations_hold_for_rates_by_velocity_equations(chain):
-    """Relations c w_out = d w_in of both forms, for 55 quadruples of links of an eight-bar.
+    """Relations c w_out = d w_in hold for 55 quadruples of links of an eight-bar.
 
     A quadruple has the input link i and its reference r, and the output link o and its
-    reference s. w_in is the rate of i relative to r. w_out is the rate of o relative to s
-    in form i, and relative to r in form ii. There is no form ii if o is r or i. The
-    coefficients c and d come from pole axes, which a plan computes one after another as
-    intersections of great circles. The rates come from the evaluation of all links. Gaps
-    are within ten times the error bound of the poles.
+    reference s. w_in is the rate of i relative to r. There are two relations: w_out is the
+    rate of o relative to s in form i, and relative to r in form ii, where s is any further
+    link. Form ii needs an o that is neither r, which rests, nor i, which is the input.
+
+    The coefficients c and d come from pole axes, which a plan computes one after another as
+    intersections of great circles. The rates come from the evaluation of all links. The gap
+    may be ten times the error bound of an axis, since c and d have three axes each.
     """
     random = np.random.default_rng(11)
     axes = random_axes(random, len(parse_chain(chain)))

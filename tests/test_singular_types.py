@@ -165,13 +165,16 @@ DRIVEN = posed(
 def test_types_of_singular_rows_are_those_of_the_kernel(mechanism, expected):
     """Each row of the table names a closed configuration and the type of its output there.
 
-    `expected` has the types that can occur, by output. Types I, II and III need not occur,
-    since the search follows few curves: one input is locked at one value each. Self-motion
-    has to. About 60 rows of an output are compared with the kernel (null space) of the
-    velocity equations. Outputs 2/1 and 7/1 have one freedom but two inputs, so one input
-    can always move while they rest. A row of its own says that every configuration is
-    singular.
+    `expected` has the types that can occur, by output. The search is short, so types I, II
+    and III need not be met, but self-motion must be. About 60 rows of an output are
+    compared with the kernel (null space) of the velocity equations.
+
+    The outputs 2/1 and 7/1 are links with one degree of freedom, driven by two inputs. So
+    there is always a motion of the inputs in which they rest. A row with the note "in every
+    configuration" says so.
     """
+    # `slices=1`: singularities are looked for on the curves with one input locked at one
+    # value, for each input. `input_grid=0`: no parts free of singularities are computed.
     result = sk.run(mechanism, f"{NAME}:input_grid=0,slices=1", samples=3)
     frame = result.frame(NAME)
     for name, types in expected.items():
@@ -290,11 +293,11 @@ def closed(solver, count):
 def check_types(mechanism, count):
     """Compare types of regular and singular configurations with those of `kernel_type`.
 
-    The kernel is the null space of the velocity equations of all pairs. For each output,
-    `count` closed configurations at most are projected to the loci (sets) of types II, I
-    and self-motion. Up to 6 of the regular and 8 of the projected configurations of each
-    type are compared. Configurations near a type or near where two loci meet are left out,
-    since rounding decides there.
+    `kernel_type` finds the type from the null space of the velocity equations of all pairs.
+    For each output, `count` closed configurations at most are projected to the loci (sets)
+    of types II, I and self-motion. Up to 6 regular configurations and 8 projected ones of
+    each type are compared. A configuration so near to a type or to where two loci meet that
+    rounding would decide is left out.
 
     Returns
     -------
@@ -330,9 +333,9 @@ def check_types(mechanism, count):
         type_2_locus = reports["II"].locus
         for k, configuration in enumerate(configurations):
             kind = kernel_type(mechanism, configuration, output)
-            # Measures that vanish at types II and I, and where locked inputs do not hold
-            # all links. A measure from 1e-3 of the limit of singular rows up to 1e-3 is
-            # neither clearly zero nor clearly different from zero.
+            # The measures vanish at type II, at type I, and where some link can move while
+            # the inputs are locked. At a singularity the least one is below 1e-3 times
+            # `SINGULAR_TRANSMISSION`, elsewhere above 1e-3. Between them rounding decides.
             least = min(rows.type_two[k], rows.type_one[k], rows.hold[k])
             if 1e-3 * SINGULAR_TRANSMISSION < least < 1e-3:
                 continue
@@ -342,6 +345,7 @@ def check_types(mechanism, count):
             assert kind == {0: "regular", 4: "self-motion"}.get(code, "I" * code)
             if kind in ("II", "III"):
                 tangents = type_2_locus.tangent_space(configuration[None])
+                # The equations of the locus lose rank: a motion with locked inputs exists.
                 assert type_2_locus.measure(tangents).smallest_singular_value[0] < RANK
             compared_types.append(kind)
     return compared_types

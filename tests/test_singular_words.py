@@ -67,12 +67,14 @@ def test_a_stretched_dyad_is_no_crossing_for_outputs_before_it():
 
 
 @pytest.mark.slow
-def test_the_turn_of_a_plate_about_a_moving_pole_is_the_integral_of_its_rate():
-    """The remark on a wobble plate says "turns by" and the length of its motion.
+def test_the_turn_of_a_plate_about_a_moving_pole_is_the_sum_of_small_rotations():
+    """A remark of the analysis says by which angle a wobble plate turns in all.
 
-    The plate is tilted by 18 degrees on the shaft and held by a gimbal. Here its frame is
-    built in the case's frame, with the shaft along z and the gimbal along y. The angles
-    between 20001 successive orientations over one turn of the shaft are added up.
+    The plate is tilted by 18 degrees on the shaft and held by a gimbal. It turns about an
+    axis that moves, so the angle is an integral over the motion. Here the orientation of
+    the plate is built from the directions of shaft (z) and gimbal (y) in the case, and the
+    rotation angles between 20001 successive orientations over one turn of the shaft are
+    added up.
     """
     tilt_deg = 18.0
     links = {
@@ -98,6 +100,7 @@ def test_the_turn_of_a_plate_about_a_moving_pole_is_the_integral_of_its_rate():
     steps = np.swapaxes(orientations[:-1], 1, 2) @ orientations[1:]
     turned_deg = np.degrees(np.sum(Rotation.from_matrix(steps).magnitude()))
 
+    # The last angle in the remark is that of the whole motion.
     (line,) = (x for x in remarks.splitlines() if "moving pole" in x)
     assert "plate/case turns by " in line
     assert abs(last_degrees(line) - turned_deg) < 1e-3

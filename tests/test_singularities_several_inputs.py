@@ -27,11 +27,15 @@ def five_bar_run(tmp_path_factory):
 def test_points_of_singular_curves_say_why_they_are_singular(five_bar_run):
     """Points of singular curves of a five-bar with two inputs state their condition.
 
-    The condition is one of the equation c_k y' = d_k q_k' of each input k, while the other
-    one is locked; u_k is the pole axis of the output then. At type II both couplers are in
-    line: both c are 0, and both u coincide. At type I the direction that is the output lies
-    along such a u and rests, or a d is 0. The column `signs` has the sign of the dyad,
-    which is 0 where the assembly modes 0 and 1 meet.
+    Let input k move at the rate q_k' while the other one is locked. The output then turns
+    at a rate y' about its pole axis u_k, and c_k y' = d_k q_k'.
+
+    - At type II both couplers are in line. Both c are 0, and both axes u_k coincide.
+    - At type I either a d is 0, or u_k is along the direction that is the output. The
+      direction then rests, as it lies on the axis of rotation.
+
+    The column `signs` has the sign of the dyad (two links closed onto the cranks). It is 0
+    where the assembly modes 0 and 1 meet.
     """
     result, _ = five_bar_run
     frame = result.frame("singularities")

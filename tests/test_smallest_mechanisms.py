@@ -105,10 +105,11 @@ def test_rotations_and_rates_of_open_chains_are_those_by_exponentials(chain, rou
     """Rotations of links are products of rotations about pair axes, and so are rates.
 
     Rotations about an axis are matrix exponentials. While one pair moves, the links beyond
-    it turn about its axis and the others rest. Angular velocities are computed in three
-    ways (routes): from the velocity equations, from poles by the plan of the poles that is
-    conditioned best, and by the best of both. An open chain has one assembly mode, so the
-    set of modes is complete.
+    it turn about its axis and the others rest. A route is a way to compute angular
+    velocities. "equations" solves the velocity equations of all links, and "best" does so
+    in more digits where needed. "conditioned" finds each pole axis as the intersection of
+    two great circles, those that amplify rounding least. An open chain has one assembly
+    mode, so the set of modes is complete.
     """
     mechanism = open_chain(chain)
     input_count = len(mechanism.inputs)
@@ -138,9 +139,12 @@ def test_rotations_and_rates_of_open_chains_are_those_by_exponentials(chain, rou
 @pytest.mark.many
 @pytest.mark.parametrize("chain", OPEN_CHAINS.values(), ids=OPEN_CHAINS)
 def test_every_command_handles_an_open_chain_or_refuses_its_inputs(chain, tmp_path, capsys):
-    """Some analyses take up to three inputs or one; no command ends with a traceback.
+    """No command ends with a traceback on an open chain; some refuse its number of inputs.
 
-    The first word of a case is whether the command is refused.
+    All pairs of an open chain are inputs, one to four. Eksergian's equation is for one
+    input. With four inputs an output can rest in every configuration, so a grid of inputs
+    (`input_grid`) cannot be divided by singularities. A table for a coupling has the
+    variables of pairs that are not driven, and there are none.
     """
     mechanism = open_chain(chain)
     file = tmp_path / "open.toml"
@@ -151,6 +155,7 @@ def test_every_command_handles_an_open_chain_or_refuses_its_inputs(chain, tmp_pa
     input_count = len(mechanism.inputs)
     few_samples = ("--samples", "3")
     over_time = (*few_samples, "--duration", "1", *laws)
+    # Whether the command is refused, and its words.
     cases = (
         (0, "validate"),
         (0, "plan"),

@@ -35,17 +35,21 @@ tip lies on the crank's axis or opposite to it."""
 
 
 @pytest.mark.parametrize(("arcs", "folded_angle"), FOLDED.items())
-def test_crank_and_coupler_that_can_turn_together_are_singular(arcs, folded_angle):
-    """Where the rocker's tip lies on the crank's axis the position is undetermined.
+def test_a_rocker_tip_on_the_axis_of_the_crank_is_a_singularity(arcs, folded_angle):
+    """The position is undetermined where the driven rocker's tip is on the crank's axis.
 
-    The rocker is driven. At that angle the status is AT_SINGULARITY, not OUT_OF_REACH.
-    Beside it the loop closes where crank and coupler reach the tip, whose arc from the
-    crank's axis follows from the law of cosines.
+    Crank and coupler have equal arcs (or arcs that add up to 180 deg). With the tip on the
+    axis of the crank they can turn about it together, while the rocker rests. There the
+    status is AT_SINGULARITY, not OUT_OF_REACH. At two rocker angles beside it the loop
+    closes if crank and coupler reach the tip. The arc of the tip from the crank's axis
+    follows from the law of cosines.
     """
     mechanism = four_bar(np.radians(arcs)).with_inputs("41")
     rocker_angle = np.array([folded_angle, folded_angle + 1e-3, folded_angle + 0.1])
     position_analysis = PositionAnalysis(mechanism)
-    motion = position_analysis.at(np.pi - rocker_angle)  # the file counts 41 from pi
+    # `rocker_angle` is the angle between the arcs of ground and rocker. The variable of the
+    # pair 41 is counted from the opposite side and in the opposite sense.
+    motion = position_analysis.at(np.pi - rocker_angle)
     mode_count = len(motion.assembly_modes)
     status = motion.status.reshape(mode_count, -1)
     residual = motion.residual.reshape(mode_count, -1)
