@@ -46,10 +46,12 @@ def tripod(plate):
 def half_angle_between_modes(plate, digits):
     """Compute half the angle between two modes of the tripod that are nearly equal.
 
-    At inputs of zero, two modes of the `tripod` are equal. Here all inputs are
-    10 ** -digits degrees. In one mode the plate turns about the axis of symmetry by an
-    angle D, in the other one by -D. cos(D) follows from the spherical law of cosines, in
-    200 bits. As D is small, its square is nearly 2 (1 - cos(D)).
+    The `tripod` is a plate on three equal legs of a crank and a bar, spread evenly about an
+    axis of symmetry. At inputs of zero every leg is in one plane with this axis, and two
+    modes (ways to assemble it) are equal. Here all inputs are 10 ** -digits degrees. In one
+    of the two modes the plate turns about the axis of symmetry by an angle D, in the other
+    one by -D. cos(D) follows from the spherical law of cosines, in 200 bits. As D is small,
+    its square is nearly 2 (1 - cos(D)).
 
     Parameters
     ----------
@@ -67,41 +69,51 @@ def half_angle_between_modes(plate, digits):
     """
     with working_precision(200):
         degree = pi_ball() / 180
+        # Arcs from the axis of symmetry, at inputs of zero: to the axis of a crank at the
+        # base, to the tip of a crank, and to an axis of the plate.
         base, tip, top = (degree * exact_ball(float(a)) for a in (BASE, TIP, plate))
-        step = degree * exact_ball(10.0) ** -digits
-        # The arcs of cranks and bars are those at inputs of zero, when all is in one plane.
-        # `end` is the arc from the axis of symmetry to the end of a crank at the input.
+        step = degree * exact_ball(10.0) ** -digits  # the input
+        # The arcs of crank and bar are differences, since a leg is in one plane at zero.
         crank = tip - base
+        bar = tip - top
+        # `end` is the arc from the axis of symmetry to the tip of a crank at the input. At
+        # zero the crank continues the arc `base`, so the angle between both is 180 degrees
+        # less the input. Its cosine is -cos(step).
         cosine_of_end = base.cos() * crank.cos() - base.sin() * crank.sin() * step.cos()
         sine_of_end = (1 - cosine_of_end * cosine_of_end).sqrt()
-        numerator = (tip - top).cos() - cosine_of_end * top.cos()
+        numerator = bar.cos() - cosine_of_end * top.cos()
         cosine = numerator / (sine_of_end * top.sin())
         square = 2 * (1 - cosine)
         return float(abs(square).sqrt().mid()), bool(square > 0)
 
 
 def modes_beside(plate, digits):
+    """Certify the modes of the tripod at inputs of 10 ** -digits degrees."""
     step = "0." + "0" * (digits - 1) + "1"
     return certify_modes(tripod(plate), (step, step, step))
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("digits", range(4, 13))
-def test_modes_of_a_triad_from_a_millionth_to_1e_14_apart_are_told_apart(digits):
-    """Two modes of a platform that are 1e-6 to 1e-14 rad apart are both certified.
+def test_modes_of_a_platform_that_are_1e_6_to_1e_14_rad_apart_are_both_certified(digits):
+    """Two modes of a platform on three legs are certified however near they are.
 
     Two modes (ways to assemble it) are equal at inputs of zero. Here the inputs are
-    10 ** -digits degrees, and the modes are between 1 and 2 times 10 ** (-digits - 2) rad
-    apart, by independent numbers of 200 bits.
+    10 ** -digits degrees. In both modes the plate is turned by half an angle of 0.5 to 1
+    times 10 ** (-digits - 2) rad, to one side or the other (`half_angle_between_modes`, a
+    closed form in 200 bits). All 8 complex modes are certified.
     """
     plate = 50  # angle (deg) from the axis of symmetry to the axes of the plate
-    half_angle, is_real = half_angle_between_modes(plate, digits)
-    assert is_real and 0.5 < half_angle * 10.0 ** (digits + 2) < 1.0
+    half_angle, has_real_modes = half_angle_between_modes(plate, digits)
+    assert has_real_modes and 0.5 < half_angle * 10.0 ** (digits + 2) < 1.0
     modes = modes_beside(plate, digits)
+    # As many complex modes are proven as there can be (`mode_bound`).
     assert modes.is_counted and modes.mode_bound == 8
     rows = np.array([[centre_float(angle) for angle in row] for row in modes.angles()])
     # Both modes are near the double one, in which all angles are zero.
     first, second = sorted(rows, key=lambda row: np.sum(1 - np.cos(row)))[:2]
+    # The joint angles differ by about the angle between both positions of the plate. Only
+    # the order of magnitude is compared.
     distance = np.max(np.abs(first - second))
     assert 0.1 * half_angle < distance < 10 * half_angle
     # Only the certificate of the nearest modes is checked independently.
@@ -164,16 +176,18 @@ def test_dead_centres_at_one_input_in_different_modes_are_each_certified():
 
 
 @pytest.mark.slow
-def test_two_equal_dyads_that_fold_together_leave_one_small_part_undecided():
+def test_two_equal_dyads_stretched_at_one_input_leave_a_small_range_undecided():
     """Two equal dyads are stretched at one input, and a range about it stays undecided.
 
-    Near a saddle, the configurations are the zeros of a function g(u, v). Its level is the
-    value of g at the saddle point: two curves cross if it is zero, and miss each other
-    otherwise. `level_sign` is its sign, or None if no sign is proven; `gap` bounds the
-    distance (rad) at which the curves miss each other. In this mechanism the level is zero.
-    Computed with an error bound it has no sign, in any number of bits. spherekit proves
-    that a level is zero only where all axes of a loop of four pairs are in one plane, which
-    is not so here. There are 4 modes before the range and none after it.
+    The second four-bar is the first one turned by 140 degrees, so both dyads are stretched
+    at the same input. Each dyad closes in two ways before this input and in none after it.
+    So there are 4 modes before it, and their configuration curves cross there.
+
+    spherekit bounds the distance (rad) at which the curves miss each other by `gap`. It is
+    nearly zero. But it proves a crossing only where all axes of a loop of four pairs are
+    in one plane, which is not so here. The sign that says on which side the curves miss
+    each other (`level_sign`) is therefore None. The result is complete except for a range
+    of the input below 1e-4 rad (`completeness.box`).
     """
     mechanism = two_dyads(ground=60, crank=50, turn=140, coupler=40, rocker=35)
     curves = certify_curves(mechanism, ("80", "110"))

@@ -92,14 +92,16 @@ def test_the_checker_refuses_a_map_with_a_wrong_count_or_a_repeated_solution():
     """The checker refuses a falsified certificate of the map of a small box of inputs.
 
     A map states the number of assembly modes over boxes of two inputs. In this one, 16
-    modes exist over the whole box (deg). They are solutions of two systems of two equations
-    each. The certificate contains all complex solutions of each system at some inputs, from
-    which the checker starts. The unchanged certificate is accepted.
+    modes exist over the whole range of inputs, 20 to 20.01 and 17 to 17.01 deg. The four
+    loop equations are solved two by two (`"systems"`), first two of them, then the others
+    for each solution of the first. The certificate contains all complex solutions of each
+    system at some inputs, from which the checker starts. It is accepted without changes.
     """
     exact_mechanism = read_decimals(sk.load("two_dof_spm"))
     input_map = certify_input_map(exact_mechanism, [("20", "20.01"), ("17", "17.01")])
     # Part of the area by number of modes.
     assert input_map.mode_shares == {16: 1.0}
+    # As it is read from its JSON file.
     certificate = recorded(map_certificate(input_map))
     check(certificate)
 
@@ -108,7 +110,9 @@ def test_the_checker_refuses_a_map_with_a_wrong_count_or_a_repeated_solution():
     refuse(with_fewer_modes)
 
     with_repeated_solution = copy.deepcopy(certificate)
-    for solved_choice in with_repeated_solution["systems"][0]["solved"]:
+    first_system = with_repeated_solution["systems"][0]
+    # A system is solved for one or several choices of the inputs.
+    for solved_choice in first_system["solved"]:
         solved_choice["solutions"][0] = solved_choice["solutions"][1]
     refuse(with_repeated_solution)
 
@@ -161,7 +165,7 @@ def tamper_with_map(certificate, random_choice):
     singular_boxes = [box for box in boxes if box["is"] == "contains type II"]
     falsification = random_choice.randrange(7)
     side = random_choice.randrange(2)
-    if falsification == 0:  # a number of modes is wrong
+    if falsification == 0:  # a number of modes is wrong (it is even in every regular box)
         random_choice.choice(regular_boxes)["modes"] += random_choice.choice((-2, 2))
     elif falsification == 1:  # a singular box is called regular
         singular_box = random_choice.choice(singular_boxes)
@@ -172,7 +176,7 @@ def tamper_with_map(certificate, random_choice):
         boxes.remove(box)
     elif falsification == 4:  # boxes overlap, or leave a gap
         box["half_rad"][side] *= random_choice.choice((0.9, 1.2))
-    elif falsification == 5:
+    elif falsification == 5:  # a box is shifted by 0.001 to 0.1 rad
         box["centre_rad"][side] = nudged(box["centre_rad"][side], random_choice)
     else:  # the stated share of inputs that are regular is wrong
         shares = certificate["shares"]

@@ -117,16 +117,19 @@ def differences_between_modes(modes, pair_names):
 def test_a_plate_on_three_discs_has_the_modes_of_the_same_plate_on_three_bars(internal):
     """Two discs in contact keep the arc between their centres, as a bar does.
 
-    Both mechanisms have 8 complex modes: as many are proven as there can be (`mode_bound`).
-    The checker, which shares no code with the proof, accepts both certificates, and the
-    real modes have the same joint angles in some order. `internal` is the name of the
-    contact in which one disc is inside the other, or empty. The input is at 40 deg.
+    Both mechanisms have 8 complex modes (ways to assemble them), as many as the degrees of
+    their equations allow (`mode_bound`). The checker, which shares no code with the proof,
+    accepts both certificates. The real modes are the same in some order. Both files count
+    joint angles from different zero directions, so the differences of angles between modes
+    are compared. `internal` is the name of the contact in which one disc is inside the
+    other, or empty. The input is at 40 deg.
     """
     modes_of_discs = prove_modes(plate(internal), "40")
     modes_of_bars = prove_modes(bars(internal), "40")
     for modes in (modes_of_discs, modes_of_bars):
         assert modes.mode_bound == 8 == len(modes.roots)
         assert modes.is_complete
+        # `recorded` returns the certificate as it is read from its JSON file.
         check(recorded(modes_certificate(modes)))
     mode_count = len(modes_of_discs.real)
     assert mode_count == len(modes_of_bars.real) > 1

@@ -60,20 +60,23 @@ def closes_at_half_a_turn(arcs):
 
 @pytest.mark.many(slow=11)
 @pytest.mark.parametrize("step", ["1e-6", "1e-8", "1e-10", "1e-12", "1e-14", "1e-20"])
-@pytest.mark.parametrize(("link", "sense"), [(0, ""), (1, "-"), (3, ""), (3, "-")])
-def test_the_proof_knows_on_which_side_a_four_bar_misses_a_crossing(step, link, sense):
+@pytest.mark.parametrize(("link", "sign"), [(0, "+"), (1, "-"), (3, "+"), (3, "-")])
+def test_the_proof_knows_on_which_side_a_four_bar_misses_a_crossing(step, link, sign):
     """Arcs 80 + 30 = 50 + 60 deg make configuration curves cross at 180 deg (a saddle).
 
-    One arc is changed by `step` degrees, with the sign `sense`. Then the curves of both
+    One arc is changed by `step` degrees, up or down as `sign` says. Then the curves of both
     assembly modes either get past 180 deg without meeting, or turn back just before and
     just after it. The triangle inequality in 300 digits says which.
 
     A saddle is a place where curves cross or nearly do. Four arms (branches of curves)
     leave it, one in each quadrant of two coordinates u and v. An arm is named by the signs
-    of u and v. The level sign says how the arms are joined: if it is positive those with
-    equal sign of v, if it is negative those with equal sign of u.
+    of u and v. Curves that miss each other join the arms in pairs. If the level sign is
+    positive, both arms with v > 0 are joined, and both with v < 0. If it is negative, both
+    arms with u > 0 are joined, and both with u < 0.
     """
-    arcs = change_arc(FOLDS, link, sense + step)
+    # A decimal number as text, such as "-1e-6".
+    change = sign + step
+    arcs = change_arc(FOLDS, link, change)
     curves = certify_curves(four_bar(arcs), TURN)
     closes = closes_at_half_a_turn(arcs)
 
@@ -86,7 +89,8 @@ def test_the_proof_knows_on_which_side_a_four_bar_misses_a_crossing(step, link, 
     if closes:
         assert is_certified
     else:
-        # Turning points closer than a proof can separate may stay undecided.
+        # Curves turn back on both sides of 180 deg. Turning points that are too close for
+        # the proof to separate may stay undecided; then nothing is certified.
         assert not is_certified or len(curves.turning_points) == 2
 
     for saddle in curves.saddles:

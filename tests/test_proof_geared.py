@@ -63,8 +63,10 @@ def test_modes_and_dead_centres_of_a_geared_five_bar_are_those_of_the_closed_for
 ):
     """Dead centres are the zeros of `margin`, and two modes exist where it is positive.
 
-    `laps` is the number of turns of the input after which all wheels have come back; `ends`
-    are the ends of the input's range in degrees.
+    `margin` is the arc by which two couplers can span more than the gap between the crank
+    tips (closed form). `laps` is the number of turns of the input after which all wheels
+    have come back. `ends` are the ends of the input's range in degrees, as decimal texts,
+    since a proof is about exact decimal numbers.
     """
     curves = certify_curves(geared(teeth), ends)
     low, high = map(float, ends)

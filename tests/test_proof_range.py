@@ -100,10 +100,14 @@ def test_modes_between_turning_points_are_as_many_as_at_one_input(
 def test_a_long_piece_beside_a_turning_point_does_not_hide_it(seed):
     """A turning point beside a long piece of a curve is proven.
 
-    A piece is a box with exactly one arc of the curve. The eight-bars have pieces that are
-    almost too long to prove. Turning points are found by bounds of rates along a part of a
-    piece. A lower bound above the upper one would give a wrong sign of the rate, and so
-    hide a turning point. The numbers of modes between the turning points would be wrong.
+    A piece is a box in which exactly one arc of the curve is proven to be. The longer the
+    box, the wider the bounds from which this follows. The two random eight-bars have pieces
+    whose length is nearly the largest for which it follows.
+
+    Turning points are found by bounds of rates along a part of a piece. If a lower bound
+    were above the upper one, the rate would have a wrong sign, which would hide a turning
+    point. The number of modes (ways to assemble the mechanism) would then be wrong in one
+    of the intervals between turning points. `check_counts` compares these numbers.
     """
     link_pairs = EIGHT_BARS[0]
     axes = random_axes(np.random.default_rng(seed), len(link_pairs.split()))
@@ -115,6 +119,7 @@ def test_a_long_piece_beside_a_turning_point_does_not_hide_it(seed):
     assert curves.completeness.guarantee is Guarantee.CERTIFIED, curves.completeness
     for chain in curves.chains:
         for piece in chain.pieces:
+            # Parts of the piece about its centre, up to the whole piece.
             for fraction in (0.25, 0.5, 0.9, 1.0):
                 bounds = bound_rates(piece, fraction * piece.half_length)
                 assert np.all(bounds.rate_low <= bounds.rate_high)
@@ -157,10 +162,11 @@ def test_singularities_proven_are_those_that_a_run_reports(name, pair):
 def test_all_sizes_within_a_tolerance_have_the_curves_proven(monkeypatch):
     """Curves are proven for all sizes within 1e-7 rad.
 
-    The place of a dead centre depends on the sizes. With a tolerance of 1e-5 rad a part of
-    the range (below 0.022 rad) about each of the four dead centres is therefore undecided.
-    There are two modes between them, in two parts of the range. With 0.03 rad and few boxes
-    nothing is certified.
+    The input at a dead centre depends on the sizes. With a tolerance of 1e-5 rad a range of
+    the input about each of the four dead centres is therefore undecided. The ranges are
+    0.01 to 0.02 rad wide; `completeness.box` states this size. Between them two modes exist
+    in two parts of the turn, and none in the other parts. The proof divides the turn into
+    boxes. With a tolerance of 0.03 rad and at most 3000 boxes nothing is certified.
     """
     curves = curves_over_range("four_bar", "41", TURN, tolerance=1e-7)
     assert curves.completeness.guarantee is Guarantee.CERTIFIED
@@ -178,21 +184,21 @@ def tampered(certificate, generator):
     """Return a certificate of curves with one random falsification.
 
     A curve is missing or listed twice; the centre of a piece is shifted; a piece is far too
-    wide to contain only one curve; pieces are missing; or a tangent is reversed.
-    `generator` is a random number generator.
+    wide to contain only one curve; one to three pieces in a row are missing; or a tangent
+    is reversed. `generator` is a random number generator.
     """
     changed = copy.deepcopy(certificate)
     curves = changed["curves"]
     curve = generator.choice(curves)
     pieces = curve["pieces"]
     piece = generator.choice(pieces)
-    index = generator.randrange(len(pieces) - 1)  # not the last, which has no successor
+    index = generator.randrange(len(pieces) - 1)  # any piece but the last one
     kind = generator.randrange(6)
     coordinate = generator.randrange(2)
     if kind == 0:
         curves.remove(curve)
     elif kind == 1:
-        # Coordinate 0 is shifted upwards, coordinate 1 downwards.
+        # One of the first two coordinates: 0 is shifted upwards, 1 downwards.
         direction = 1 if coordinate == 0 else -1
         shift = direction * 10 ** -generator.randrange(1, 7)
         piece["centre"][coordinate] += shift
@@ -203,6 +209,7 @@ def tampered(certificate, generator):
     elif kind == 4:
         curves.append(copy.deepcopy(curve))
     else:
+        # The first row of the frame is the tangent, the others are normals.
         tangent = pieces[index]["frame"][0]
         pieces[index]["frame"][0] = [-component for component in tangent]
     return changed
@@ -285,10 +292,12 @@ def test_equations_by_coefficients_are_off_by_less_than_is_said(name, tolerance)
 
     An arc equation says that the arc between two placed axes is that of a link. As a
     trigonometric polynomial it has coefficients of products of sines and cosines
-    (`harmonics`), and an error bound. The error of a derivative is this bound times the
-    degree in each variable of the derivative. The expected values place the links in ball
-    arithmetic, another way to the same equations. With a tolerance of the sizes (rad), the
-    error bound has about its size.
+    (`harmonics`), and an error bound. The error of a derivative is at most this bound times
+    the degree in each variable of the derivative. The expected values place the links in
+    ball arithmetic, another way to the same equations.
+
+    `tolerance` is the uncertainty (rad) of all sizes. The error bound contains it, and is
+    larger since an equation has several sizes, but by less than a factor of 100.
     """
     mechanism = sk.load(name)
     with working_precision(80):
@@ -299,8 +308,12 @@ def test_equations_by_coefficients_are_off_by_less_than_is_said(name, tolerance)
         degrees = construction.degrees
         random_angles = np.random.default_rng(6).uniform
         for angles in random_angles(-3.0, 3.0, (5, len(construction.pairs))):
-            exact_derivatives = exact.evaluate([exact_ball(q) for q in angles], 2)
-            derivatives = harmonics.derivatives(cosines_and_sines(angles)[None], 2)
+            # Values, first and second derivatives of all equations by the angles.
+            order = 2
+            exact_derivatives = exact.evaluate([exact_ball(q) for q in angles], order)
+            points = cosines_and_sines(angles)[None]
+            derivatives = harmonics.derivatives(points, order)
+            # The first axis of `derivatives` is the point; there is one.
             for expected, (values,) in zip(exact_derivatives, derivatives, strict=True):
                 for (equation, *variables), ball in np.ndenumerate(expected):
                     error = abs(float(ball) - values[(equation, *variables)])
@@ -340,7 +353,7 @@ def test_rates_along_pieces_are_within_their_bounds():
     differentiated implicitly. 8 steps converge, because y is small. The first derivatives
     of the variables by s are the rates, the second ones the derivatives of the rates.
     """
-    curves = curves_over_range("stephenson", "16", ("0", "60"))
+    curves = curves_over_range("stephenson", pair="16", ends=("0", "60"))
     random = np.random.default_rng(3)
     pieces = [piece for chain in curves.chains for piece in chain.pieces]
     for piece in pieces[::5]:
@@ -350,9 +363,11 @@ def test_rates_along_pieces_are_within_their_bounds():
         for s in random.uniform(-piece.half_length, piece.half_length, 3):
             y = np.zeros(normals.shape[1])
             for _ in range(8):
-                point = cosines_and_sines(piece.centre + s * tangent + normals @ y)
-                derivatives = curves.equations.harmonics.derivatives(point[None], 2)
-                values, jacobian, hessian = (part[0] for part in derivatives)
+                angles = piece.centre + s * tangent + normals @ y
+                # Values, first and second derivatives by the angles at n = 1 points.
+                points = cosines_and_sines(angles)[None]
+                derivatives = curves.equations.harmonics.derivatives(points, order=2)
+                (values,), (jacobian,), (hessian,) = derivatives
                 y -= np.linalg.solve(jacobian @ normals, values)
             assert np.max(np.abs(y)) <= piece.distance_bound
             slope = np.linalg.solve(jacobian @ normals, jacobian @ tangent)

@@ -49,15 +49,20 @@ SEEDS = [range(3), pytest.param(range(3, 60), marks=pytest.mark.slow)]
 
 
 @pytest.mark.parametrize("seeds", SEEDS)
-def test_a_dyad_closed_as_a_group_is_a_spherical_triangle(seeds):
+def test_a_dyad_closed_by_newtons_method_is_a_spherical_triangle(seeds):
     """A dyad closed by Newton's method has the angles of its spherical triangle.
 
-    Coupler and rocker of a random four-bar are a dyad. It is closed in quad precision in
-    two ways: as a triangle, by one of two signs, and like larger groups by Newton's method,
-    where the sign of a determinant chooses the mode. The crank is 1e-8 to 1e-17 rad from
-    dead centres, where coupler and rocker are in line. There, the triangle inequality in 60
-    digits says whether they reach each other. Only at a dead centre itself (within 64
-    roundings) another status is accepted, and every status must occur.
+    Coupler and rocker of a random four-bar are a dyad, which closes in two modes. It is
+    closed in quad precision in two ways:
+
+    - As a spherical triangle. Its orientation, 1 or -1, chooses the mode.
+    - By Newton's method, as groups of more links are. The sign of the determinant of the
+      Jacobian of the closure equations chooses the mode.
+
+    The crank is 1e-8 to 1e-17 rad from dead centres, where coupler and rocker are in line.
+    The triangle inequality in 60 digits says whether they reach each other there. Within 64
+    EPS (roundings of float64) of a dead centre any status is accepted. Each of the statuses
+    OK, OUT_OF_REACH and AT_SINGULARITY must occur.
     """
     counts = dict.fromkeys((Status.OK, Status.OUT_OF_REACH, Status.AT_SINGULARITY), 0)
     for seed in seeds:
@@ -68,17 +73,19 @@ def test_a_dyad_closed_as_a_group_is_a_spherical_triangle(seeds):
             edges = [float(edge) for edge in dead_centres(arcs)]
         if not edges:
             continue
-        off = random.choice([-1.0, 1.0], 12) * 10.0 ** -random.uniform(8.0, 17.0, 12)
-        q = np.unique(random.choice(edges, 12) + off)
-        made = replace(four_bar(degrees), inputs=(Input("21", 0.0, 6.0),))
-        assembly = PositionAnalysis(made, samples=9).assembly
-        quad_assembly = QuadAssembly(made, assembly)
-        # Triangles need no start of Newton's method. The sign 0 means no triangle.
+        offsets = random.choice([-1.0, 1.0], 12) * 10.0 ** -random.uniform(8.0, 17.0, 12)
+        q = np.unique(random.choice(edges, 12) + offsets)
+        mechanism = replace(four_bar(degrees), inputs=(Input("21", 0.0, 6.0),))
+        assembly = PositionAnalysis(mechanism, samples=9).assembly
+        quad_assembly = QuadAssembly(mechanism, assembly)
+        # Triangles need no start of Newton's method.
         no_starts = np.zeros((len(q), 4))
         triangles = [
             quad_assembly.place([sign], determinants=(), q=q[:, None], starts=no_starts)
             for sign in (1, -1)
         ]
+        # Newton's method starts about 1e-9 rad from a mode. The sign 0 of the only group
+        # means that it is closed by Newton's method.
         starts = triangles[0].values + 1e-9 * random.normal(size=(len(q), 4))
         groups = [
             quad_assembly.place([0], determinants=(sign,), q=q[:, None], starts=starts)
@@ -87,15 +94,16 @@ def test_a_dyad_closed_as_a_group_is_a_spherical_triangle(seeds):
         for group in groups:
             for row, status in enumerate(group.status.tolist()):
                 counts[Status(status)] += 1
-                beside = min(abs(q[row] - edge) for edge in edges)
-                if beside > 64.0 * EPS:
+                distance = min(abs(q[row] - edge) for edge in edges)
+                if distance > 64.0 * EPS:
                     with mp.workdps(60):
                         reach = closes(arcs, mp.mpf(float(q[row])))
                     assert status == (Status.OK if reach else Status.OUT_OF_REACH)
                 # The sign of the determinant names one of the two triangles.
-                away = [_difference(group, triangle, row) for triangle in triangles]
+                errors = [_difference(group, triangle, row) for triangle in triangles]
                 if status != Status.OUT_OF_REACH:
-                    assert min(away) <= group.error[row] + 1e-15
+                    # 1e-15 rad allows for rounding of the triangle.
+                    assert min(errors) <= group.error[row] + 1e-15
             assert np.all(group.error[group.status == Status.OK] < 1e-14)
         # The two determinants give different modes.
         is_ok = groups[0].status == Status.OK
@@ -117,30 +125,34 @@ def test_modes_of_triads_end_at_their_dead_centre(seed):
 
     So there are two modes more on one side of this input than on the other. Configurations
     beside it agree with a solution in 50 digits (`deviations`) within their error bounds.
-    The mechanism is a chain of eight links to which dyads and triads were added.
+    The mechanism has eight links: a four-bar to which dyads (two links each) or a triad
+    (four links) were added at random.
     """
-    made = grow_dyad_chain(np.random.default_rng(seed), 8, True)
-    made = replace(made, inputs=(Input(made.inputs[0].pair, -1.5, 1.5),))
-    # The guide of a mode is its curve over the input, as verified nodes.
-    guides = [mode.guide for mode in PositionAnalysis(made, samples=5).assembly_modes]
-    ends = {
-        float(guide.inputs[side])
-        for guide in guides
-        if guide is not None
-        for side in (0, -1)
-        if guide.ends[side] == Status.OUT_OF_REACH
-    }
+    mechanism = grow_dyad_chain(np.random.default_rng(seed), links=8, triads=True)
+    input_range = Input(mechanism.inputs[0].pair, -1.5, 1.5)
+    mechanism = replace(mechanism, inputs=(input_range,))
+    # The inputs at which a mode ends, since it does not reach any farther. The guide of a
+    # mode has its first and last input, and the status beyond each of these.
+    ends = set()
+    for mode in PositionAnalysis(mechanism, samples=5).assembly_modes:
+        guide = mode.guide
+        if guide is None:
+            continue
+        for side in (0, -1):
+            if guide.ends[side] == Status.OUT_OF_REACH:
+                ends.add(float(guide.inputs[side]))
+    # Four dead centres at most, to save time.
     ends = sorted(ends)[:4]
     assert ends
-    off = np.array([1e-7, 1e-9, 1e-11, 1e-12, 1e-13])
-    path = np.unique(np.add.outer(ends, np.concatenate([off, -off])))
-    motion = PositionAnalysis(made, path=path[:, None]).motion()
+    offsets = np.array([1e-7, 1e-9, 1e-11, 1e-12, 1e-13])
+    path = np.unique(np.add.outer(ends, np.concatenate([offsets, -offsets])))
+    motion = PositionAnalysis(mechanism, path=path[:, None]).motion()
     rows = motion.rows(np.flatnonzero(motion.status == Status.OK))
-    away = deviations(rows)
-    assert np.all(away <= rows.configuration_error)
-    # The end is the last node of a curve, at most 1e-9 rad from the dead centre.
+    assert np.all(deviations(rows) <= rows.configuration_error)
+    # An end is at most 1e-9 rad from the dead centre. Modes are counted at 1e-7 rad from
+    # it, on both sides.
     status = motion.status.reshape(-1, motion.samples)
     for end in ends:
-        near = [np.argmin(np.abs(path - (end + s * 1e-7))) for s in (1, -1)]
-        before, after = sorted(np.sum(status[:, near] == Status.OK, axis=0))
-        assert after - before == 2
+        samples = [np.argmin(np.abs(path - (end + s * 1e-7))) for s in (1, -1)]
+        counts = np.sum(status[:, samples] == Status.OK, axis=0)
+        assert abs(counts[1] - counts[0]) == 2

@@ -21,18 +21,19 @@ from spherekit.status import Status
 def test_newton_and_euler_give_the_same_torques_and_reactions(name):
     """Torques and moments in pairs solve the Newton-Euler equations of all links.
 
-    The mechanism has random masses and loads and moves by polynomial laws. Reactions are
-    not compared where redundant constraints leave them open, as in the differential, or
-    where teeth press wheels apart, which the equations of the oracle leave out.
+    The mechanism has random masses and loads, and its inputs are quadratic functions of the
+    time. Reactions are not compared where redundant constraints leave them open, as in the
+    differential, or where teeth press wheels apart, which the equations of the oracle leave
+    out.
     """
     seed = sum(map(ord, name))
+    # `joint` is the R pair that has a motor, a spring and other loads.
     mechanism, joint = with_masses_and_loads(name, np.random.default_rng(seed))
-    # A default input becomes a declared one.
-    mechanism = mechanism.with_inputs(*[item.pair for item in mechanism.inputs])
     starts = START_INPUTS[name]
     result = reactions(motion_by_polynomial_laws(mechanism, starts, [0.0, 0.2, 0.4]))
     torques = result.torques
     largest_moment = np.nanmax(np.abs(result.moments))
+    # `unbalanced` is the residual of the equations of motion of all links (N m).
     assert np.max(result.unbalanced) < 1e-12 * largest_moment
     assert np.any(result.is_open) == (name == "bevel_differential")
     has_pressure_angle = any(pair.pressure_angle for pair in mechanism.pairs)
@@ -106,25 +107,32 @@ def test_the_sign_of_a_contact_force_says_whether_it_presses(torque):
 def test_the_stiffness_of_an_output_is_a_moment_over_the_turn_that_it_causes():
     """A small moment m turns each input by w . m / k; loop closure then moves the output.
 
-    w is the output's rate per unit rate of an input, k the stiffness (N m/rad) of its
-    drive. The turn of link 3 is the skew part of its relative rotation.
+    w is the angular velocity (3,) of the output per unit rate of an input, k the stiffness
+    (N m/rad) of its drive. The turn of the output, link 3, is the skew part of its rotation
+    from the unloaded to the loaded configuration. About a principal axis the turn has the
+    direction of the moment and the size moment / principal stiffness.
     """
     mechanism = sk.load("five_bar")
     inputs = np.array([[1.0, 1.2]])
     drive_stiffness = np.array([40.0, 90.0])
 
-    def analysis_at(path):
-        return PositionAnalysis(mechanism, None, 0, path=path)
+    def motion_at(path):
+        """Return the configurations of assembly mode 0 at inputs (n, 2) in rad."""
+        return PositionAnalysis(mechanism, assembly_mode=0, path=path).motion()
 
-    torques = holding_torques(analysis_at(inputs).motion())
+    motion = motion_at(inputs)
+    torques = holding_torques(motion)
     result = output_stiffness(torques, "3", "1", drive_stiffness)
+    # The first principal axis in the only configuration, and the stiffness about it.
     axis = result.axes[0, 0]
     stiffness = result.stiffness[0, 0]
     moment = 1e-6 * axis
-    turned_inputs = inputs + (result.w[0] @ moment / drive_stiffness)[None]
+    # (inputs,) small angles by which the drives yield.
+    turns_of_inputs = result.w[0] @ moment / drive_stiffness
+    turned_inputs = inputs + turns_of_inputs
     link_3 = 2
-    rotation = analysis_at(inputs).motion().rotations[0, link_3]
-    turned_rotation = analysis_at(turned_inputs).motion().rotations[0, link_3]
+    rotation = motion.rotations[0, link_3]
+    turned_rotation = motion_at(turned_inputs).rotations[0, link_3]
     relative = turned_rotation @ rotation.T
     turn = 0.5 * np.array(
         [
@@ -256,7 +264,12 @@ def test_a_contact_lifts_off_where_the_torque_alone_accelerates_the_follower(
 
 @pytest.mark.slow
 def test_the_summary_of_a_run_states_when_a_contact_lifts_off(lift_off_simulation):
-    """The time agrees with a tighter simulation; the cost has no search for modes."""
+    """The run states the same time of lift-off as `sk.simulate` with a small tolerance.
+
+    The fixture `lift_off_simulation` has that result. `cost` lists the stages of a run with
+    their seconds. A simulation follows one motion from its start, so there is no stage in
+    which assembly modes are searched.
+    """
     run = sk.run(
         one_sided_cam(),
         "dynamics",
