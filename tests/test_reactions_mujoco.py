@@ -49,13 +49,14 @@ def links_beyond_hinge(model, mechanism, hinge):
 
 @pytest.mark.parametrize("name", ["five_bar", "three_rrr"])
 def test_accelerations_and_moments_that_close_loops_agree_with_mujoco(name):
-    """Start a mechanism without loads, and compare its first instant with MuJoCo's.
+    """The first instant of a simulation without loads is compared with MuJoCo's.
 
-    MuJoCo joins the links of a tree by hinges. The other pairs close loops by soft
-    constraints, and their effect is stated as one constraint torque for each hinge. Let a
-    hinge carry some links of the tree. The torque has to be the sum of spherekit's moments
-    at pairs that close loops, on all these links, along the axis of the hinge. The
-    constraints have an impedance of about 1e-4, so that both agree to 3e-4 only.
+    MuJoCo joins the links of a tree by hinges and closes the loops by soft constraints.
+    Their effect is one torque for each hinge. It has to be the component of a moment along
+    the axis of the hinge. This moment is the sum over all links beyond the hinge in the
+    tree, of spherekit's moments at pairs that close loops.
+
+    Soft constraints yield by a relative 1e-4, so that both programs agree to 3e-4 only.
     """
     mechanism = with_point_masses(name)
     input_rates = tuple(0.4 * (-1) ** (k + 1) for k in range(len(mechanism.inputs)))
@@ -86,9 +87,9 @@ def test_accelerations_and_moments_that_close_loops_agree_with_mujoco(name):
 
     expected = []
     for hinge in hinges:
-        carried_links = links_beyond_hinge(model, mechanism, hinge)
+        links_beyond = links_beyond_hinge(model, mechanism, hinge)
         axis = data.xaxis[model.joint(hinge).id]
-        expected.append(axis @ np.sum(moment_on_link[carried_links], axis=0))
+        expected.append(axis @ np.sum(moment_on_link[links_beyond], axis=0))
     tolerance = 3e-4 * np.max(np.abs(expected))
     assert data.qfrc_constraint[dofs] == pytest.approx(np.array(expected), abs=tolerance)
 
@@ -122,7 +123,9 @@ def test_wrenches_in_an_open_chain_are_those_of_mujoco():
     motion = replace(PositionAnalysis(wrist, None, 0, path=path).motion(), timing=timing)
     result = reactions(motion)
 
-    model_text = MujocoModel(wrist, result.torques.values[0]).text
+    # The model is built in the pose of these pair variables, so its own angles are 0.
+    pose = result.torques.values[0]
+    model_text = MujocoModel(wrist, pose).text
     model = mujoco.MjModel.from_xml_string(model_text)
     data = mujoco.MjData(model)
     data.qvel = dq

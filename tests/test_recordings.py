@@ -49,12 +49,13 @@ def number(text):
 
 
 def test_cursors_legends_and_curves_of_charts_agree_with_the_table(tmp_path):
-    """The cursor is at the input; legends show coefficients to three digits.
+    """Charts show the velocity coefficients of links 3 and 4 relative to link 1.
 
-    The recording has a chart of the velocity coefficients for each assembly mode. "p1" and
-    "p0" are the names of the modes in the file of the four-bar. The input goes from 0 to
-    360 deg. y points down in a chart, and the upper edge of its frame is y = 0. A curve is
-    the column of the table to some scale, within the frame.
+    The recording has a chart for each assembly mode; "p1" and "p0" are names of the modes.
+    The cursor of a chart is at the input, which goes from 0 to 360 deg. The legend shows
+    the coefficients at the cursor to four significant digits. A curve is the column of the
+    table to some scale, within the frame. In a chart y points down, and the upper edge of
+    the frame is y = 0.
     """
     path = tmp_path / "a.rrd"
     result, pages = recorded(path, "four_bar", "poles:only=31+41", samples=73)
@@ -63,6 +64,7 @@ def test_cursors_legends_and_curves_of_charts_agree_with_the_table(tmp_path):
     for mode in (0, 1):
         chart = f"/four_bar/assembly_mode_{mode}/charts/velocity_coefficients"
         cursors = np.array(read_component(path, f"{chart}/cursor", "LineStrips2D:strips"))
+        # Axes: row, line (one), end of the line, x or y. A cursor is a vertical line.
         x = cursors[:, 0, 0, 0]
         motion = result.frame("motion").query("assembly_mode == @mode")
         # The last cursor is at 360 deg.
@@ -74,7 +76,7 @@ def test_cursors_legends_and_curves_of_charts_agree_with_the_table(tmp_path):
             coefficient = frame[is_pole]["velocity_coefficient"].to_numpy()
             # A label is the name of a curve, two spaces, and its value at the cursor.
             shown = np.array([number(labels[k].split("  ")[1]) for labels in legends])
-            assert shown == pytest.approx(coefficient, rel=6e-4)
+            assert shown == pytest.approx(coefficient, rel=6e-4)  # four digits
             (curve,) = read_component(path, f"{chart}/curves/{k}", "LineStrips2D:strips")
             y = -np.array(curve[0])[:, 1]
             correlation = np.corrcoef(y, coefficient)[0, 1]
@@ -231,11 +233,13 @@ def test_the_moving_axode_rolls_on_the_fixed_one():
 def test_each_step_of_the_pole_construction_puts_a_pole_where_two_lines_meet(name):
     """A diagram shows how the pole axes follow from those of the pairs, step by step.
 
-    It is a gnomonic chart: the sphere is projected from its centre to a plane, in which
-    great circles are straight lines a x + b y + c = 0. Each step adds one pole that is no
-    axis of a pair (a secondary pole), and shows two lines. The distance of the new pole
-    from both lines is below 1e-7. One pole of the double butterfly follows from no two
-    lines; its step, in `diagram.words`, says that the group is irreducible.
+    The sphere is projected from its centre to a plane (a gnomonic chart), in which great
+    circles are straight lines a x + b y + c = 0. The first sample of the diagram has the
+    poles that are axes of pairs. Each further sample, or step, adds one other pole (a
+    secondary pole) and shows the two lines on which it lies.
+
+    In the double butterfly no pole follows from lines at first. One pole is computed from
+    equations of a group of links instead. The text of this step says so.
     """
     listener = SceneListener()
     # The construction does not depend on the pole whose circles are drawn in other pages,
@@ -249,7 +253,7 @@ def test_each_step_of_the_pole_construction_puts_a_pole_where_two_lines_meet(nam
     for step, (before, after) in enumerate(pairwise(is_shown), start=1):
         new_poles = np.flatnonzero(after & ~before)
         lines = diagram.lines[step]
-        # Steps without two lines: the irreducible group.
+        # The step of the group of links has no two lines.
         if not np.isfinite(lines).all() or len(new_poles) != 1:
             continue
         position = diagram.places[step, new_poles[0]]
@@ -262,7 +266,7 @@ def test_each_step_of_the_pole_construction_puts_a_pole_where_two_lines_meet(nam
     mechanism = sk.load(name)
     link_count = len(mechanism.links)
     secondary_count = link_count * (link_count - 1) // 2 - len(mechanism.pairs)
-    assert len(diagram.words) == secondary_count + 1
+    assert len(diagram.words) == 1 + secondary_count  # one text for each sample
     irreducible_count = 1 if name == "double_butterfly" else 0
     assert constructed_count == secondary_count - irreducible_count
     assert sum("irreducible" in text for text in diagram.words) == irreducible_count

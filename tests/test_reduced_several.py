@@ -68,11 +68,15 @@ def inverse_dynamics_at(mechanism, pairs, q, dq, ddq, t):
 def test_stored_torques_inertia_and_forces_are_those_of_inverse_dynamics(
     loaded_five_bar, stored_model
 ):
-    """At random states; torques also of arrays of states, and accelerations from torques.
+    """A stored model gives the numbers of inverse dynamics at random states.
 
-    Torques and forces count relative to the largest torque of the state.
+    A state has inputs q, rates dq, accelerations ddq and a time t. The compared numbers are
+    driving torques of one state and of an array of states, the inertia matrix, generalised
+    forces of the loads, and accelerations that follow from torques. Errors of torques and
+    forces are relative to the largest torque of the state.
     """
     model = stored_model
+    # The model exists in the whole box of the input ranges.
     assert model.heading.covered == 1.0
     assert model.error < 1e-10
     for q, dq, ddq, t in random_states(model):
@@ -84,7 +88,7 @@ def test_stored_torques_inertia_and_forces_are_those_of_inverse_dynamics(
         assert torque_of_array == pytest.approx(torque, abs=1e-12 * largest)
         assert model.inertia(q) == pytest.approx(dynamics.M[0], rel=1e-10)
 
-        (forces_by_load,) = dynamics.Q_parts
+        (forces_by_load,) = dynamics.Q_parts  # (inputs, loads) generalised forces, N m
         stored_forces = model.forces([q], [dq], [t])
         for k, load in enumerate(dynamics.mechanism.loads):
             expected = pytest.approx(forces_by_load[:, k], abs=1e-10 * largest)

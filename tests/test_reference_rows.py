@@ -29,14 +29,14 @@ from spherekit.tolerances import EPS
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
 
-FIFTY = Digits(50)
+FIFTY_DIGITS = Digits(50)
 """Arithmetic with 50 digits, in which reference rows are computed here."""
 
 
 @pytest.fixture(autouse=True)
 def digits():
     """Balls are computed with as many digits as those that are compared."""
-    with FIFTY.within():
+    with FIFTY_DIGITS.within():
         yield
 
 
@@ -55,19 +55,24 @@ def traced(name, samples=5):
 
 @pytest.mark.parametrize("name", ["four_bar", "universal_joint"])
 def test_reference_rows_of_four_bars_agree_with_the_closed_form(name):
-    """The output angle and its first three derivatives by the input, in 50 digits.
+    """The output angle and its first three derivatives by the input are those of a formula.
 
-    The closed form is that of Di Gregorio 2024. Its derivatives are Taylor coefficients,
-    which mpmath computes from differences in 60 digits, so that higher derivatives have
-    fewer correct digits. The zero of the angle is different in the file and in the closed
-    form. The difference of both angles must therefore be the same in all rows, modulo whole
-    turns. The first and the last sample are left out, where the range begins and ends.
+    A reference row is a configuration that is computed in 50 digits. The closed form is
+    that of Di Gregorio 2024. Its derivatives are Taylor coefficients, which mpmath computes
+    from differences in 60 digits. The first, second and third derivative have about 45, 30
+    and 20 correct digits.
+
+    The zero of the angle is different in the file and in the closed form. The difference of
+    both angles must therefore be the same in all rows, modulo whole turns.
     """
     motion = traced(name, 6)
     mechanism = motion.mechanism
-    chosen = motion.sample > 0
-    chosen[motion.sample == 5] = False
-    exact = sk.exact_rows(motion, chosen, mechanism.pair_number["21"], FIFTY, order=3)
+    # Of six samples from 0 to 360 deg the first and the last are left out. Both assembly
+    # modes have the same output rate there, by which modes are told apart below.
+    chosen = (motion.sample > 0) & (motion.sample < 5)
+    exact = sk.exact_rows(
+        motion, chosen, mechanism.pair_number["21"], FIFTY_DIGITS, order=3
+    )
     (output_variable,) = mechanism.variables_of(mechanism.pair_number["41"])
     (input_variable,) = mechanism.variables_of(mechanism.pair_number["21"])
     output_axis = exact.axes[:, mechanism.pair_number["41"]]
@@ -161,8 +166,9 @@ def check_arcs(mechanism, exact):
 def test_reference_rows_satisfy_the_equations_of_every_pair(name):
     """Arcs are those of the file, and relative rates lie along the axes of R pairs.
 
-    The relative rate of an input pair is 1 or 0. Derivatives agree with differences of
-    reference rows at inputs about 1e-15 apart. None of these is how the rows are computed.
+    Reference rows are configurations and rates computed in 50 digits. The relative rate of
+    an input pair is 1 or 0. Derivatives agree with differences of reference rows at inputs
+    that differ by about 1e-15. None of these is how the rows are computed.
 
     The planetary gear train is over-constrained: with the float64 numbers of its file the
     loops close to float64 only. At most two inputs are driven, since more take long.
@@ -174,7 +180,7 @@ def test_reference_rows_satisfy_the_equations_of_every_pair(name):
     is_over_constrained = name == "planetary_bevel"
     tolerance = 1e-14 if is_over_constrained else 1e-45
     for column, driven in enumerate(input_pairs[:2]):
-        exact = sk.exact_rows(motion, chosen, driven, FIFTY)
+        exact = sk.exact_rows(motion, chosen, driven, FIFTY_DIGITS)
         assert np.all(exact.status == Status.OK)
         check_arcs(mechanism, exact)
         for k, (pair, (a, b)) in enumerate(
@@ -197,13 +203,18 @@ def test_reference_rows_satisfy_the_equations_of_every_pair(name):
         inputs_above[:, column] += step
         inputs_below = motion.inputs.copy()
         inputs_below[:, column] -= step
-        above = sk.exact_rows(replace(motion, inputs=inputs_above), chosen, driven, FIFTY)
-        below = sk.exact_rows(replace(motion, inputs=inputs_below), chosen, driven, FIFTY)
+        above = sk.exact_rows(
+            replace(motion, inputs=inputs_above), chosen, driven, FIFTY_DIGITS
+        )
+        below = sk.exact_rows(
+            replace(motion, inputs=inputs_below), chosen, driven, FIFTY_DIGITS
+        )
         width = exact_balls(inputs_above[chosen][:, column])
         width = width - exact_balls(inputs_below[chosen][:, column])
-        # The error of a central difference is the square of the step, about 1e-30, times a
-        # third derivative. Each order of derivatives of the configuration grows with the
-        # condition number. The factor leaves room for the size of the derivatives.
+        # The error of a central difference is about the square of the step, 1e-30, times
+        # the third derivative of a rate. A rate is a first derivative of the configuration,
+        # so this is a fourth one. With each order, derivatives may grow by the condition
+        # number. The factor 1e6 leaves room for other terms of the derivatives.
         truncation = 1e-12 if is_over_constrained else 1e-24 * exact.condition.max() ** 4
         rate_difference = (above.w - below.w) / width[:, None, None]
         assert np.max(np.abs(rate_difference - exact.dw)) < truncation
@@ -218,14 +229,16 @@ def test_reference_rows_satisfy_the_equations_of_every_pair(name):
 def test_a_shaped_cam_of_a_reference_row_touches_its_roller():
     """The centre of the roller is its radius away from the nearest point of the cam.
 
-    The cam's colatitude is a Fourier series of the azimuth a. The series, its arc length
-    and the nearest point are computed here in mpmath with 50 digits. The variable of the
-    contact is the arc length of the contact point, modulo the length of the whole profile.
+    The configuration is a reference row, which is computed in 50 digits. The cam's
+    colatitude is a Fourier series of the azimuth a. The series, its arc length and the
+    nearest point are computed here in mpmath. A variable of the contact is the arc length
+    of the contact point. It may differ from that by whole lengths of the profile.
     """
     motion = traced("shaped_cam", 5)
     chosen = select_good_rows(motion, 1)
     mechanism = motion.mechanism
-    exact = sk.exact_rows(motion, chosen, mechanism.pair_number["cam_shaft"], FIFTY)
+    input_pair = mechanism.pair_number["cam_shaft"]
+    exact = sk.exact_rows(motion, chosen, input_pair, FIFTY_DIGITS)
     cam, roller = mechanism.pair("contact").profiles
     link_number = mechanism.link_number
     variable = mechanism.variable_names.index("s_contact_cam")
@@ -260,6 +273,7 @@ def test_a_shaped_cam_of_a_reference_row_touches_its_roller():
 
         turn = 2 * mp.pi
         start = max((turn * k / 36 for k in range(36)), key=cosine_of_distance)
+        # The tolerance is that of the square of the slope.
         nearest = mp.findroot(
             lambda a: mp.diff(cosine_of_distance, a), (start, start + 0.01), tol=1e-60
         )
@@ -268,16 +282,17 @@ def test_a_shaped_cam_of_a_reference_row_touches_its_roller():
 
         arc_length = mp.quad(arc_speed, mp.linspace(0, nearest % turn, 5))
         whole_length = mp.quad(arc_speed, mp.linspace(0, turn, 9))
-        laps = (exact.values[0, variable] - arc_length) / whole_length
-        assert abs(laps - mp.nint(laps)) < 1e-20
+        revolutions = (exact.values[0, variable] - arc_length) / whole_length
+        assert abs(revolutions - mp.nint(revolutions)) < 1e-20
 
 
 def test_a_failed_or_wrong_row_has_no_reference():
-    """Row 0 has failed, row 1 is off by 1e-4 rad, row 2 by 1e-9 rad.
+    """Only rows near a solution of the closure equations have a reference.
 
-    A row has a reference if a solution is near it: within 1e-6 rad, or within the error
-    bound of the row. The distance from the solution is stated in any case. All variables of
-    row 1 but the input are changed, and one variable of row 2.
+    The reference of a row is this solution in many digits, with angular velocities w of the
+    links. It has to be within 1e-6 rad of the row, or within the error bound of the row.
+    Its distance from the row is stated in any case. Here row 0 has failed, row 1 is off by
+    1e-4 rad in all variables but the input, and row 2 by 1e-9 rad in one variable.
     """
     motion = traced("four_bar", 5)
     driven = motion.assembly.inputs[0]
@@ -288,7 +303,8 @@ def test_a_failed_or_wrong_row_has_no_reference():
     values[0] = np.nan
     values[1, 1:] += 1e-4
     values[2, 1] += 1e-9
-    exact = sk.exact_rows(replace(motion, values=values, status=status), chosen, driven)
+    changed_motion = replace(motion, values=values, status=status)
+    exact = sk.exact_rows(changed_motion, chosen, driven)
     assert exact.status[0] == Status.OUT_OF_REACH
     assert exact.status[1] == Status.MODE_LOST
     assert exact.distance[1] == pytest.approx(1e-4, rel=1e-3)
@@ -326,22 +342,20 @@ def four_bar_with_dead_centre():
 def test_near_a_dead_centre_the_reference_is_right_or_missing():
     """Reference rows next to a dead centre of the input, at which two modes meet and end.
 
-    Both modes approach each other as the square root of the distance of the input from the
-    dead centre. Inputs are 1e-2 to 1e-14 rad before it, with two rows each. A reference is
-    nearer to its row than a fifth of the gap between the modes. Its distance is rounding
-    times the condition number, which grows towards the dead centre. At most two rows, the
-    nearest ones, may have no reference.
+    The inputs are 1e-2 to 1e-14 rad before the dead centre, with a row for each of two
+    assembly modes. At most two of these ten rows may have no reference (solution in 50
+    digits). A reference is nearer to its row than a fifth of the gap between the modes. Its
+    distance from the row is at most 100 roundings times the condition number, which grows
+    towards the dead centre.
 
-    Beyond the dead centre nothing closes, so there is no reference. The inputs of the rows
-    are moved by twice their distance, to the same distance beyond it. Those moved by 1e-14
-    rad are left out, since rounding may leave them on either side.
+    Beyond the dead centre the loops do not close, so there is no reference.
     """
     position_analysis, dead_centre = four_bar_with_dead_centre()
     distances_rad = 10.0 ** -np.array([2.0, 5.0, 8.0, 10.0, 14.0])
     motion = position_analysis.at(dead_centre - distances_rad)
     driven = motion.assembly.inputs[0]
     chosen = motion.status == Status.OK
-    exact = sk.exact_rows(motion, chosen, driven, FIFTY)
+    exact = sk.exact_rows(motion, chosen, driven, FIFTY_DIGITS)
     has_reference = exact.status == Status.OK
     assert np.sum(has_reference) >= 8
     is_first_mode = has_reference & (motion.assembly_mode[chosen] == 0)
@@ -354,11 +368,13 @@ def test_near_a_dead_centre_the_reference_is_right_or_missing():
     assert np.all(distance < 0.2 * mode_gap[has_reference])
     assert np.all(distance < 100 * EPS * exact.condition[has_reference])
 
+    # Inputs before the dead centre become inputs at the same distance beyond it. Rounding
+    # may leave those at 1e-14 rad on either side, so they are not asserted.
     distances_of_rows = np.tile(distances_rad, 2)
     inputs_beyond = motion.inputs + 2.0 * distances_of_rows[:, None]
     beyond = replace(motion, inputs=inputs_beyond)
     is_clearly_beyond = chosen & (distances_of_rows > 1e-12)
-    lost = sk.exact_rows(beyond, is_clearly_beyond, driven, FIFTY)
+    lost = sk.exact_rows(beyond, is_clearly_beyond, driven, FIFTY_DIGITS)
     assert not np.any(lost.status == Status.OK)
 
 
@@ -366,7 +382,7 @@ def test_inputs_of_several_turns_are_taken_exactly():
     made = sk.load("four_bar")
     motion = sk.trace(made, path=np.array([[1.0], [1.0 + 2.0 * np.pi]]))
     motion.values[:, 0] = 1.0
-    found = sk.exact_rows(motion, np.ones(len(motion), dtype=bool), 0, FIFTY)
+    found = sk.exact_rows(motion, np.ones(len(motion), dtype=bool), 0, FIFTY_DIGITS)
     with mp.workdps(50):
         shift = mp.mpf(1.0 + 2.0 * np.pi) - 2 * mp.pi
         assert found.values[0, 0] == 1 and abs(found.values[1, 0] - shift) < 1e-48
@@ -383,7 +399,7 @@ def test_the_reference_of_a_hinge_is_a_rotation_about_its_axis():
     """One R pair without a loop; the axis (0, 0.6, 0.8) is normalized in 50 digits."""
     hinge = mechanism_from_chain("1-2", [(0.0, 0.6, 0.8)], span=(0.0, 1.0))
     motion = sk.trace(hinge, samples=3, search=False)
-    exact = sk.exact_rows(motion, np.ones(3, dtype=bool), 0, FIFTY)
+    exact = sk.exact_rows(motion, np.ones(3, dtype=bool), 0, FIFTY_DIGITS)
     assert np.all(exact.condition == 1.0)
     assert np.all(motion.conditioning == 1.0)
     with mp.workdps(50):
@@ -412,12 +428,15 @@ def test_wrong_arguments_of_reference_rows_are_refused():
 
 @pytest.mark.parametrize("name", ["stephenson", "two_dof_spm", "roller_cam", "shaped_cam"])
 def test_pole_fields_of_reference_rows_agree_with_float64_within_its_bounds(name):
-    """Reference rows rounded to float64 agree with the float64 evaluation of poles.
+    """Poles of reference rows agree with the float64 evaluation of poles.
 
-    The directions of poles have the signs of the float64 field, and lie within its error
-    bounds. Velocity coefficients differ by at most 60 roundings times the condition number,
-    and are NaN where the field has none. Coefficient times direction is the relative rate
-    of both links.
+    Reference rows are computed in 20 digits and rounded. The directions of poles have the
+    signs of those in float64, and lie within their error bounds. Velocity coefficients
+    differ by at most 60 roundings times the condition number, and are NaN where float64 has
+    none. Coefficient times direction is the relative angular velocity of both links.
+
+    The configurations of the reference rows are checked for each input, and at the end
+    that the poles of a row without a reference get its status.
     """
     motion = traced(name, 5)
     mechanism = motion.mechanism
@@ -452,11 +471,11 @@ def test_pole_fields_of_reference_rows_agree_with_float64_within_its_bounds(name
             assert np.allclose(rate[has_rate], exact_rate[has_rate], rtol=0.0, atol=1e-15)
         refined = exact_motion(motion, chosen, exact)
         assert np.max(np.abs(refined.values - motion.values[chosen])) < 1e-13
-        # Reference rows close their loops in 20 digits. The loops of the mid-plane
-        # symmetric mechanism are redundant, and its numbers agree with each other in
-        # float64 only.
-        assert np.max(refined.residual) < 1e-18 or name == "two_dof_spm"
-    # The status of a reference replaces that of the field, here for the last input.
+        # Reference rows close their loops in 20 digits. Constraints of `two_dof_spm` repeat
+        # each other, and its sizes fulfil them in float64 only.
+        if name != "two_dof_spm":
+            assert np.max(refined.residual) < 1e-18
+    # The poles of a reference have its status, here for the last input.
     lost_status = np.full(4, Status.MODE_LOST, dtype=np.int8)
     lost = replace(exact_by_input[-1], status=lost_status)
     assert np.all(exact_field(lost, pole_request, field).status == Status.MODE_LOST)
@@ -474,7 +493,7 @@ def test_inertia_and_its_derivative():
 
     def inertia(step):
         moved = replace(motion, inputs=motion.inputs + step)
-        return exact_inertia(sk.exact_rows(moved, chosen, 0, FIFTY))
+        return exact_inertia(sk.exact_rows(moved, chosen, 0, FIFTY_DIGITS))
 
     B, dB = inertia(0.0)
     frame = sk.run(sk.load("four_bar"), "eksergian", samples=5).frame()

@@ -38,13 +38,13 @@ MASS, DISTANCE = 2.5, 0.25
 """Mass of the pendulum (kg), and distance of its centre of mass from the hinge (m)."""
 GRAVITY = 9.75
 """Acceleration of gravity, m/s^2. All these numbers are exact in binary."""
-FIFTY = Digits(50)
+FIFTY_DIGITS = Digits(50)
 
 
 @pytest.fixture(autouse=True)
 def digits():
     """Compute in 50 digits, with mpmath and with wide numbers."""
-    with mp.workdps(50), FIFTY.within():
+    with mp.workdps(50), FIFTY_DIGITS.within():
         yield
 
 
@@ -180,7 +180,7 @@ def potential_energy(q):
 @pytest.fixture(scope="module")
 def four_bar_motion():
     """Return times, inputs and their rates of the four-bar, in wide numbers."""
-    with mp.workdps(50), FIFTY.within():
+    with mp.workdps(50), FIFTY_DIGITS.within():
         t = np.linspace(0.0, 0.5, 4)
         q, dq = reference_simulation(FOUR_BAR, START, 0.5).at(t)[:2]
         return t, [mp.mpf(x) for x in q[:, 0]], [mp.mpf(x) for x in dq[:, 0]]
@@ -292,15 +292,16 @@ trade_eksergian = partial(trade, analysis="eksergian", rounds=1)
 
 
 def tables_of_simulation(mechanism, analysis, setting, t, start):
-    """Return the tables of a simulation by a setting, as an ordinary run gives them.
+    """Return the tables of an analysis of a simulation, as an ordinary run gives them.
+
+    A table is a mapping of columns by name; the result has the tables by name.
 
     Parameters
     ----------
     mechanism, analysis
         The mechanism, and the name of the analysis that makes the tables.
     setting
-        The integrator of the simulation and its tolerance. The analysis itself is run with
-        the default setting.
+        The integrator of the simulation and its tolerance.
     t
         (n,) times (s) of the rows.
     start
@@ -313,12 +314,12 @@ def tables_of_simulation(mechanism, analysis, setting, t, start):
         tolerance=setting.tolerance,
         engine=setting.integrator,
     )
-    # The simulation has its own configurations. The position analysis only tells how the
-    # rows are evaluated, so that the least number of samples is enough. Its arguments are
-    # the declared input (None) and assembly mode 0.
-    position_analysis = PositionAnalysis(mechanism, None, 0, samples=2)
+    # The position analysis tells in which assembly mode the simulation starts. Its own
+    # samples are not used, so two are enough.
+    position_analysis = PositionAnalysis(mechanism, assembly_mode=0, samples=2)
     samples = sample_simulation(position_analysis, simulation, t, setting.tolerance)
-    tables, *_ = compute_timed_tables(samples, create_analysis(analysis), Setting())
+    default_setting = Setting()  # of the analysis, which has no tolerance
+    tables, *_ = compute_timed_tables(samples, create_analysis(analysis), default_setting)
     return tables
 
 
@@ -362,10 +363,11 @@ def test_a_trade_says_that_its_reference_has_20_digits():
 def test_a_trade_without_a_reference_in_20_digits_says_what_it_compares_with(monkeypatch):
     """A trade compares with a simulation by NumPy if there is no reference in 20 digits.
 
-    A trade measures the errors of simulations with several settings from a reference. The
-    reference in 20 digits (`refined`) and the compiled engine are made to fail, so that a
-    simulation by NumPy with the tolerance 1e-13 remains. Its own error, `floor`, is its
-    difference from a simulation with the tolerance 1e-12.
+    A trade measures the time and the error of simulations with several settings. Errors
+    are differences from a reference. Here the reference in 20 digits (`refined`) and the
+    compiled engine fail, so that a simulation by NumPy with the tolerance 1e-13 is the
+    reference. Its own error is its difference from a simulation with the tolerance 1e-12.
+    Smaller errors cannot be measured, so it is called the floor.
     """
 
     def fail(*_, **__):

@@ -16,7 +16,12 @@ def unit(vector):
 
 
 def caps(centres, radii, keep):
-    """Margins: the cosine of the distance against that of the radius, for each cap."""
+    """Return a function of margins, which are positive inside caps (or outside of them).
+
+    A margin is the cosine of the distance from the centre of a cap, minus the cosine of its
+    radius. It has the opposite sign for caps whose `keep` is False: the region is then
+    outside of the cap.
+    """
     centres = unit(centres)
     sign = np.where(keep, 1.0, -1.0)
     return lambda places: sign * (places @ centres.T - np.cos(radii))
@@ -228,12 +233,16 @@ def test_nearest_point():
 def test_a_margin_that_is_undefined_outside_its_region_gives_the_same_area():
     """The area of a cap is the same if a margin is NaN outside of it.
 
-    A region is the set of directions at which all margins are at least 0. The margin of a
-    cap is 0 at its border. Another margin is at least 1 inside the cap and NaN outside.
-    Both together give the same region, whose border has the number 0 of the first margin.
-    With the second margin alone no margin is 0 at the border, which then has the number -1.
+    A region is the set of directions at which all margins are at least 0. The first margin
+    is 0 at the border of the cap. The second one is at least 1 inside the cap and NaN
+    outside.
+
+    - With both margins, the border states the number of the margin that is 0 there. This is
+      number 0, the first one.
+    - With the second margin alone, no margin is 0 at the border, which then states -1. The
+      search takes far more evaluations, so its tolerance is larger.
     """
-    cap = caps([[1, 2, 3]], [0.7], [True])
+    cap = caps([[1, 2, 3]], [0.7], keep=[True])  # directions inside the cap
     exact_area = cap_area(0.7)
 
     def undefined_outside(directions):
@@ -244,11 +253,11 @@ def test_a_margin_that_is_undefined_outside_its_region_gives_the_same_area():
     def both_margins(directions):
         return np.concatenate([cap(directions), undefined_outside(directions)], axis=1)
 
-    region = find_region(both_margins, 1e-10)
+    region = find_region(both_margins, tolerance=1e-10)
     assert abs(region.area - exact_area) <= region.error < 1e-10
     assert region.boundaries[0].arcs[0].margin == 0
 
-    region = find_region(undefined_outside, 1e-3)
+    region = find_region(undefined_outside, tolerance=1e-3)
     assert abs(region.area - exact_area) <= region.error < 1e-3
     assert region.boundaries[0].arcs[0].margin == -1
 

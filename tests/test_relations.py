@@ -167,10 +167,12 @@ def test_the_rate_of_kinetic_energy_is_the_power_of_torques_and_loads(wrist):
 
 
 def test_columns_of_poles_are_integrals_of_their_derivatives():
-    """Directions are unit vectors across their derivatives, in a six-bar at 721 samples.
+    """Columns of derivatives belong to the columns of pole directions and coefficients.
 
-    Over two steps h each column changes by h/3 (f' + 4 f' + f'), Simpson's rule, of its
-    derivative's column. The median error is compared, since poles turn fast at few samples.
+    Pole directions are unit vectors, at right angles to their derivatives. The change of a
+    column over two steps is the integral of the column of its derivative, by Simpson's
+    rule. At a few of the 721 samples of the six-bar poles move fast, and the rule is
+    inaccurate. The median of the errors is therefore compared.
     """
     poles = sk.run("stephenson", samples=721, assembly_mode=0).frame()
     derivative_columns = {f"u{axis}": f"du{axis}_dq" for axis in "xyz"}
@@ -205,11 +207,15 @@ def test_columns_of_poles_are_integrals_of_their_derivatives():
 def test_figures_of_merit_take_coefficients_from_tables(name, vary, samples, suffixes):
     """Figures of merit of a sweep have the coefficients of its tables.
 
-    A figure of merit is a number of a design, such as the smallest coefficient. About the
-    axis of a pair a coefficient has the sign of the table. The direction of any other pole
-    axis is arbitrary, so a figure takes the absolute value of the velocity coefficient, and
-    the derivative of this absolute value. Up to five poles with a negative coefficient are
-    compared. With several inputs a suffix names the input that moves.
+    A figure of merit is a number of a design, here the smallest or largest coefficient.
+
+    - For a pole that is the axis of a pair, it has the sign of the table.
+    - The direction of other pole axes is arbitrary. A figure then uses the absolute value
+      of the velocity coefficient. The acceleration coefficient is the derivative of this
+      absolute value, so it is multiplied by the sign of the velocity coefficient.
+
+    Up to five poles with a negative coefficient are compared. With several inputs a suffix
+    names the input that moves.
     """
     mechanism = sk.load(name)
     numbers = {key: values[:1] for key, values in vary.items()}
@@ -239,6 +245,8 @@ def test_figures_of_merit_take_coefficients_from_tables(name, vary, samples, suf
             for kind, extreme in figure_kinds:
                 signed = moving_rows[f"{kind}_coefficient"] * sign
                 by_mode = signed.groupby(moving_rows["assembly_mode"])
+                # Both have one number for each assembly mode; sorted, they do not depend on
+                # the order of the modes.
                 expected = by_mode.agg(extreme).sort_values()
                 swept = frame[f"{extreme}_{kind}"].dropna().sort_values()
                 assert_equal(swept, expected, abs=1e-9)
@@ -330,17 +338,19 @@ def test_relations_of_singularities_are_coefficients():
 
 
 def test_sensitivities_take_absolute_values_of_coefficients():
-    """The pole 51 is no axis of a pair, so the direction of its axis is arbitrary.
+    """The analysis `sensitivity` has coefficients without the arbitrary sign of the axis.
 
-    The velocity coefficient of the sensitivity is the absolute value of that of the table.
-    Its acceleration coefficient is the derivative of this absolute value.
+    The pole of links 5 and 1 is no axis of a pair, so its direction may be reversed. The
+    velocity coefficient of the sensitivity is the absolute value of that of the table. Its
+    acceleration coefficient is the derivative of this absolute value. It is therefore that
+    of the table times the sign of the velocity coefficient.
     """
     quantities = "of=velocity_coefficient_5_1+acceleration_coefficient_5_1"
     sensitivity = f"sensitivity:{quantities},by=links.2.arc,draws=0"
     run = sk.run("stephenson", ["poles:only=51", sensitivity], samples=9)
     poles = run.frame("poles")
     sign = np.sign(poles["velocity_coefficient"])
-    assert sign.min() == -1.0
+    assert sign.min() == -1.0  # some rows have a negative coefficient in the table
     table = run.frame("sensitivity")
     for kind in ("velocity", "acceleration"):
         rows = table[table["quantity"] == f"{kind}_coefficient_5_1"]

@@ -83,8 +83,9 @@ def test_tests_of_the_recipe_pass_in_an_empty_folder(recipe, tmp_path, monkeypat
 def test_the_workflow_runs_the_commands_that_the_readme_has_for_developers(workflow):
     """The commands are in the second block of the README, after a line that makes a venv.
 
-    The workflow names programs without their folder, and may leave out `pip` or `python`.
-    It also runs the command of the pixi task that builds the site.
+    The workflow names programs without their folder. It may leave out `pip`, `python` and
+    the option `--quiet`. It also runs the command of the pixi task that builds the site,
+    and states when it runs (`on`).
     """
     readme = (ROOT / "README.md").read_text("utf-8")
     developers_block = re.findall(r"^```sh\n(.*?)^```$", readme, re.M | re.S)[1]
@@ -95,7 +96,8 @@ def test_the_workflow_runs_the_commands_that_the_readme_has_for_developers(workf
         command = command.removeprefix("pip ").removeprefix("python ")
         assert command in commands_of_workflow, line
     assert PIXI["tasks"]["site"] in commands_of_workflow
-    assert True in workflow  # the key `on`, which YAML 1.1 reads as a truth
+    key_on = True  # YAML 1.1 reads the key `on` as the truth value true
+    assert key_on in workflow
 
 
 def test_the_workflow_tests_the_oldest_python_with_the_oldest_packages(workflow):

@@ -51,12 +51,13 @@ def check_error_against_measure(error, measure):
 @pytest.mark.parametrize("count", COUNTS)
 @pytest.mark.parametrize("name", ["five_bar", "two_dof_spm"])
 def test_a_direction_returns_from_its_inputs_and_inputs_from_their_direction(name, count):
-    """Random directions to inputs in every working mode, to directions, and to inputs.
+    """Inverse and forward kinematics of random directions lead back to where they began.
 
-    A working mode is one way to assemble the legs at a given pose, an assembly mode one way
-    at given inputs. Of the assembly modes at the inputs, the one nearest to the first
-    direction counts. The errors are some rounding errors over the measure of singularity of
-    the configuration: type II for directions, type I for inputs.
+    Inputs are computed for a direction, then the direction for these inputs, then its
+    inputs. A working mode is one way to assemble the legs at a given pose, an assembly mode
+    one way at given inputs. The inputs have several assembly modes. The one nearest to the
+    first direction counts. The errors are some rounding errors divided by a measure of
+    singularity of the configuration: type II for directions, type I for inputs.
     """
     # `labels` are the working modes. `type_1` and `type_2` of a row are the two measures.
     solver = output_kinematics(sk.load(name))
@@ -87,13 +88,17 @@ def test_a_direction_returns_from_its_inputs_and_inputs_from_their_direction(nam
 def test_an_orientation_returns_from_its_inputs_and_inputs_from_their_orientation(
     name, count
 ):
-    """Random orientations to inputs in every working mode, to orientations, to inputs.
+    """Inverse and forward kinematics of random orientations lead back to where they began.
 
-    Forward kinematics is Newton's method on all loops with the inputs held. It starts from
-    the angles of the passive pairs, disturbed by about 1e-4 rad times the measure of type
-    II, so that it stays within the same assembly mode. The measure is 0 at a singularity of
-    type II and 1 at best. The errors are some rounding errors over it, or over the measure
-    of type I for inputs.
+    For every working mode (way to assemble the legs at a pose), inputs are computed for an
+    orientation, then the orientation for these inputs, then its inputs. The singularity
+    measures of type I and II are 1 at best and 0 at a singularity. The error of an
+    orientation is some rounding errors divided by the measure of type II. That of an input
+    is some rounding errors divided by the measure of type I.
+
+    Forward kinematics is Newton's method on all loops with the inputs locked. It starts
+    from disturbed passive angles. The disturbance is so small beside the measure of type II
+    that Newton's method stays in the same assembly mode.
     """
     solver = output_kinematics(sk.load(name))
     newton = ForwardKinematics(solver.mechanism).solver
