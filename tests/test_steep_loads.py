@@ -100,13 +100,17 @@ IMPULSES = {
 @pytest.mark.parametrize("width", [pytest.param(WIDE, marks=pytest.mark.slow), NARROW])
 @pytest.mark.parametrize("kind", IMPULSES)
 def test_an_impulse_however_short_changes_the_momentum(kind, width, engine):
-    """The change of J w is the integral of the torque over the 2 s, in closed form.
+    """The change of angular momentum is the integral of the torque over the 2 s.
 
-    The integral over all times is 0.1 times the area. The torques vanish quickly before and
-    after 1.37 s, except that of "root", (1 + x^2)^(-3/2) with x = (t - 1.37) / w: its
-    integral from x to infinity is 1 - x / sqrt(1 + x^2). The parts before 0 s and after 2 s
-    are subtracted. The NumPy engine may end at the box, where no step is short enough, and
-    then says so. `missed` is a message if the simulation misses its tolerance.
+    The torque acts around 1.37 s, for about `width` seconds. Its integral over all times is
+    0.1 N m s times the area in `IMPULSES`. All torques vanish quickly before and after this
+    time, except that of "root", (1 + x^2)^(-3/2) with x = (t - 1.37) / width. Its integral
+    from x to infinity is 1 - x / sqrt(1 + x^2), by which the parts before 0 s and after 2 s
+    are subtracted.
+
+    The torque "box" jumps. The NumPy engine may end there, because it has no step that is
+    short enough, and then says so. `missed` is a message if the simulation misses its
+    tolerance.
     """
     text, area = IMPULSES[kind]
     high = 0.1 / width
@@ -184,7 +188,9 @@ def test_a_stop_that_is_touched_ends_the_motion(engine):
 def test_the_command_says_that_a_tolerance_is_missed(engine, tmp_path, capsys):
     """A link moves into a saddle, where errors grow exponentially with time.
 
-    For one second the tolerance is met, for seven it is not; `--strict` then fails.
+    The torque makes the equation of motion q'' = 16 q. From q = 1 with the rate -4 the
+    exact motion is exp(-4 t), which tends to the saddle q = 0. Any error grows like exp(4
+    t). For one second the tolerance is met, for seven it is not; `--strict` then fails.
     """
     path = tmp_path / "saddle.toml"
     dump(one_link(torque(repr(16.0 * INERTIA) + "*theta_12")), path)
@@ -204,6 +210,7 @@ def test_the_command_says_that_a_tolerance_is_missed(engine, tmp_path, capsys):
         assert status == expected_status
         assert "at tolerance 1.0e-09 (MISSED), energy" in output
         warning = "warning: the simulation misses its tolerance of 1.0e-09 rad"
+        # It may be in either of the two streams.
         assert warning in output + error_text
 
 

@@ -177,4 +177,5 @@ def test_a_run_that_is_refused_because_of_unfinished_work_is_not_recorded(
     with pytest.raises(sk.SpherekitError, match="--resume"):
         run_simulation("numpy", recorder=refused, **options)
     assert {kind for kind, _ in refused.events} == {"step"}
+    # The recorder gets the attribute `times` when a recording is started.
     assert not hasattr(refused, "times")

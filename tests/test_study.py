@@ -40,16 +40,17 @@ def test_a_study_is_read_as_written(tmp_path):
     """Every key of `STUDY` has its value in the study that is read.
 
     Angles of the file are in degrees; the input of the pair "12" runs from -30 to 90 deg.
-    Its analyses are `poles`, of the poles 6/1 and 5/1 and the circles of 6/1, and `tuned`,
-    an analysis of the tests (`Tuned`) that has parameters of all types. The integers in
-    `weight = 2` and `ends = [1.5, 2]` become floats, because these parameters have the type
-    float.
+    Its analyses are `poles`, of the rotation axes (poles) 6/1 and 5/1, and `tuned`, an
+    analysis of the tests (`Tuned`) that has parameters of all types. The parameter
+    `circles` is the pole whose two great circles are drawn. The integers in `weight = 2`
+    and `ends = [1.5, 2]` become floats, because these parameters have the type float.
     """
     study = load_study(write_study(tmp_path, STUDY))
     assert study.name == "x"
     assert study.mechanism.name == "stephenson"
     assert study.samples == 7
     assert study.assembly_mode == 1
+    # Assembly modes other than that of the reference pose are not searched for.
     assert study.search is False
     assert study.folder == Path("out")
     assert study.recording == Path("x.rrd")

@@ -256,11 +256,17 @@ class WorkerlessClient:
 def test_waiting_for_workers_is_reported_every_minute_with_a_way_out(
     wait_seconds, minutes, monkeypatch
 ):
-    """`minutes` are the waiting times that the reports state, the first without one."""
+    """While a scheduler has no workers, a report comes at once and then every minute.
+
+    It says for how many minutes the command has waited, and what the user can do. Workers
+    appear after `wait_seconds`. `minutes` are the waiting times of the reports. The first
+    one, after 0 minutes, states no time.
+    """
     messages = []
     client = WorkerlessClient(monkeypatch, wait_seconds)
     with progress_listener(messages.append):
         dask_cluster._await_workers(client, "tcp://here:1")
+    # On the simulated clock of the client, workers have appeared by now.
     assert client.now >= client.until
     assert len(messages) == len(minutes)
     for text, minute in zip(messages, minutes, strict=True):
@@ -348,16 +354,18 @@ def test_an_error_of_a_part_is_not_taken_for_a_lost_scheduler(error):
 def test_after_the_loss_of_all_workers_another_one_computes_the_parts(
     poll_seconds, machines, tmp_path, expected_tables
 ):
-    """Both workers are killed after the first part is taken; then a new one is started.
+    """Both workers are killed after the sweep has got the first part; a new one is started.
 
-    The sweep asks every `poll_seconds` which parts are finished. A part takes 1 s (`SLOW`).
-    If it asks every 4 s, both workers have finished a part before the first one is taken.
-    The result of the second part is then lost with its worker, and computed again.
+    The sweep asks every `poll_seconds` which parts are finished, and gets their results. A
+    worker needs 1 s for a part (`SLOW`). If the sweep asks every 4 s, both workers have
+    finished a part when it gets the first one. The result of the second part is then lost
+    with its worker, and is computed again.
     """
     machines.start_scheduler()
     killed_workers = [machines.start_worker(SLOW), machines.start_worker(SLOW)]
 
     def start_worker_when_missed(text):
+        """Start a worker when the sweep reports "the scheduler has no workers"."""
         # The exit code of a killed process is not 0; of a living one it is None.
         if "no workers" in text and all(worker.poll() for worker in killed_workers):
             machines.start_worker()
@@ -388,8 +396,13 @@ def test_after_the_loss_of_all_workers_another_one_computes_the_parts(
 def test_a_lost_scheduler_ends_a_sweep_with_one_sentence(
     machines, tmp_path, expected_tables
 ):
-    """The scheduler is killed after the first part. The same sweep then continues here."""
+    """The scheduler is killed after the first of three parts; a message says how to go on.
+
+    The same sweep without a cluster then computes the other parts in this process.
+    """
+    part_count = 3
     scheduler = machines.start_scheduler()
+    # The worker takes a second for each part.
     machines.start_worker(SLOW)
     folder = tmp_path / "designs"
     numbers = ",".join(map(repr, VARY["links.2.arc"]))
@@ -409,9 +422,10 @@ def test_a_lost_scheduler_ends_a_sweep_with_one_sentence(
         "--dask, on this machine\n"
     )
     finished_count = len(list(folder.glob("designs/part-*")))
-    assert 0 < finished_count < 3
+    assert 0 < finished_count < part_count
+    # Without an address the parts are computed in this process.
     result = sweep_on_cluster(folder)
-    assert result.computed == 3 - finished_count
+    assert result.computed == part_count - finished_count
     assert_same_rows(result, expected_tables)
 
 
@@ -444,13 +458,15 @@ def test_no_scheduler_is_told(tmp_path, monkeypatch):
 def test_a_part_that_does_not_appear_in_the_folder_is_missed(
     undisturbed, tmp_path, monkeypatch
 ):
-    """A worker that says it has written a part may have written it on another disk.
+    """A part that was computed and is not in the folder of the sweep is an error.
 
-    `undisturbed` is a sweep without such faults. Its part 2 is not in the folder, and None
-    says that the worker did not send the contents of its files. The error comes after
-    `VISIBLE_SECONDS`, the longest time until a file on a network disk is seen. A part that
-    is missing cannot be moved to the folder of the sweep either. If a cluster skips parts,
-    the sweep says which ones are missing in the end.
+    A worker may have written it on another disk. `undisturbed` is a sweep of three parts,
+    whose part 2 is not in the folder here. It is missed in three ways:
+
+    - when the sweep takes the part of a worker that did not send its files. The sweep waits
+      for `VISIBLE_SECONDS`, the longest time until a file on a network disk is seen;
+    - when the part is moved to the folder of the sweep;
+    - at the end of the sweep, if a cluster has computed some parts only.
     """
     monkeypatch.setattr(dask_cluster, "VISIBLE_SECONDS", 0.1)
     sweep = undisturbed.sweep
@@ -462,9 +478,11 @@ def test_a_part_that_does_not_appear_in_the_folder_is_missed(
         sweep.move_part(str(tmp_path), tmp_path / "designs", 2)
 
     def write_first_part_only(sweep, folder, numbers):
+        """Act as a cluster that computes only the first of the parts with these numbers."""
         yield sweep.write_part(folder, numbers[0])
 
     from spherekit.designs.sweep_parts import run_sweep
 
+    # `elsewhere` is the function that has parts computed by other machines.
     with pytest.raises(OutputError, match=r"2 parts of 3 are missing in the end \(1, 2\)"):
         run_sweep(sweep, tmp_path / "designs", elsewhere=write_first_part_only)

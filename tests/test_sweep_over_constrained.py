@@ -105,17 +105,19 @@ def marked(names):
 
 @pytest.mark.parametrize("name", marked(VARIANTS))
 def test_the_nominal_design_has_the_figures_of_a_run(name, tmp_path):
-    """A sweep of the file's own number gives the figures of merit that follow from a run.
+    """A sweep at the nominal value of one size gives the figures that follow from a run.
 
-    Figures are the largest velocity and acceleration coefficient of a pole and the root
-    mean square of the sine of a passive angle, in each assembly mode. Tables of a run give
-    the expected figures, which agree within `RATE_TOLERANCE` relative to 1 or more. With
-    several inputs, the name of a figure ends in `_by_` and the input that moves. If a
-    variant names no links and no pair, some that are not driven are taken.
+    A figure is a number for each assembly mode: here the largest velocity and acceleration
+    coefficient of two links, and the root mean square of the sine of a passive angle.
+    Tables of a run give the expected figures, which agree within `RATE_TOLERANCE` relative
+    to 1 or more. With several inputs, each moves alone, and the names of coefficients end
+    in `_by_` and this input.
     """
+    # Text such as "7" or "3x3" is the number of samples of each input.
     make_mechanism, (key, nominal_size), links, pair, samples = VARIANTS[name]
     mechanism = make_mechanism()
     if links is None:
+        # Any two links and any pair that is not driven.
         links = (mechanism.links[-1], mechanism.links[1])
         pair = mechanism.pairs[-2].name
     first_link, second_link = links
@@ -203,14 +205,18 @@ def turned_east(axis):
 @pytest.mark.many
 @pytest.mark.parametrize("name", marked(OPEN))
 def test_a_design_whose_loops_do_not_agree_has_the_reason_of_a_run(name, tmp_path):
-    """Beside the nominal design stands one whose repeated constraints contradict.
+    """A design with redundant constraints that contradict each other is IMPOSSIBLE.
 
-    It is IMPOSSIBLE, and its reason is the message with which a run of it is refused.
+    The sweep has two designs: the nominal one, whose loops can be closed, and one with a
+    changed size, whose loops cannot. The reason of the latter is the message with which a
+    run of it is refused.
     """
-    make, (key, nominal, contradictory), change = OPEN[name]
+    # `change_size` makes the second design from the mechanism.
+    make, (key, nominal, contradictory), change_size = OPEN[name]
     mechanism = make()
     path = tmp_path / f"{name}.toml"
     sk.export(mechanism, path)
+    # The five-bar with a redundant rod.
     has_two_inputs = name == "five_bar_b"
     samples, suffix = ("2x2", "_by_left") if has_two_inputs else ("5", "")
     quantity = f"velocity_coefficient_{mechanism.links[-1]}_{mechanism.links[0]}{suffix}"
@@ -229,7 +235,7 @@ def test_a_design_whose_loops_do_not_agree_has_the_reason_of_a_run(name, tmp_pat
     assert list(contradictory_rows["status"]) == ["IMPOSSIBLE"]
     assert np.all(np.isnan(contradictory_rows["v"]))
     with pytest.raises(SpherekitError) as refusal:
-        sk.run(change(mechanism), samples=(2, 2) if has_two_inputs else 5)
+        sk.run(change_size(mechanism), samples=(2, 2) if has_two_inputs else 5)
     assert list(contradictory_rows["reason"]) == [reason_of(refusal.value)]
 
 

@@ -56,9 +56,15 @@ def compute_figures(mechanism, mode, pair, pole):
     """Compute `FIGURES` of one assembly mode in another way than a sweep.
 
     A sweep uses a compiled kernel. Here `sk.evaluate` gives configurations and poles (axes
-    of relative rotation), and NumPy reduces them. The result also has the share of samples
-    at which the loops close ("closes"). Angles are in degrees: "swing" is the range of an
-    angle, "place" the input with the largest rate.
+    of relative rotation), and NumPy reduces them. The results are, over a range of the
+    input:
+
+    - "closes": share of the samples at which the loops close,
+    - "least_rate": smallest rate of the pair per rate of the input,
+    - "largest", "bend": largest velocity and acceleration coefficient of the pole,
+    - "mean": mean cosine of the angle of the pair,
+    - "swing": range of this angle (deg), "place": input (deg) at which its rate is largest,
+    - "there": sine of this angle at the input 100 deg.
     """
     (driven,) = mechanism.inputs
     q = np.linspace(driven.start, driven.stop, SAMPLES)
@@ -78,6 +84,7 @@ def compute_figures(mechanism, mode, pair, pole):
         "bend": np.nanmax(np.abs(motion.acceleration_coefficient(pole))),
         "mean": np.nanmean(np.cos(theta)),
         "swing": np.degrees(swing),
+        # An input at 0 is the same as at 360 deg.
         "place": np.degrees(q[np.nanargmax(rate)]) % 360.0,
         "there": np.sin(at_100_deg.variable(pair))[0],
     }
@@ -97,13 +104,17 @@ CASES = [
 def test_rows_of_a_sweep_are_the_figures_of_each_design(name, keys, pair, link):
     """Each mode of each design has a row, with the figures of a run of that design.
 
-    The designs are the nominal one and three random ones. Each varied number of these
-    differs from the nominal one by a normal random number with a deviation of 4 degrees.
+    A figure of merit is a number for each design and assembly mode, such as the smallest
+    rate of a pair (`FIGURES`). The designs are the nominal one and three random ones. Each
+    varied number of these differs from the nominal one by a normal random number with a
+    deviation of 4 degrees.
     """
     mechanism = sk.load(name)
     document = document_of(name)
     ground = mechanism.ground
     if keys is None:
+        # All arcs vary. An arc is that from the first axis of a link to another one, after
+        # which it is named.
         keys = []
         for number, size in mechanism.geometry.links.items():
             keys += [f"links.{number}.arcs.{axis}" for axis in size.axes[1:]]
@@ -113,8 +124,11 @@ def test_rows_of_a_sweep_are_the_figures_of_each_design(name, keys, pair, link):
     nominal = np.array([design_variable(document, key).value for key in keys])
     designs = nominal[:, None] + random.normal(size=(len(keys), 4)) * 4.0
     designs[:, 0] = nominal
-    names = {"pair": pair, "link": link, "ground": ground}
-    figures = [f"{k}={text.format(**names)}" for k, text in FIGURES.items()]
+    # Formulas such as "least_rate=min(rate_41)".
+    figures = [
+        f"{figure}={text.format(pair=pair, link=link, ground=ground)}"
+        for figure, text in FIGURES.items()
+    ]
     for values in designs.T:
         design = dict(zip(keys, values, strict=True))
         vary = {key: [value] for key, value in design.items()}
@@ -541,9 +555,11 @@ def four_bar_with_coil(pair, zero=0.0, range_=(0.0, 360.0), crank=20):
     Parameters
     ----------
     pair
-        Pair of the coil: drive, tip, joint or hinge.
+        Pair of the coil: drive (base and crank), tip (crank and coupler), joint (coupler
+        and rocker) or hinge (base and rocker).
     zero
-        Angle (deg) at which the hinge reads zero.
+        Zero position of the hinge in degrees: the geometric angle at which its variable is
+        zero.
     range_
         Range of the input in degrees.
     crank
@@ -587,10 +603,10 @@ def test_torques_of_coils_in_a_sweep_count_whole_turns(pair, zero, range_, crank
     """Extreme torques in a sweep are those of runs, if a torsion spring counts whole turns.
 
     The torque of the spring ("coil") depends on the whole angle of its pair, turns
-    included. The cases have long ranges of the input, few samples, and modes that do not
-    close at all inputs. `zero` is the angle at which the hinge reads zero, `range_` the
-    range of the input, and `crank` an arc, all in degrees. The gradients that a synthesis
-    uses evaluate the same figures, in the mode of either sign.
+    included. The cases have long ranges of the input, few samples, and modes that close at
+    some inputs only. `zero` is the zero position of the hinge between base and rocker,
+    `range_` the range of the input, and `crank` an arc, all in degrees. The same torques
+    follow from `FigureGradients`, which a synthesis uses.
     """
     mechanism = four_bar_with_coil(pair, zero, range_, crank)
     expected = extreme_torques_of_runs(mechanism, samples)
@@ -603,6 +619,7 @@ def test_torques_of_coils_in_a_sweep_count_whole_turns(pair, zero, range_, crank
 
     figure_gradients = FigureGradients(result.sweep.evaluator)
     high_torques = []
+    # The two assembly modes of a four-bar have the signs + and -.
     for sign in "+-":
         values = figure_gradients.evaluate(np.array([crank]), SynthesisMode(sign))
         high_torques.append(values.figures[0])

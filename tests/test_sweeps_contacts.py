@@ -124,7 +124,8 @@ def test_sensitivities_of_wheels_are_the_same_by_contacts_and_by_ratios(tmp_path
 
     If no radius is among the sizes that deviate, the angles of the wheels are related by
     the ratio of their teeth and an offset. If a radius is among them, wheels are contacts
-    of circles. Values and derivatives by the common sizes must agree.
+    of circles. Values and derivatives by the three common sizes must agree, in the same
+    configurations.
     """
     wheels = sk.load(write_mechanism(tmp_path, WHEELS))
     motion = sk.trace(wheels, samples=5)
@@ -137,7 +138,9 @@ def test_sensitivities_of_wheels_are_the_same_by_contacts_and_by_ratios(tmp_path
     values_by_ratios, gradients_by_ratios = by_ratios.at(samples, motion.values)
     by_contacts = Sensitivity(wheels, (*sizes, "pairs.m1.profiles.2.radius"), quantities)
     values, gradients = by_contacts.at(samples, motion.values)
+    # Angles may differ by whole turns, which their sines do not show.
     assert np.sin(values) == pytest.approx(np.sin(values_by_ratios), abs=1e-11)
+    # The first axis is the size.
     assert gradients[:3] == pytest.approx(gradients_by_ratios, abs=1e-9)
     assert np.max(np.abs(gradients[3])) > 0.1
 
@@ -160,9 +163,9 @@ def test_a_differential_has_derivatives_although_its_equations_repeat(tmp_path):
 def test_gradients_of_figures_on_wheels_agree_with_differences(tmp_path):
     """The gradient of a figure of merit agrees with central differences of its values.
 
-    The figure is the rate of pair 56 at the input 100 deg, in the mode whose dyad has the
-    sign +. Two arcs change. In a changed design the wheels may be put together with other
-    whole turns, which changes no rate.
+    The figure is the rate of pair 56 at the input 100 deg, in the assembly mode "+". The
+    gradient is by two arcs, per degree. In a changed design the wheels may be assembled
+    with other whole turns. This changes angles, but no rate.
     """
     nominal = {"links.1.arcs.c": [70.0], "links.1.arcs.b": [50.0]}
     figure = "there=at(rate_56, 100)"
@@ -171,7 +174,7 @@ def test_gradients_of_figures_on_wheels_agree_with_differences(tmp_path):
     design = np.array([70.0, 50.0])
     mode = SynthesisMode("+")
     gradients = figure_gradients.evaluate(design, mode).gradients
-    step = 1e-3
+    step = 1e-3  # deg
     for k, change in enumerate(step * np.eye(2)):
         above = figure_gradients.evaluate(design + change, mode).figures
         below = figure_gradients.evaluate(design - change, mode).figures
