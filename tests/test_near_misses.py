@@ -13,7 +13,8 @@ from spherekit.numerics.minima import find_local_minima
 from spherekit.plugin.motion import PositionAnalysis
 
 NAME = "singularities"
-NEAR = np.tan(np.radians(5.0))
+NEAR_COEFFICIENT = np.tan(np.radians(5.0))
+"""Velocity coefficient below which an output nearly rests; its angle is 5 deg."""
 
 
 def near_misses(made, samples=361, analysis=NAME):
@@ -22,19 +23,33 @@ def near_misses(made, samples=361, analysis=NAME):
     return figures["near_misses"], [w for w in warnings if "without meeting" in w]
 
 
-def least_velocity_coefficients(made, pole, samples=3601):
-    """Return the local least velocity coefficients of a pole below the limit `NEAR`.
+def least_velocity_coefficients(mechanism, pole, samples=3601):
+    """Return the local minima of a velocity coefficient at which the output nearly rests.
 
-    A parabola through three rows of the table of `poles` gives each minimum; `made` is a
-    mechanism or its name. The limit is taken relative to the greatest coefficient of the
-    mode if that is less than 1. Returns tuples (assembly mode, input in deg, coefficient).
+    Minima of the absolute value count if they are at most `NEAR_COEFFICIENT`. The output of
+    a gear reducer is slow everywhere. If the coefficient of a mode is always below 1, the
+    limit is therefore that fraction of its greatest value.
+
+    Parameters
+    ----------
+    mechanism
+        Mechanism, or name of a shipped one.
+    pole
+        Numbers of two links, such as "41". The coefficient is their relative angular
+        velocity over that of the input.
+
+    Returns
+    -------
+    list of tuples
+        Assembly mode, input (deg) and least coefficient. A parabola through three samples
+        gives each minimum.
     """
-    frame = sk.run(made, f"poles:only={pole}", samples=samples).frame()
+    frame = sk.run(mechanism, f"poles:only={pole}", samples=samples).frame()
     minima = []
     for mode, rows in frame.groupby("assembly_mode"):
         q = np.degrees(rows["q"].to_numpy())
         coefficient = np.abs(rows["velocity_coefficient"].to_numpy())
-        limit = NEAR * min(1.0, np.nanmax(coefficient))
+        limit = NEAR_COEFFICIENT * min(1.0, np.nanmax(coefficient))
         is_dip = (coefficient[1:-1] < coefficient[:-2]) & (
             coefficient[1:-1] <= coefficient[2:]
         )
@@ -56,13 +71,13 @@ def test_near_misses_of_type_i_are_the_least_velocity_coefficients(name, pole):
     """Near misses are inputs at which the output nearly stands still, but does not.
 
     At a type I singularity the output stands still: its velocity coefficient is zero. A
-    near miss is a local minimum of the coefficient below a limit. Near misses are compared
-    with minima of parabolas through a table of 3601 samples, to 0.01 deg. The warning names
-    the least angle, whose tangent is the coefficient.
+    near miss is a local minimum of the coefficient below tan(5 deg). It is stated as the
+    angle whose tangent is the coefficient, and the warning names the least of these angles.
+    The expected minima are those of parabolas through 3601 samples.
 
-    The singularities follow from the relation c y' = d q' of output and input rates. The
-    six-bar "single_flier" has one form of this relation in which c and d vanish together in
-    mode 4 at 359 deg, although the mechanism is regular. This is no near miss.
+    Of the relation c y' = d q' between output and input rates, c and d are only determined
+    up to a factor. In mode 4 of the six-bar "single_flier" this factor vanishes at 359 deg,
+    although the mechanism is regular. This is no near miss.
     """
     misses, warnings = near_misses(name)
     expected = least_velocity_coefficients(name, pole)
@@ -124,10 +139,19 @@ def test_the_least_transmission_angle_is_the_same_whatever_the_samples(samples, 
 def geared(teeth, ground=60.0, crank=20.0, span=360.0):
     """Return a four-bar whose crank "2" is driven through two bevel wheels.
 
-    `teeth` are those of the driving wheel "w", which turns about the ground's axis "a", and
-    of the wheel on the crank, in rolling contact ("Cr"). `ground` and `crank` are arcs, and
-    `span` is the range of the driving wheel's angle from 0, all in degrees. The coupler has
-    70 deg, the rocker 40 deg. The position of axis "a" (75 and 40 deg) is arbitrary.
+    The gear ratio makes the output slow or fast everywhere, which does not bring it nearer
+    to a singularity. The pairs are hinges (R) but for the wheels in mesh (Cr).
+
+    Parameters
+    ----------
+    teeth
+        Numbers of teeth of the driving wheel "w", which turns about axis "a" of the ground,
+        and of the wheel on the crank.
+    ground, crank
+        Arcs (deg) of these links. The coupler has 70 deg, the rocker 40 deg. The position
+        of axis "a" on the ground is arbitrary.
+    span
+        Range (deg) of the angle of the driving wheel, from 0.
     """
     links = {
         "1": {"axes": ["41", "21", "a"], "arcs": [ground, 75.0], "angles": [40.0]},
@@ -140,8 +164,8 @@ def geared(teeth, ground=60.0, crank=20.0, span=360.0):
         "21": {"type": "R", "links": ["1", "2"]},
         "32": {"type": "R", "links": ["2", "3"]},
         "43": {"type": "R", "links": ["3", "4"]},
-        "a": ["1", "w"],
-        "41": ["1", "4"],
+        "a": {"type": "R", "links": ["1", "w"]},
+        "41": {"type": "R", "links": ["1", "4"]},
         "mesh": {"type": "Cr", "links": ["w", "2"], "teeth": teeth, "axes": ["a", "21"]},
     }
     return sk.build(
@@ -174,7 +198,7 @@ def test_a_slow_output_is_not_near_its_dead_centre():
     """Wheels of 1 : 20 make every velocity coefficient of a double crank small."""
     made = geared([5, 100], ground=20.0, crank=60.0, span=7200.0)
     frame = sk.run(made, "poles:only=41", samples=73).frame()
-    assert np.max(np.abs(frame["velocity_coefficient"])) < 1.5 * NEAR
+    assert np.max(np.abs(frame["velocity_coefficient"])) < 1.5 * NEAR_COEFFICIENT
     assert not near_misses(made, 5)[0]
 
 

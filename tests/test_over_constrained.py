@@ -101,18 +101,18 @@ def test_a_four_bar_moves_with_two_equal_rods_as_with_one():
 def test_a_four_bar_that_a_rod_of_another_length_locks_is_refused(
     command, tmp_path, capsys
 ):
-    """The rod of 55 deg joins points of crank and rocker whose distance changes.
+    """A rod between two points whose distance changes makes a four-bar rigid.
 
-    All commands say that links are rigid. A second rod alone is no reason for a refusal: if
-    its length is right, it only repeats a constraint.
+    A second rod of 55 deg, parallel to the coupler, joins a point of the crank to a point
+    of the rocker. The commands, and the formulas for an export, say that links are rigid.
     """
-    # The third axes of crank and rocker, to which the rod is joined: name, arc from the
-    # first axis and angle from the second (deg).
     rigid = four_bar_with_further_axes(
         "rigid",
-        'rod_b = { axes = ["tip_b", "joint_b"], arcs = [55.0] }',
-        'tip_b = { type = "R", links = ["crank", "rod_b"] }\n'
+        links='rod_b = { axes = ["tip_b", "joint_b"], arcs = [55.0] }',
+        pairs='tip_b = { type = "R", links = ["crank", "rod_b"] }\n'
         'joint_b = { type = "R", links = ["rod_b", "rocker"] }',
+        # The third axis of each link: its name, its arc (deg) from the first axis, and the
+        # angle (deg) between this arc and the arc to the second axis.
         crank=("tip_b", 40.0, 20.0),
         rocker=("joint_b", 35.0, 10.0),
     )

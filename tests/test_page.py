@@ -104,15 +104,20 @@ def drag(tab, start, offset):
 def compute_in_python(mechanism, q, name):
     """Return a quantity of the page at inputs `q` (rad) in every assembly mode.
 
-    `name` is its key on the page. "velocity_LINK_LINK_INPUT" is a velocity coefficient,
-    "transmission_PAIR" the transmission angle: the acute angle between the planes of both
-    arcs of the dyad with this middle pair. Any other key is the torque of an input while
-    all inputs have unit speeds. None of the page's code is used.
+    None of the page's code is used. `name` is the key of the quantity on the page:
+
+    - "velocity_LINK_LINK_INPUT" is the velocity coefficient of two links. The name of the
+      input that moves is missing if there is only one.
+    - "transmission_PAIR" is the transmission angle: the acute angle between the planes of
+      both arcs of the dyad (two links in series) with this middle pair.
+    - "torque_INPUT", or "torque" with one input, is the driving torque of an input while
+      all inputs have unit speeds.
     """
     rows = sk.evaluate(mechanism, q)
     first_input, *further_inputs = rows.input_pairs
     kind, *parts = name.split("_")
     if kind == "velocity":
+        # With one input, the key ends with the names of the links.
         input_pair = parts[-1] if further_inputs else first_input
         return rows.velocity_coefficient("/".join(parts[1:3]), input_pair)
     if kind == "transmission":
@@ -189,24 +194,30 @@ def test_keys_and_links_reach_what_a_mouse_does(opened):
     tab = opened("four_bar", color_scheme="dark")
     assert tab.evaluate("document.documentElement.dataset.theme") == "dark"
     tab.focus("#sphere")
-    # The input grows by a small and a large step, the view turns and comes nearer, the
-    # next assembly mode is chosen, and five times the next step of the construction of
-    # poles.
+    start_input = tab.evaluate("spherekit.state.q[0]")
+    # The input grows by 1 deg and by 10 deg, the view turns and comes nearer, and the next
+    # assembly mode is chosen. Then "n" shows the first five steps of the construction of
+    # poles one by one. Steps are counted from 0, so the last one is step 4.
     for key in (".", ">", "ArrowLeft", "+", "m", "n", "n", "n", "n", "n"):
         tab.keyboard.press(key)
+    # The slider of the crank's arc of 20 deg. A key moves it by 0.1 deg.
     tab.focus("#sliders input >> nth=2")
     tab.keyboard.press("ArrowRight")
-    here = tab.evaluate("structuredClone(spherekit.state)")
-    assert here["q"][0] == pytest.approx(np.radians(71.0)) and here["mode"] == 1
-    assert here["sizes"] == [60.0, 20.1, 70.0, 40.0] and here["step"] == 4
-    # The pole of the step is marked twice in the table, which is symmetric. The pole P31 is
-    # at right angles to two planes; its step says so as a cross product of cross products.
+    state = tab.evaluate("structuredClone(spherekit.state)")
+    assert state["q"][0] == pytest.approx(start_input + np.radians(11.0))
+    assert state["mode"] == 1
+    assert state["sizes"] == [60.0, 20.1, 70.0, 40.0]
+    assert state["step"] == 4
+    # The pole of the step is marked (class "hand") twice in the table, which is symmetric.
+    # P31 lies in the plane of P21 and P32, and in that of P41 and P43. The text of the step
+    # says so as a product of planes. "case (a)" means that both planes go through poles.
     assert tab.locator("#table .hand").count() == 2
     assert "P31 case (a) = (P21 P32) x (P41 P43)" in tab.inner_text("#step")
     fragment = tab.evaluate("spherekit.link()")
-    again = opened("four_bar", fragment).evaluate("structuredClone(spherekit.state)")
-    assert again["q"] == here["q"] and again["yaw"] == pytest.approx(here["yaw"], abs=1e-4)
-    assert [again[x] for x in ("sizes", "mode", "step")] == [[60, 20.1, 70, 40], 1, 4]
+    linked_state = opened("four_bar", fragment).evaluate("structuredClone(spherekit.state)")
+    assert linked_state["yaw"] == pytest.approx(state["yaw"], abs=1e-4)
+    for name in ("q", "sizes", "mode", "step"):
+        assert linked_state[name] == state[name]
     names = tab.evaluate(
         """[...document.querySelectorAll("button, input, select, [tabindex]")].map(
         x => (x.ariaLabel || x.labels?.[0]?.innerText || x.innerText).trim())"""

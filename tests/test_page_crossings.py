@@ -55,10 +55,25 @@ def open_page(browser, tmp_path):
 
 
 def angles_on_page(tab, mechanism, q):
-    """Return the angles (modes, pairs, n) on a page at inputs q (n,), and the mode numbers.
+    """Return the pair angles that a page computes in every assembly mode.
 
-    An angle is NaN where the mode does not close.
+    Parameters
+    ----------
+    tab
+        Browser tab that shows the page.
+    mechanism, q
+        The mechanism of the page, and inputs (n,) rad.
+
+    Returns
+    -------
+    angles
+        (modes, pairs, n) rad, in the order of the modes on the page. An angle is NaN where
+        the mode does not close.
+    mode_numbers
+        Numbers that the same modes have in `sk.evaluate`.
     """
+    # All modes have the same sizes, those of the sliders. `state` gives nothing where a
+    # mode does not close.
     names = [f"theta_{pair}" for pair in mechanism.angles]
     rows = tab.evaluate(
         """([names, q]) => {
@@ -113,13 +128,15 @@ def compare_page(tab, mechanism, crossings="pass", seed=0):
     ["cp2", *(pytest.param(x, marks=pytest.mark.slow) for x in CASES if x != "cp2")],
 )
 def test_modes_of_a_page_are_those_of_evaluate(open_page, name):
-    """Modes on a page follow the smooth curves of `sk.evaluate` through the crossing.
+    """Modes on a page follow the smooth curves of `sk.evaluate` through a crossing.
 
-    A sentence on the page names the input of the crossing. No mode has a gap within its
-    range. At least 40 configurations are compared.
+    At a crossing two curves of configurations cross, so that two assembly modes meet. A
+    sentence on the page names its input. No mode has a gap within its range. At least 40
+    configurations are compared.
     """
-    tab = open_page(load_case(name))
     mechanism = load_case(name)
+    tab = open_page(mechanism)
+    # A page drives the first pair if the file names no input.
     if not mechanism.inputs:
         mechanism = mechanism.with_inputs(mechanism.pairs[0].name)
     assert compare_page(tab, mechanism) >= 40
@@ -171,16 +188,19 @@ def test_crossings_are_those_of_the_sizes_on_the_page(open_page):
 def bends_along_drag(tab, inputs):
     """Drag the knob of the input with the mouse along inputs (rad), in equal steps.
 
+    Second differences are small along a smooth curve, and large where it has a kink.
+
     Returns
     -------
     bends
-        (steps - 1, results) sizes of the second differences of the numbers from which the
-        picture of mode 0 is drawn; the first ones are the axes of pairs.
+        (steps - 1, numbers) absolute second differences of the numbers from which the
+        picture of mode 0 is drawn. The first numbers are the components of the axes of all
+        pairs, others belong to contacts and outputs.
     """
     places = []  # where the knob is drawn at each input
     for q in inputs:
         tab.evaluate(f"spherekit.change('input', {{q: [{q}]}})")
-        tab.wait_for_timeout(30)
+        tab.wait_for_timeout(30)  # ms, so that the page is drawn anew
         places.append(tab.evaluate("spherekit.knobPlace(0)"))
     tab.evaluate(f"spherekit.change('input', {{q: [{inputs[0]}]}})")
     tab.wait_for_timeout(30)

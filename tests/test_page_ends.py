@@ -306,7 +306,8 @@ BREAK_THE_SPHERE = (
 def test_an_error_in_a_drawing_is_shown_and_stops_no_number(browser, tmp_path):
     """Numbers and the saved file follow the fields even if drawing the sphere fails.
 
-    The error is injected into the browser's `strokeText`. Numbers are compared with Python.
+    The browser's method `strokeText` is replaced by one that throws the error "torn". The
+    page shows this word in its message of faults. Numbers are compared with Python.
     """
     path = tmp_path / "page.html"
     sk.page("four_bar", path)
@@ -506,11 +507,13 @@ def test_equal_curves_are_dashed_in_two_colours(open_page):
 def test_a_dashed_curve_lies_on_a_solid_one_everywhere(open_page):
     """A curve is dashed only if it coincides with curves of other modes, which are solid.
 
-    They are compared where a solid curve exists, up to a hundredth of the height of the
+    At each input the nearest solid curve must be within a hundredth of the height of the
     figure, since a difference that nobody sees does not count. Mode 4 of this eight-bar
     closes in a part of the range only, on curves of other modes.
     """
+    # With `vary=[]` the page has no sliders for sizes, so the sizes are those of the file.
     tab = open_page("eight_bar_05", "mode=4", vary=[])
+    # Series 0 of a plot has the inputs, all others have the curve of a mode each.
     figures = tab.evaluate(
         """spherekit.figures.map(({plot}) => plot.series.slice(1).map(({dash}, k) =>
         ({dash, column: plot.data[k + 1].map(y => Number.isFinite(y) ? y : null)})))"""
@@ -522,10 +525,12 @@ def test_a_dashed_curve_lies_on_a_solid_one_everywhere(open_page):
         solid = columns[~is_dashed]
         for dashed in columns[is_dashed]:
             distances = np.abs(solid - dashed)
+            # Curves have gaps where a mode does not close.
             is_shared = np.isfinite(dashed) & np.any(np.isfinite(solid), axis=0)
             nearest = np.nanmin(distances[:, is_shared], axis=0)
             assert np.all(nearest < 0.01 * np.nanmax(columns))
             dashed_count += 1
+        # Nothing is drawn before the first curve, so there is nothing that it could cover.
         assert not is_dashed[0]
         assert np.any(is_dashed)
     assert dashed_count
@@ -600,15 +605,18 @@ def test_springs_count_turns_as_inverse_dynamics_does(open_page, case):
     tab = open_page(mechanism, vary=[], quantities=["torque"])
     input_pair = mechanism.inputs[0].pair
     low, high = mechanism.inputs[0].range
-    # Python takes seconds for a torque where loops are closed by Newton's steps.
-    modes, samples = (2, 3) if case == "Newton's steps" else (8, 5)
+    # Python takes seconds for a torque where loops are closed by Newton's steps. Such a
+    # mechanism is compared in fewer modes and at fewer inputs.
+    mode_count = 2 if case == "Newton's steps" else 8
+    input_count = 3 if case == "Newton's steps" else 5
+    # The page stores samples at round angles. The inputs are shifted a little (rad), so
+    # that the page has to count turns between its samples, but stay inside the range.
+    inputs = np.minimum(np.linspace(low, high, input_count) + 0.0123, high - 0.0077)
     compared = 0
-    for mode, number in enumerate(tab.evaluate("spherekit.modeNumbers")[:modes]):
-        # Just beside the samples of the page and inside the range
-        for q in np.linspace(low, high, samples) + 0.0123:
-            q = float(min(q, high - 0.0077))
+    for mode, number in enumerate(tab.evaluate("spherekit.modeNumbers")[:mode_count]):
+        for q in inputs.tolist():
             tab.evaluate(f"spherekit.change('mode', {{mode: {mode}, q: [{q!r}]}})")
-            tab.evaluate(NEXT_PICTURE)
+            tab.evaluate(NEXT_PICTURE)  # wait until the page is drawn with the new input
             shown = float(tab.get_attribute("td[data-name=torque]", "data-value") or "nan")
             rows = sk.evaluate(mechanism, q, poles=[], assembly_mode=number)
             if not np.isfinite(shown):

@@ -48,9 +48,15 @@ def is_dispatch_on_kinds(table, classes):
 def lines_that_depend_on_kinds(path, classes):
     """Return the numbers of lines of a module that branch on the kind of a pair or profile.
 
-    `path` is that of the module, `classes` are the names of all classes of joints. A line
-    counts if it checks a type, compares with the name of a kind, matches a kind, has a
-    dispatch table by kinds, or reads the attribute `rolling`.
+    A line counts if it checks a type, compares with the name of a kind, matches a kind, or
+    begins a dispatch table, a dict from kinds to what is done with them.
+
+    Parameters
+    ----------
+    path
+        Path of the module.
+    classes
+        Names of all classes of joints, such as "Revolute".
     """
 
     def names_a_kind(nodes, constants=()):
@@ -58,7 +64,10 @@ def lines_that_depend_on_kinds(path, classes):
         for node in (part for top in nodes for part in ast.walk(top)):
             if isinstance(node, ast.Constant) and node.value in TYPES | PROFILES:
                 return True
-            if getattr(node, "id", getattr(node, "attr", "")) in {*classes, *constants}:
+            if isinstance(node, ast.Name) and node.id in {*classes, *constants}:
+                return True
+            # A class of a module, such as `joint.Revolute`.
+            if isinstance(node, ast.Attribute) and node.attr in {*classes, *constants}:
                 return True
         return False
 
@@ -87,14 +96,11 @@ def lines_that_depend_on_kinds(path, classes):
                     if not isinstance(part, ast.Call)
                 ]
             case ast.Dict():
-                # A dispatch table, from kinds to what is done with them. Its keys are kinds
-                # only if all of them can be: names of fields may be spelled like one.
+                # Only a dict whose keys are all kinds is a dispatch table. In others, such
+                # as {"points": ..., "x_range": ...}, the keys are names of fields.
                 expressions = node.keys if is_dispatch_on_kinds(node, classes) else []
             case ast.match_case():
                 expressions = [node.pattern]
-            case ast.Attribute(attr="rolling"):
-                lines.add(node.lineno)
-                continue
             case _:
                 continue
         if names_a_kind(expressions, constants):

@@ -80,12 +80,12 @@ def test_shipped_eight_bars_are_the_sixteen_chains():
 def test_two_eight_bars_need_a_pole_from_rates():
     """Great circles give all poles of 14 eight-bars. Two others need a pole from rates.
 
-    Ten of the 28 poles of an eight-bar are axes of pairs. The other 18 follow by passes:
-    in each pass, a step intersects great circles through poles that are known
-    (Aronhold-Kennedy theorem). By this, the double butterfly (number 9) has none of the 18
-    poles, and the single flier (6) has two. The rest are poles of an irreducible part, a
-    block of the plan. One of them, the opening pole, is computed from rates. Then great
-    circles give the others.
+    Ten of the 28 poles of an eight-bar are axes of pairs. The other 18 follow in passes
+    (rounds). The steps of a pass intersect great circles through poles of earlier passes
+    (Aronhold-Kennedy theorem). In this way, the double butterfly (number 9) has none of the
+    18 poles, and the single flier (6) has two. The plan lists the rest as a block. One pole
+    of the block, the opening pole, is computed from rates. Then great circles give the
+    others.
     """
     # Number of the eight-bar, and number of poles in its block.
     blocks = []
@@ -97,10 +97,13 @@ def test_two_eight_bars_need_a_pole_from_rates():
             continue
         (block,) = planned.blocks
         blocks.append((number, len(block.poles)))
-        # Poles that are known before the block: `rounds` has the pass of each pole.
-        poles = {step.pole for step in planned.steps if hasattr(step, "pole")}
+        # Poles that are known before the block: `rounds` has the number of the pass of each
+        # pole. Every step gives one pole, except a block, which gives several.
+        single_steps = [step for step in planned.steps if hasattr(step, "pole")]
+        poles = {step.pole for step in single_steps}
         available = {pole for pole in poles if planned.rounds[pole] < block.round}
         available.add(block.opening)
+        # The steps of the block after its opening pole, pass after pass.
         for step in block.passes:
             # `via` lists the great circles that meet in the pole, `sources` the poles that
             # they go through.
@@ -155,10 +158,14 @@ def test_mechanism_with_contact_pairs_uses_contact_lines():
 
     The cam 2 and the follower 3 have R pairs with the ground 1, and a sliding contact (Cs)
     with each other. Their pole P32 lies in the plane of the poles P21 and P31
-    (Aronhold-Kennedy theorem) and in the plane through the normal at the contact. A line of
-    a plan has the pass (I), the pole, the case of the lecture's table ((b): one plane is
-    that of a contact) and both planes.
+    (Aronhold-Kennedy theorem) and in the plane through the normal at the contact.
+
+    The text of a step begins with the pass in which the pole is found: I is the first one.
+    Case (b) means that one of the two planes is that of a contact, where case (a) has two
+    planes through poles.
     """
+    # Only the graph of links and pairs matters for the plan, so both links may have the
+    # same profile.
     circle = Profile("circle", (0.0, 0.0, 1.0), 0.3)
     pairs = [Pair(name, "R", tuple(name)) for name in ("12", "13")]
     pairs.append(Pair("23", "Cs", ("2", "3"), (circle, circle)))

@@ -57,7 +57,14 @@ class Swing(MinimalAnalysis):
 @final
 @dataclass(frozen=True, kw_only=True)
 class AnalysisWithUndeclaredReads(MinimalAnalysis):
-    """An analysis that reads `what` without having declared that it needs it."""
+    """An analysis that reads `what` without having declared that it needs it.
+
+    It declares only the direction of the pole of links 0 and 1. The velocity coefficient
+    and the acceleration coefficient of this pole would have to be declared, too. Two values
+    of `what` are other faults: with "nonsense" the analysis fails, and with "columns" it
+    reads nothing. The table that it returns then has a column "other" that its declaration
+    does not have.
+    """
 
     name: ClassVar = "greedy"
     rowwise: ClassVar = True
@@ -72,6 +79,7 @@ class AnalysisWithUndeclaredReads(MinimalAnalysis):
             "velocity_coefficient": lambda: batch.velocity_coefficient(0, 1),
             "pole": lambda: batch.direction(0, 2),
             "value": lambda: batch.pair_value("21"),
+            # The variable of the pair, without jumps of whole turns.
             "continued": lambda: batch.continued_value("32"),
             "rotation": lambda: batch.rotation("2"),
             "acceleration_coefficient": lambda: batch.acceleration_coefficient(0, 1),
