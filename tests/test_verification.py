@@ -232,15 +232,17 @@ def test_a_wrong_configuration_is_reported_or_has_no_reference():
     """
     position_analysis = PositionAnalysis(sk.load("four_bar"), samples=7)
     motion = position_analysis.motion()
-    # As many as 20 rows would be verified, so all rows are.
+    # The limit of 20 rows is more than the motion has, so all rows are verified.
     pole_request, verifier = make_verifier(position_analysis, 20)
     far_row, near_row = 3, 5
     values = motion.values.copy()
-    theta_32 = 1
-    values[far_row, theta_32] += 1e-4
-    values[near_row, theta_32] += 1e-8
+    column_of_theta_32 = 1
+    values[far_row, column_of_theta_32] += 1e-4
+    values[near_row, column_of_theta_32] += 1e-8
     wrong_motion = replace(motion, values=values)
-    verifier.select_from_block(wrong_motion, (evaluate(wrong_motion, pole_request),), {})
+    poles = evaluate(wrong_motion, pole_request)
+    # No analysis reads angles that count whole turns.
+    verifier.select_from_block(wrong_motion, (poles,), continued_angles={})
     verification = verifier.verify()
     assert verification["rows"] == len(motion)
 
@@ -293,7 +295,11 @@ def test_an_analysis_that_has_no_rows_is_named_as_not_verified():
 @final
 @dataclass(frozen=True, kw_only=True)
 class RiseSinceFirstSample(MinimalAnalysis):
-    """How far an angle has risen since the first sample, which needs all rows at once."""
+    """An analysis of a test: how far an angle has risen since the first sample.
+
+    A row is compared with the first one of its assembly mode, so `compute` needs all rows
+    of the run at once. A run that is not divided into blocks gives them.
+    """
 
     name: ClassVar = "risen"
     tables: ClassVar = (
@@ -301,10 +307,11 @@ class RiseSinceFirstSample(MinimalAnalysis):
     )
 
     def needs(self, mechanism):
+        # The angle of pair 32 without jumps of whole revolutions.
         return Needs(continued_values=frozenset(["32"]))
 
     def compute(self, batch):
-        # Both assembly modes have all samples, in order.
+        # Rows are sorted by assembly mode, then by sample. Both modes have all samples.
         values = batch.continued_value("32").reshape(2, -1)
         rise = values - values[:, :1]
         return {"risen": with_row_columns(batch, rise=rise.ravel())}

@@ -234,10 +234,11 @@ def test_file_size_grows_linearly_with_the_number_of_modes(tmp_path):
 
 @pytest.mark.slow
 def test_curves_of_a_chart_have_the_colours_of_its_legend(tmp_path):
-    """In the chart of velocity coefficients of each of two modes.
+    """The curves of a chart and its legend have the same two colours, in the same order.
 
-    A chart that compares both modes has a curve of each. Paths begin with "/x", the name of
-    the recording.
+    Each of two assembly modes has a chart of two velocity coefficients. Both modes are also
+    compared in a chart of acceleration coefficients (1/rad), with one curve for each mode.
+    Paths in the recording begin with "/x", its name.
     """
     colours = {}
     entities = set()
@@ -248,13 +249,16 @@ def test_curves_of_a_chart_have_the_colours_of_its_legend(tmp_path):
         batch = chunk.to_record_batch()
         for name in ("Points2D:colors", "LineStrips2D:colors"):
             if "/charts/" in chunk.entity_path and name in batch.schema.names:
-                colours[chunk.entity_path] = batch.column(name).to_pylist()[0]
+                # The column has one row: the list of the colours of all points or lines.
+                (colours[chunk.entity_path],) = batch.column(name).to_pylist()
     for mode in (0, 1):
         chart = f"/x/assembly_mode_{mode}/charts/velocity_coefficients"
         legend_colours = colours[f"{chart}/legend"]
+        # Each curve is one line, with one colour.
         curve_colours = [colours[f"{chart}/curves/{k}"][0] for k in (0, 1)]
         assert len(set(legend_colours)) == 2
         assert legend_colours == curve_colours
+    # Curve 1 of the comparison is that of mode 1.
     assert "/x/compare/acceleration_coefficients_1_rad/curves/1" in entities
 
 
@@ -270,7 +274,9 @@ def test_many_modes_are_compared_in_one_chart_only(tmp_path):
 def test_failed_samples_show_only_their_status(partial_recording):
     """Arrows, labels and links vanish where the four-bar does not close.
 
-    Links are hidden by a scale below 1e-3. The status text takes their place.
+    `NO_CRANK` are the arcs of a four-bar whose input link cannot turn fully. Links, and
+    the great circles by which poles are constructed, are hidden by a scale below 1e-3. A
+    text with the status takes their place.
     """
     columns = read_recording_columns(partial_recording)
     is_failed = np.isnan(four_bar_angles(INPUTS, NO_CRANK, 0))

@@ -65,15 +65,20 @@ def test_all_modes_of_a_linkage_on_wheels_are_found(tmp_path):
 def test_wheels_of_an_irrational_ratio_never_return(tmp_path):
     """Smooth wheels with half angles that no teeth give have an infinite period.
 
-    Each input therefore has two configurations and not those of other turns too. The left
-    wheel is a cone with the half angle 57 deg, so the wheels roll on each other by the arc
-    length -sin(57 deg) per rad of the input. The rolled length, the variable of the pair
-    `mesh`, plus sin(57 deg) times the input is therefore constant.
+    Wheels with teeth are in the same position again after some turns. At one value of the
+    input a program could therefore count configurations of several turns. These wheels
+    never are, so each input has two configurations at most.
+
+    The left wheel is a cone with the half angle 57 deg. Its pitch circle has the radius
+    sin(57 deg) on the unit sphere. The rolled length, the variable of the pair `mesh`, thus
+    changes by -sin(57 deg) per rad of the input, whatever the size of the other wheel.
     """
     path = tmp_path / "irrational.toml"
     text = FIVE_BAR.replace("teeth = [{0}, {1}]", "half_angles = [57.0]")
-    # The fields are both numbers of teeth, which the text has no more, and the range.
-    path.write_text(text.format(0, 0, 0.0, 720.0))
+    # Fields 0 and 1, the numbers of teeth, are no longer in the text. Fields 2 and 3 are
+    # the range of the input (deg).
+    unused = 0
+    path.write_text(text.format(unused, unused, 0.0, 720.0))
     mechanism = sk.load(path)
     position_analysis = PositionAnalysis(mechanism, samples=25)
     assert np.isinf(position_analysis.solver.periods[0])
@@ -161,7 +166,9 @@ def distance_from_whole_turns(angles):
 def test_the_assembly_does_not_depend_on_where_the_range_starts(tmp_path, teeth, span):
     """The right crank follows the ratio of teeth from q = 0, whatever the range (deg).
 
-    The loop closes twice exactly where the closed form says that the couplers span the gap.
+    The loop closes in two modes where the couplers can span the gap between the crank tips,
+    and not elsewhere. `coupler_margin` is the arc (rad) by which they can span more, in
+    closed form. Samples at which its size is below 1e-6 rad are not compared.
     """
     mechanism = geared_five_bar(tmp_path, teeth, span)
     sample_count = (span[1] - span[0]) // 5 + 1
@@ -170,11 +177,14 @@ def test_the_assembly_does_not_depend_on_where_the_range_starts(tmp_path, teeth,
     right_deg = right_crank_angle(q_deg, teeth)
     closes = ~motion.failed
     angle_misses = distance_from_whole_turns(angle_of(motion, "right") - right_deg * DEGREE)
+    # Failed rows have no angle (NaN).
     assert np.max(angle_misses[closes]) < 1e-9
 
-    # Rows are sorted by mode, then by sample.
+    # Rows are sorted by mode, then by sample. All modes have the same inputs, so the
+    # margins of the first mode are those of the samples.
     modes_per_sample = closes.reshape(len(motion.assembly_modes), -1).sum(axis=0)
     margin_rad = coupler_margin(q_deg, right_deg)[: motion.samples]
+    # The loop clearly closes at some sample of the range.
     assert np.any(margin_rad > 0.02)
     assert np.all(modes_per_sample[margin_rad > 1e-6] == 2)
     assert not np.any(modes_per_sample[margin_rad < -1e-6])
@@ -215,10 +225,13 @@ def test_every_analysis_puts_the_wheels_together_alike(tmp_path):
 def test_a_reference_pose_alone_fixes_the_phase_of_wheels(tmp_path):
     """Wheels of a reference pose turn from that pose, in whichever turn the range lies.
 
-    The axes of the pose are those of the geared five-bar at q = 60 degrees, so that there
-    the right crank reads 0. From there it turns back by the ratio of teeth, 17 : 23. In
-    parts of both ranges the couplers cannot span the gap between the cranks, and the
-    five-bar has no configuration.
+    The axes of the pose are those of the geared five-bar at q = 60 degrees. Angles of pairs
+    are counted from the reference pose, in which the file gives only the input another
+    value (60 degrees). So the right crank has the angle 0 there, and turns back from there
+    by the ratio of teeth, 17 : 23.
+
+    The ranges of the input are 410 to 440 and -8220 to -8200 degrees. In parts of both, the
+    couplers cannot span the gap between the cranks, and the five-bar has no configuration.
     """
     teeth = (17, 23)
     sized_mechanism = geared_five_bar(tmp_path, teeth, span=(59, 61))
@@ -238,12 +251,13 @@ def test_a_reference_pose_alone_fixes_the_phase_of_wheels(tmp_path):
     links_by_pair = {"left": "12", "right": "15", "32": "23", "43": "34", "54": "45"}
     pairs = [Pair(name, "R", tuple(links)) for name, links in links_by_pair.items()]
     pairs.append(Pair("mesh", "Cr", ("2", "5"), pitch_circles))
+    input_angle_in_pose = {"left": 60.0 * DEGREE}
     posed_mechanism = sk.Mechanism(
         "posed",
         "1",
         tuple("12345"),
         tuple(pairs),
-        PoseGeometry(axes, {"left": 60.0 * DEGREE}),
+        PoseGeometry(axes, input_angle_in_pose),
         (Input("left", 0.0, 1.0),),
     )
     for low_deg, high_deg in ((410.0, 440.0), (-8220.0, -8200.0)):
@@ -310,11 +324,12 @@ def test_wheels_on_moving_links_stay_on_the_curve_of_the_reference_pose(shift_de
     """Wheels on moving links are followed along one curve of configurations only.
 
     How far these wheels have rolled does not follow from the input alone. So only the curve
-    through the reference pose is traced, which the claim of completeness says. In this
-    random mechanism the input swings to and fro along the curve, so each input within the
-    swing is met twice. A range that is shifted by a turn of the input has the same
-    configurations.
+    through the reference pose is traced, and `claim`, which states how complete the
+    assembly modes are, must say so. In this random mechanism the input swings to and fro
+    along the curve, so each input within the swing is met twice. A range that is shifted by
+    a turn of the input has the same configurations.
     """
+    # A random mechanism with wheels on moving links. In its reference pose the input is 0.
     mechanism = random_subject(4).mechanism
     (driven,) = (item.pair for item in mechanism.inputs)
     ranges = {driven: (shift_deg - 40.0, shift_deg + 60.0)}
@@ -327,11 +342,10 @@ def test_wheels_on_moving_links_stay_on_the_curve_of_the_reference_pose(shift_de
     assert modes_per_sample.max() == 2
     assert set(modes_per_sample) <= {0, 2}
 
-    # Samples are one degree apart; sample 40 is the reference pose, at q = 0.
+    # Samples are one degree apart, from -40 degrees on. Sample 40 is the reference pose.
     differences = motion.values[motion.sample == 40] - position_analysis.solver.reference
     distances = np.max(np.abs(np.sin(0.5 * differences)), axis=1)
     assert np.min(distances) < 1e-9
-    # `claim` states how complete the assembly modes are, and why.
     assert "mode of the reference pose" in position_analysis.claim.reason
 
 

@@ -55,9 +55,10 @@ def unwrapped_angle(mechanism, pair, q, mode):
 
 
 def generalised_forces(mechanism, q, mode):
-    """Yield the generalised force (N m) at a resting input by each route of spherekit.
+    """Yield the generalised force (N m) at an input q (rad) by each route of spherekit.
 
     A route is a way to obtain this force: an analysis, a simulation, a stored model, ...
+    The only load is a spring. Its force does not depend on the speed of the input.
 
     Yields
     ------
@@ -66,13 +67,14 @@ def generalised_forces(mechanism, q, mode):
         load contribute it with the opposite sign.
     """
     (input_pair,) = (item.pair for item in mechanism.inputs)
-    # With few samples, angles cannot be followed from sample to sample.
+    # The input moves from 0 to q in one second. With 2 or 3 samples the pairs turn by more
+    # than half a turn from sample to sample. Turns must be counted all the same.
     for sample_count in (2, 3, 40):
         result = sk.run(
             mechanism,
             "dynamics",
             assembly_mode=mode,
-            laws={input_pair: ConstantSpeed(q, 0.0)},
+            laws={input_pair: ConstantSpeed(speed=q, start=0.0)},
             duration=1.0,
             samples=sample_count,
         )
@@ -103,9 +105,11 @@ def generalised_forces(mechanism, q, mode):
     stored_torque = stored_model.torque(q, 0.0, 0.0)
     yield "stored model", -stored_torque
 
-    # A sweep over one design, the mechanism as it is. The input moves at 1 rad/s there, so
-    # the torque is dB/dq / 2 - Q with the generalised force Q. The figure is -Q. There is a
-    # row per assembly mode, of which the one nearest to the stored model is compared.
+    # A sweep varies a size. Here the size has only its nominal value, so the only design is
+    # the mechanism as it is. The input moves at 1 rad/s, and the inertia B changes with it:
+    # the driving torque is dB/dq / 2 - Q with the generalised force Q. The figure, the
+    # torque without the first term, is -Q. There is a row for each assembly mode. The one
+    # nearest to the stored model is compared.
     key = next(iter(default_size_keys(mechanism)))
     nominal_size = design_variable(document_of(mechanism), key).value
     figure = f"force=at(torque - 0.5*dB_dq, {float(np.degrees(q))!r})"

@@ -448,10 +448,13 @@ def unlike_legs():
 def test_volume_of_a_platform_with_unlike_legs_is_the_share_that_closes(unlike_legs):
     """The volume agrees with the share of random orientations whose loops close.
 
-    The legs of this platform differ. Whether the loops close at an orientation is computed
-    by a position solver from the graph of the mechanism. All orientations together have the
-    volume 8 pi^2. The second working mode either has the same workspace as the first
-    (`same_as` has the signs of the first), or one of its own (None).
+    The legs of this platform differ. `judge` returns for each orientation whether the legs
+    reach it. A position solver, which uses only the graph of the mechanism, must agree. All
+    orientations together have the volume 8 pi^2.
+
+    A workspace belongs to a working mode, which is named by the signs of its legs. If the
+    second mode has the same workspace as the first, its `same_as` has the signs of the
+    first. Otherwise `same_as` is None.
     """
     kinematics, bounds, samples, (workspace, second_workspace) = unlike_legs
     signs = kinematics.modes[0]
@@ -465,6 +468,7 @@ def test_volume_of_a_platform_with_unlike_legs_is_the_share_that_closes(unlike_l
     share = is_inside.mean()
     # Four standard deviations of a share counted from independent samples.
     share_error = 4.0 * np.sqrt(share * (1.0 - share) / len(samples))
+    # The volume of the set of all orientations in the workspace.
     volume = workspace.orientations
     # `fraction` is the volume divided by 8 pi^2.
     volume_error_as_share = volume.error / (8.0 * np.pi**2)
@@ -499,14 +503,14 @@ def test_orientations_are_written_as_unit_quaternions():
     assert "mode +++: the whole volume, all orientations" in result.summary["remarks"][0]
 
 
-def test_pages_show_map_border_and_areas():
-    """Each page of the recording has a coloured map, borders, a mark and a text.
+def test_pages_of_a_workspace_show_map_border_mark_and_text():
+    """Both pages of the analysis have a coloured map, borders, a mark and a text.
 
     The map of the page "Workspace" has the margin of each direction, the angle (rad) that
-    is left to the nearest limit. That of the page "Singularity" has the angle to the
-    nearest singularity. With `near=15` it is at least 15 degrees everywhere. Each limit on
-    the border has its own colour (`tone`). The mark is at the direction with the largest
-    margin, farthest inside. The text states the limits on the border.
+    is left to the nearest limit. The map of the page "Singularity" has the angle to the
+    nearest singularity. The option `near=15` excludes directions with less than 15 degrees.
+    Each limit on the border has its own colour (`tone`). The mark is at the direction with
+    the largest margin. The text states the limits on the border.
     """
     listener = SceneListener()
     workspace = "workspace:near=15,working_mode=++"
