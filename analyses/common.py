@@ -243,8 +243,9 @@ def direction_or_quaternion_columns(
     """Return the columns x, y, z (and w) of poses, and phi and gamma of mid-planes.
 
     A mechanism may have a base and an output that are mirror images of each other in a
-    plane, the mid-plane. Two angles phi = -2 arcsin(x) and gamma = 2 arcsin(y) (rad) give
-    the unit normal (x, y, z) of this plane. They are included only if poses are directions.
+    plane, the mid-plane. Each direction of the output then determines a mid-plane. Chen et
+    al. 2021 describe its unit normal (x, y, z) by the angles phi = -2 arcsin(x) and
+    gamma = 2 arcsin(y) (rad). Orientations have no such columns.
 
     Parameters
     ----------
@@ -259,6 +260,7 @@ def direction_or_quaternion_columns(
     }
     are_directions = component_count == len(DIRECTION_COLUMNS)
     if architecture is not None and are_directions:
+        # The third angle, omega, is a function of the other two.
         phi, gamma, _omega = architecture.angles_to(poses)
         columns["phi"] = phi
         columns["gamma"] = gamma

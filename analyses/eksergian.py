@@ -146,9 +146,9 @@ class Eksergian(AbstractAnalysis):
         - variables and rates of the pairs at which loads act or on which they depend. Their
           angles have no jumps of whole revolutions, because a spring counts revolutions;
         - the rate of the pair at which the torque acts;
-        - the configurations of the whole mechanism (`tracer`), if there is friction of
-          bearings or contacts. Friction is proportional to the forces in the pairs, which
-          are computed from these configurations.
+        - the configurations of the whole mechanism (`tracer`, the position analysis that
+          traces the motion), if there is friction of bearings or contacts. Friction is
+          proportional to the forces in the pairs, which follow from these configurations.
 
         Raises
         ------
@@ -177,8 +177,8 @@ class Eksergian(AbstractAnalysis):
         return Needs(
             time=True,
             tracer=bool(Loads(mechanism).friction_components),
-            # With `tracer`, only these links are read, here by number: those of
-            # `link_names`, and the two links of each pair in `load_pairs`.
+            # The numbers of the links that are read of the configurations. They are those
+            # of `link_names`, and the two links of each pair in `load_pairs`.
             links=acting_links(mechanism),
             derivatives=True,
             link_rates=link_names,
@@ -256,7 +256,8 @@ class Eksergian(AbstractAnalysis):
         """Return the largest torque and the worst conditioning, and where they occur.
 
         The conditioning is the condition number of the closure equations with a locked
-        input. It is known in each row that has a configuration.
+        input. It is known in each row that has a configuration. The torque is that at the
+        input or, if the user names another pair by the option `at`, at this pair.
         """
         # Without a configuration there is nothing to report.
         if not np.any(np.isfinite(batch.residual)):
@@ -271,11 +272,12 @@ class Eksergian(AbstractAnalysis):
             "at_q_rad": float(batch.q[worst_row]),
             "at_assembly_mode": int(batch.assembly_mode[worst_row]),
         }
+        # The mapping has the only input, or is empty if no torque is known.
         largest_by_input = find_largest_torques(
             batch, torque[:, None], LARGEST_DRIVING_TORQUE
         )
-        for name, largest in largest_by_input.items():
-            summary["torque"] = {"pair": self.at or name, **largest}
+        for input_pair, largest in largest_by_input.items():
+            summary["torque"] = {"pair": self.at or input_pair, **largest}
         return _make_findings(summary)
 
     def joined(self, before: Findings, now: Findings) -> Findings:

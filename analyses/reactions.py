@@ -151,19 +151,20 @@ class ReactionAnalysis(AbstractAnalysis):
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of reactions and of bearings.
 
+        The first link of a pair acts on the second with a moment about the centre of the
+        sphere and a force. The force of an R pair is through the centre, that of a contact
+        at its point. An R pair has a moment across its axis. The normal and the tangential
+        force of a contact are also given as moments: each times the radius of the sphere.
+
         The table of reactions has a row for each row of the batch and each pair, in this
         order. Arrays (n, pairs, ...) are therefore flattened.
-
-        Moments are about the centre of the sphere. An R pair has a moment across its axis.
-        A contact has a normal and a tangential force, which are given as moments: each
-        force times the radius of the sphere.
         """
         result = self._reactions(batch)
         pair_names = [pair.name for pair in batch.mechanism.pairs]
         moments = result.moments.reshape(-1, 3)
         forces = result.forces.reshape(-1, 3)
-        # The axes of an R pair are fixed in its second link. Axes fixed in the first link
-        # are turned by the pair angle about z, so x and y components differ in them.
+        # Components are along axes of the R pair, z on its axis, that are fixed in its
+        # second link. Here are x and y components along the axes fixed in its first link.
         moments_in_first = result.in_first(result.moments).reshape(-1, 2)
         forces_in_first = result.in_first(result.forces).reshape(-1, 2)
         columns: dict[str, Any] = {
@@ -173,8 +174,10 @@ class ReactionAnalysis(AbstractAnalysis):
             columns[f"moment_{axis}"] = moments[:, component]
         for component, axis in enumerate("xy"):
             columns[f"moment_{axis}_first"] = moments_in_first[:, component]
+        # The part of the moment at right angles to the axis.
         columns["transverse_moment"] = result.across.ravel()
-        # The normal force (`push`) and the tangential force (`traction`) of a contact.
+        # The normal force (`push`) and the tangential force (`traction`) of a contact, each
+        # times the radius.
         columns["contact_torque"] = result.push.ravel()
         columns["traction"] = result.traction.ravel()
         for component, axis in enumerate("xyz"):
@@ -307,21 +310,21 @@ class BearingLoad:
 
     Attributes
     ----------
-    bearings
-        The entry of the mechanism file that states the bearings of the pair. It is one of
-        the loads of the file, and has their positions.
+    load
+        The entry of the mechanism file that states the bearings of the pair, their
+        positions and their friction. As it causes friction, it is one of the loads.
     position
         Distance of this bearing from the centre of the sphere along the pair's axis (m).
     couple_force
-        (n,) force at right angles to the axis that the moment of the pair alone causes (N).
+        (n,) force at right angles to the axis that the moment of the pair causes alone (N).
     radial
-        (n,) whole force at right angles to the axis, with the part of the force through the
-        centre (N).
+        (n,) whole force at right angles to the axis (N). A pair transmits a moment and a
+        force through the centre of the sphere, and a bearing supports a part of both.
     axial
         (n,) force along the axis on the second link (N).
     """
 
-    bearings: Bearings
+    load: Bearings
     position: float
     couple_force: Floats
     radial: Floats
@@ -330,7 +333,7 @@ class BearingLoad:
     @property
     def name(self) -> str:
         """The name of the bearings and the position, in words."""
-        return f"{self.bearings.name} at {self.position:g} m"
+        return f"{self.load.name} at {self.position:g} m"
 
 
 def _bearing_loads(mechanism: Mechanism, result: Reactions) -> list[BearingLoad]:
@@ -350,7 +353,7 @@ def _bearing_loads(mechanism: Mechanism, result: Reactions) -> list[BearingLoad]
             x, y, z = forces[:, number].T
             bearing_loads.append(
                 BearingLoad(
-                    bearings=load,
+                    load=load,
                     position=position,
                     couple_force=couple_forces[:, number],
                     radial=np.hypot(x, y),
@@ -370,9 +373,9 @@ def _bearing_columns(batch: Batch, result: Reactions) -> TableData:
     """
     bearing_loads = _bearing_loads(batch.mechanism, result)
     row_count = len(batch)
-    pairs = [bearing_load.bearings.pair for bearing_load in bearing_loads]
+    pairs = [bearing_load.load.pair for bearing_load in bearing_loads]
     pair_numbers = [batch.mechanism.pair_number[pair] for pair in pairs]
-    load_names = [bearing_load.bearings.name for bearing_load in bearing_loads]
+    load_names = [bearing_load.load.name for bearing_load in bearing_loads]
     positions = [float(bearing_load.position) for bearing_load in bearing_loads]
 
     def interleave(forces: list[Floats]) -> Floats:
@@ -428,12 +431,13 @@ def _find_maxima(batch: Batch, columns: Mapping[str, Floats]) -> dict[str, Any]:
 def _merge_summaries(first: Any, second: Any, key: str = "") -> Any:
     """Return the summary of two blocks of rows from the summaries of both.
 
-    A summary is a mapping of mappings. Values with the same keys are merged by their kind:
+    A summary is a mapping, whose values may be mappings. Both summaries have the same keys.
+    Values with the same key are merged by their kind:
 
     - Numbers of rows (keys ``rows_...``) are added.
     - Of truth values and lists the first one is taken, unless it is false or empty.
-    - Of other numbers (maxima) the larger one is taken. The entry ``at`` of a mapping has
-      the positions of its maxima.
+    - Other numbers are maxima, None if no value is known. The larger one is taken.
+    - A mapping of maxima has an entry ``at``: the positions of the maxima by name.
 
     Parameters
     ----------
@@ -449,8 +453,8 @@ def _merge_summaries(first: Any, second: Any, key: str = "") -> Any:
             if name != "at"
         }
         if "at" in first:
-            # If the first block has the maximum, its position counts, otherwise that of
-            # the second block.
+            # The position of a maximum is that of the first block if the maximum is there,
+            # otherwise that of the second block.
             positions_of_first = {
                 name: position
                 for name, position in first["at"].items()

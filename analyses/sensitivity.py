@@ -333,7 +333,7 @@ class SensitivityAnalysis(AbstractAnalysis):
             drawn_values = sensitivity.scattered(
                 samples[rows], configurations[rows], deviations.draws(len(sensitivity.keys))
             )
-            draw_statistics[:, :, rows] = _draw_statistics(
+            draw_statistics[:, :, rows] = _summarize_draws(
                 drawn_values - values[:, rows, None]
             )
         drawn_spread, drawn_worst, lost = draw_statistics
@@ -545,7 +545,7 @@ def _input_samples(batch: Batch, sensitivity: Sensitivity) -> Floats:
     )
 
 
-def _draw_statistics(deviations: Floats) -> Floats:
+def _summarize_draws(deviations: Floats) -> Floats:
     """Return statistics of the deviations of draws, which are mechanisms with random sizes.
 
     Parameters
@@ -563,6 +563,8 @@ def _draw_statistics(deviations: Floats) -> Floats:
     with np.errstate(all="ignore"):
         mean = np.nansum(deviations, axis=-1) / count
         mean_square = np.nansum(deviations * deviations, axis=-1) / count
+        # Deviations are from the nominal mechanism, so their mean is small and this
+        # difference loses few digits.
         variance = mean_square - mean * mean
         # Rounding can make a variance of zero slightly negative.
         spread = np.sqrt(np.maximum(variance, 0.0))

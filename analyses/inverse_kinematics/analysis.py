@@ -148,16 +148,15 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         """Return the solutions for the parameters of this analysis, computed once.
 
         The user gives either poses, whose configurations are computed, or inputs, whose
-        poses are computed (forward kinematics).
+        poses are computed (forward kinematics). The motion in the batch is not used.
         """
 
         def solve() -> InverseSolutions | ForwardSolutions:
             """Return the configurations of the given poses, or the poses at the inputs."""
-            # The batch, which has the motion of the run, only gives the mechanism here.
             mechanism = batch.mechanism
             solver = self.solver(mechanism)
             pose_list = self._read_poses(solver)
-            # The user gives either poses or inputs, so a `PoseList` has one of the two.
+            # A `PoseList` has either poses or inputs, as the user gives them.
             if pose_list.poses is None:
                 assert pose_list.inputs is not None
                 return ForwardSolutions(mechanism, solver, pose_list.inputs)
@@ -167,8 +166,10 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
                 pose_list.poses,
                 grid_shape=pose_list.grid_shape,
                 modes=self.modes(solver),
+                # The pairs whose variables are columns of the table.
                 pairs=self.pair_numbers(mechanism),
-                # For so many poses out of reach, the nearest reachable pose is computed.
+                # The nearest reachable pose is computed for the first poses that are out of
+                # reach, at most this number, since each takes a search.
                 max_nearest=self.nearest,
             )
 

@@ -82,21 +82,23 @@ class ForwardSolutions:
         return Findings(summary, warnings, tuple(remarks))
 
     def _describe_poses(self, has_pose: NDArray[np.bool_]) -> list[str]:
-        """Return a sentence for each pose with all its modes.
+        """Return a sentence for each pose, with the modes in which it occurs.
 
-        A mode is the working mode (signs of the legs) if it is known, otherwise the
+        The mode is the working mode (signs of the legs) if it is known, otherwise the
         assembly mode (signs of the groups of links). `has_pose` (rows,) tells which rows of
         the table have a pose.
         """
         columns = self.columns
-        # By sentence and kind of mode: the modes with this sentence.
+        # A key is a sentence about a pose, and the kind of its modes.
         modes_of_sentence: dict[tuple[str, str], list[str]] = {}
         for row in np.flatnonzero(has_pose).tolist():
             angles = []
             for name in POSE_ANGLES:
                 if name in columns and np.isfinite(columns[name][row]):
                     angles.append(self._describe_angle(name, row))
-            sentence = f"inputs {columns['pose'][row]}: {', '.join(angles)}"
+            # The column is named as in inverse kinematics, where poses are numbered.
+            input_set = columns["pose"][row]
+            sentence = f"inputs {input_set}: {', '.join(angles)}"
             if columns["working_mode"][row]:
                 kind = "working mode"
                 mode = columns["working_mode"][row]

@@ -47,10 +47,9 @@ def _compare_positions(
     inputs
         Whether it applies to mechanisms with one input or with several.
     """
-    # The searches for singularities of several inputs end after a time, `seconds`. It is
-    # raised to 100 s during the comparison, so that only the compared parameter limits the
-    # accuracy. There are two exceptions: `seconds` is the compared parameter itself, or
-    # the mechanism has one input (`samples`) and therefore no such searches.
+    # The searches with several inputs end after a time, `seconds`. It is raised to 100 s
+    # during the comparison, so that only the compared parameter limits the accuracy. This
+    # is not done for `seconds` itself, nor for `samples`, which is for one input only.
     raises_time_limit = parameter not in ("samples", "seconds")
     return Sweep(
         parameter,
@@ -58,9 +57,9 @@ def _compare_positions(
         table="singularities",
         column="q",
         match=("kind", "output"),
-        # The numbers in the column are positions, see above.
+        # The numbers in the column are positions, which are compared with the nearest one.
         places=True,
-        # Another parameter that is constant during the comparison, and its value.
+        # Values of other parameters during the comparison.
         beside=(("seconds", 100.0),) if raises_time_limit else (),
         inputs=inputs,
     )
@@ -163,10 +162,10 @@ class SingularityAnalysis(AbstractAnalysis):
         )
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return the quantities that this analysis needs of a motion.
+        """Check all parameters, and return what this analysis needs of a motion.
 
-        They are the position analysis (tracer), on whose configuration curves singularities
-        are searched, and the links of the outputs. All parameters are checked here.
+        It needs the position analysis, which traces configuration curves (`tracer`), and
+        the links of the outputs. Singularities are searched on the curves.
 
         Raises
         ------
@@ -175,6 +174,7 @@ class SingularityAnalysis(AbstractAnalysis):
         ModelError
             If a mechanism with several inputs declares no output.
         """
+        # Numbers, angles and times that limit a search; with 0 the search is left out.
         for name in ("near", "slices", "mesh", "input_grid", "seconds"):
             value = getattr(self, name)
             if value is not None and not value >= 0:
@@ -224,14 +224,19 @@ class SingularityAnalysis(AbstractAnalysis):
         def compute() -> OneInput | SeveralInputs:
             """Return the singularities for one or for several inputs.
 
-            The user chooses how they are searched by the parameters of the analysis:
-            `slices` is the number of values at which each input is locked in the search,
-            `seconds` is the time limit, and `near` is the angle (degrees) to a singularity
-            below which a warning is given.
+            `near` is the angle (degrees) to a singularity below which a warning is given.
+            The other parameters limit the searches with several inputs:
+
+            - `slices` is the number of values at which each input is locked, to find
+              singular curves of two inputs and singular surfaces of three.
+            - `mesh` is the length of the edges of these surfaces (degrees).
+            - `input_grid` is the number of values of each input for the search of aspects,
+              parts of the configurations that singularities divide.
+            - `seconds` is the time limit.
             """
             if len(batch.mechanism.inputs) == 1:
                 return OneInput(batch, self.outputs(batch.mechanism), self.near)
-            # The length of the edges of surfaces; None for the default.
+            # None stands for the default.
             mesh_rad = None if self.mesh is None else float(np.radians(self.mesh))
             return SeveralInputs(
                 batch,

@@ -236,8 +236,8 @@ def describe_least_transmission(
         if nearest is None:
             continue
         angle, q, modes = nearest
-        # The constant is the word "least". Names of figures of merit, such as
-        # least_transmission_angle_43, begin with the same constant.
+        # The constant is the word "least". It is the same word as in the names of the
+        # figures of merit for this angle, such as least_transmission_angle_43.
         sentences.append(
             f"{NEAREST_TRANSMISSION_WORD} transmission angle of {name}: "
             f"{np.degrees(angle):.4g} deg at "

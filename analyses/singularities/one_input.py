@@ -403,6 +403,7 @@ class OneInput:
         links_of_part = sampled.position_analysis.mechanism.links
         if len(links_of_part) < len(self.batch.mechanism.links):
             curves += f" of the links {listing(links_of_part)}"
+        # The claim says whether all configuration curves were found.
         return f"{counts} on {curves}; {sampled.configurations.claim}"
 
     def scenes(self) -> tuple[Scene, ...]:
@@ -525,20 +526,20 @@ class OneInput:
         """Return a page that draws the singularities: sample k shows singularity k.
 
         Each drawing has the links, six pole axes and two planes. The relation c y' = d q'
-        between the rates of output and input concerns four links. Each two of them turn
-        about a pole axis relative to each other. At a singularity the plane through three
-        of the axes coincides with the plane through three others. A singularity that
-        extends over a whole curve has no single configuration to draw, and is left out.
+        between the rates of output and input concerns four links: the output link o and its
+        reference s, the input link i and its reference r. Each two of them turn about a
+        pole axis relative to each other. At a singularity the plane through three of the
+        axes coincides with the plane through three others. A singularity that extends over
+        a whole curve has no single configuration to draw, and is left out.
         """
         sampled = self.sampled
         # A point on a curve has an arc length s. A whole curve has NaN.
         has_point = np.isfinite(self.points["s"])
         points = {name: column[has_point] for name, column in self.points.items()}
         curves = points["curve"].tolist()
-        # The relation has up to two forms. In form i the rate of the output link is that
-        # relative to its own reference, in form ii relative to the reference of the input.
-        # `relations` lists form i first. The last form is drawn, which is form ii if it
-        # exists.
+        # The relation has up to two forms, listed in this order. y' is the rate of o
+        # relative to s in form i, and relative to r in form ii. Their pole axes differ. The
+        # last form is drawn, which is form ii if it exists.
         six_poles: list[SixPoles] = []
         for curve, s, name in zip(curves, points["s"], points["output"], strict=True):
             output = self.names.index(name)
@@ -560,8 +561,8 @@ class OneInput:
                 parts.append(
                     Arrow(f"pole/{name}", label, axes, primary=False, path_shown=False)
                 )
-        # The three axes of each plane depend on the type. `AXES_OF_FIRST_PLANE` has entries
-        # for types I and II only, and all other kinds are drawn with the planes of type II.
+        # The three axes of each plane depend on the type. They are stated for types I and
+        # II. Other kinds are drawn with the planes of type II.
         types = ["I" if kind == "I" else "II" for kind in points["kind"]]
         # The two planes that coincide, each through one triplet of the six axes.
         for number, (label, axes_of_plane) in enumerate(
@@ -579,10 +580,15 @@ class OneInput:
 
 
 def _gallery_text(points: Mapping[str, Any]) -> str:
-    """Return the list of singularities in Markdown: a table, then a note on each.
+    """Return the text of the page that draws all singularities, in Markdown.
 
-    A note names the axes or planes that coincide. `points` are the columns of the main
-    table, one row for each listed singularity.
+    It has a table of the singularities, and then a note on each that names the axes or
+    planes that coincide. The page draws one singularity at a time, "sample" k in its texts.
+
+    Parameters
+    ----------
+    points
+        Columns of the table of singularities, a row for each one that is drawn.
     """
     lines = []
     for row, q in enumerate(np.degrees(points["q"])):
