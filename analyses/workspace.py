@@ -214,16 +214,18 @@ class WorkspaceAnalysis(AbstractAnalysis):
             "limits": [limit.name for limit in workspaces.limits],
             "working_modes": modes,
         }
-        # Modes with the same workspace are described together.
+        # Modes with the same workspace are described together. The record of such a mode
+        # has the label of the first one under "same_as".
         labels_by_first_mode: dict[str, list[str]] = {}
         for label, record in modes.items():
             first_mode = record.get("same_as", label)
             labels_by_first_mode.setdefault(first_mode, []).append(label)
         remarks = []
         for first_mode, labels in labels_by_first_mode.items():
-            distributive = "each " if len(labels) > 1 else ""
+            each_word = "each " if len(labels) > 1 else ""
             size = describe_size(modes[first_mode])
-            remarks.append(f"{numbered('mode', labels)}: {distributive}{size}")
+            remarks.append(f"{numbered('mode', labels)}: {each_word}{size}")
+        # For the poses that the user names: in which modes they are in the workspace.
         if self.pose:
             pose_findings = workspaces.examine_poses()
             summary["pose"] = pose_findings.records

@@ -131,8 +131,9 @@ class WorkspaceModes:
     ) -> None:
         """Store the arguments, and list the limits of the output.
 
-        The limits are those of the mechanism, such as how far its legs extend, and those of
-        `constraints`. The workspace of each mode is computed when it is first needed.
+        Legs, chains of links, join the output to the base. The limits are those of the
+        mechanism, such as how far its legs extend, and those of `constraints`. The
+        workspace of each working mode is computed when it is first needed.
 
         Parameters
         ----------
@@ -151,8 +152,9 @@ class WorkspaceModes:
         self.mechanism = mechanism
         self.kinematics = kinematics
         self.limits = bounds_of(kinematics, constraints)
-        # Borders have the number of a limit, or -1 if the workspace ends without one.
-        # Index -1 selects the last name.
+        # At each border of the workspace a limit is reached, whose number selects its name.
+        # Borders at which the output is not determined have the number -1, and so the last
+        # name.
         self.limit_names = [limit.name for limit in self.limits] + [NO_LIMIT_NAME]
         self.modes = modes
         self.poses = poses
@@ -222,14 +224,14 @@ class WorkspaceModes:
         the table has the numbers of both.
         """
         # In some mechanisms base and output are mirror images in a plane. The table then
-        # has the two angles of this plane.
+        # has the two angles of this plane. Of others the architecture is None.
         mid_plane_architecture = self.kinematics.form
         columns = []
         for curve_number, curve in enumerate(region.boundaries):
             for arc_number, arc in enumerate(curve.arcs):
                 # Each limit has a margin, an angle that is 0 where the limit is reached.
-                # `arc.margin` is the number of the one that is 0 on the arc. It is -1, the
-                # index of the last name, if there is none.
+                # `arc.margin` is the number of the one that is 0 on the arc. It is -1 where
+                # the output is not determined, which is what the last name says.
                 limit_number = arc.margin
                 columns.append(
                     {
@@ -355,8 +357,9 @@ class WorkspaceModes:
     ) -> tuple[Columns, str]:
         """Return the record of a set of orientations, and a warning or an empty text.
 
-        There is a warning if no orientation was found inside, or if the volume is less
-        accurate than wanted.
+        An orientation is inside if all its margins (angles to the limits of the mechanism)
+        are positive. There is a warning if no orientation was found inside, or if the error
+        bound of the volume is larger than wanted.
         """
         orientations = workspace.orientations
         record: Columns = {
@@ -365,7 +368,8 @@ class WorkspaceModes:
             "fraction": orientations.fraction,
             "evaluations": orientations.evaluations,
         }
-        # The depth is the margin of the best sample.
+        # The depth is the smallest margin of the best orientation, `place`. Here it is
+        # outside, and the limit that it misses is named.
         if orientations.depth < 0.0:
             best = self.judge(workspace, orientations.place[None])
             record["nearest_limit"] = self.limit_names[int(best.limiting[0])]

@@ -196,8 +196,11 @@ class SeveralInputs:
         longest = min(LONGEST_EDGE_RAD, min(widths) / EDGES_PER_RANGE)
         if edge_length is None:
             return longest, MAX_EDGE_HALVINGS
+        # As many halvings as leave the first edge below `longest`. Without halvings the
+        # first edge is the wanted one, even if it is longer.
         halvings = int(np.clip(np.log2(longest / edge_length), 0, MAX_EDGE_HALVINGS))
-        return edge_length * 2**halvings, halvings
+        first_edge = edge_length * 2**halvings
+        return first_edge, halvings
 
     @cached_property
     def points(self) -> Columns:
@@ -267,10 +270,10 @@ class SeveralInputs:
         Parameters
         ----------
         curve, number
-            A curve of singular configurations of type I or II, and its number. `both` are
-            its points of type III. `s` are arc lengths of its points (rad) in the space of
-            all pair variables. `why` is the geometric reason of the singularity in words,
-            if it is the same on the whole curve.
+            A curve of singular configurations of type I or II, and its number. `curve.s`
+            are arc lengths of its points (rad) in the space of all pair variables.
+            `curve.why` is the geometric reason of the singularity in words, if it is the
+            same on the whole curve.
         output
             The output.
         claim
@@ -286,11 +289,13 @@ class SeveralInputs:
             columns["condition"] = curve.why
         tables = [columns]
 
+        points_of_type_3 = curve.both
         # Axes: point of this curve, listed point, variable.
-        differences = np.abs(wrap(curve.both.values[:, None] - listed_values))
+        differences = np.abs(wrap(points_of_type_3.values[:, None] - listed_values))
         is_listed = np.any(np.max(differences, axis=2) < SAME_TYPE_THREE_POINT_RAD, axis=1)
         if not np.all(is_listed):
-            both_types = self._point_columns(curve.both.rows(~is_listed), output, claim)
+            new_points = points_of_type_3.rows(~is_listed)
+            both_types = self._point_columns(new_points, output, claim)
             both_types["kind"] = "III"
             both_types["note"] = "of both types"
             both_types["curve"] = number
@@ -355,16 +360,18 @@ class SeveralInputs:
         Input i moves at the rate q_i' while the others are locked. In this motion w_i is
         the angular velocity of an output about its pole axis. The coefficient c_i is 0 at
         type II, d_i at type I. The table has every row of the batch once for each output
-        and input.
+        and input. Some columns are:
 
-        The column `form` is always i: w_i is relative to the reference link of the output.
-        (Tables of mechanisms with one input have another form, ii.) The column `sigma` is
-        the smallest singular value of the loop equations with all inputs locked. It is 0 if
-        a link can move nevertheless.
-
-        The column `group` sorts singularities. If all inputs but one are locked, a
-        mechanism with one degree of freedom remains. In group 1 such a mechanism is
-        singular for at least one input, in group 2 for none. Regular rows have group 0.
+        - `form`: always i, as w_i is relative to the reference link of the output. (Tables
+          of mechanisms with one input have another form, ii.)
+        - `velocity_coefficient`: w_i at the rate q_i' = 1.
+        - `output_rate` and `input_rate`: w_i and q_i' in the same motion, scaled so that
+          the rates of all pairs have unit length. They are finite at singularities, too.
+        - `sigma`: the smallest singular value of the loop equations with all inputs locked.
+          It is 0 if a link can move nevertheless.
+        - `group`: 1 for a row that is singular with one input moving alone, for at least
+          one of the inputs. 2 for a row that is singular for none of them, but only with
+          several inputs moving. 0 for regular rows.
         """
         batch = self.batch
         tables: list[Columns] = []
@@ -384,6 +391,7 @@ class SeveralInputs:
                         "form": "i",
                         "distance_I": angle_from_sine(rows.type_one),
                         "distance_II": angle_from_sine(rows.type_two),
+                        # How firmly the locked inputs hold all links.
                         "sigma": rows.hold,
                         "reciprocal_condition": rows.reciprocal_condition,
                         "status": batch.status,
@@ -609,23 +617,21 @@ class SeveralInputs:
     ) -> Locus:
         """Return the singularities of one kind: curves of two inputs, surfaces of three.
 
-        Slices are curves of configurations with all inputs but one locked. They are
-        followed once for all searches.
+        The search starts from singular points of slices: curves of configurations with all
+        inputs but one locked. They were followed before, once for all searches.
 
         Parameters
         ----------
         kind, output
             The kind, and the name of the output.
         section
-            The slices on which the search starts; None to search from random
+            The slices. With None the user wants none, and the search starts from random
             configurations.
         time_limit
             Processor time to spend.
         """
         mechanism = self.batch.mechanism
-        # Below, `made` are the slices that exist, and `slices_of_each` is the number of
-        # slices to compute in addition. With None and 0 the search starts from random
-        # configurations.
+        # Below, `made` are the slices, and with `slices_of_each=0` no others are computed.
         if len(mechanism.inputs) == SURFACE_INPUT_COUNT:
             # A mesh of triangles covers a surface. Its edges are halved afterwards.
             edge, halvings = self.first_edge_and_halvings
@@ -641,7 +647,7 @@ class SeveralInputs:
             )
         # In a mid-plane symmetric architecture the output is the mirror image of the base
         # in a moving plane. Its singular curves of types I and II have a closed form, but
-        # not those of self-motions.
+        # not those of self-motions. It is used if the user does not ask for slices.
         if section is None and kind != SELF_MOTION:
             curves = mid_plane_loci(mechanism, kind, output, time_limit)
             if curves is not None:

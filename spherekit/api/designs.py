@@ -134,14 +134,16 @@ def _precision_point_deviations(
     """Return figures of merit for the deviations from the precision points of a file.
 
     A precision point is a wanted value of a quantity at given inputs, such as an angle or
-    a direction of an output.
+    a direction of an output. A figure of merit is a text such as
+    "missed_1=at(theta_41 - (0.5), 0.3)": its name, the deviation of theta_41 from 0.5, and
+    the input 0.3 at which it is evaluated.
 
     Parameters
     ----------
     document
         The synthesis file. Its tables ``match`` list quantities, inputs and values.
     unit
-        The angle unit of the mechanism in rad.
+        The angle unit of the mechanism file in rad. Inputs are in this unit in both texts.
 
     Returns
     -------
@@ -166,7 +168,6 @@ def _precision_point_deviations(
             numbers = [repr(float(number)) for number in np.atleast_1d(input_values)]
             inputs_text = ", ".join(numbers)
             for deviation in _deviations(document, path, table["quantity"], value, unit):
-                # A figure of merit such as "missed_1=at(theta_41 - (0.5), 0.3)".
                 name = f"missed_{len(figures) + 1}"
                 figures[name] = f"{name}=at({deviation}, {inputs_text})"
     return figures, point_count

@@ -264,8 +264,9 @@ def _export_source(
         vary, and crossings.
     """
     if options.get("crossings") == "pass":
-        # With other link sizes, curves of modes cross at other inputs or nowhere. So sizes
-        # of links cannot be arguments.
+        # With "pass" a mode follows its smooth curve through crossings, configurations at
+        # which curves of modes cross. With other link sizes they cross at other inputs or
+        # nowhere. So sizes of links cannot be arguments of the source code.
         refuse_link_sizes(mechanism, options.get("vary", ()))
     formula_set = formulas(
         mechanism, input_pair=input_pair, assembly_mode=assembly_mode, **options
@@ -279,8 +280,9 @@ def _export_source(
         f"{formula_set.operations} operations"
     )
     mode_table = formula_set.mode_table
-    # `left_out` has the number and the reason of each mode that has no formulas.
-    notes = [f"left out: assembly mode {reason}" for reason in mode_table.left_out]
+    # A text of `left_out` has the number of a mode, and why it has no formulas.
+    notes = [f"left out: assembly mode {text}" for text in mode_table.left_out]
+    # The crossings that modes pass; None unless `crossings` is "pass".
     if mode_table.smooth is not None:
         notes.append(_describe_crossings(mode_table.smooth))
     return Exported(target, holds, tuple(notes))

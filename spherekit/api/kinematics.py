@@ -494,8 +494,10 @@ def _prepare_evaluation(
     def evaluate_inputs(q: Floats) -> Kinematics:
         """Return the kinematics of the requested assembly mode, or of all modes.
 
-        `range_analysis` has the modes over the range of the only input. With several inputs
-        it is None.
+        With one input, `range_analysis` has the assembly modes over its range, and
+        `evaluate_row` is a fast function for one mode at one value of it, if there is one.
+        With several inputs both are None. `needs` are the quantities that are evaluated,
+        such as pole axes and rates of links, and `pole_names` the names of the poles.
 
         Parameters
         ----------
@@ -503,8 +505,7 @@ def _prepare_evaluation(
             Inputs (rad). With one input, a number or (n,) values. With several, (inputs,)
             values or (n, inputs).
         """
-        # One mode at one value of the only input: the fast function, if there is one. It
-        # returns None if float64 may give too few digits at this input.
+        # The fast function returns None if float64 may give too few digits at this input.
         is_single = q.size == 1 and q.ndim < 2
         if range_analysis is not None and evaluate_row is not None and is_single:
             read_batch = evaluate_row(q.item())
@@ -512,7 +513,8 @@ def _prepare_evaluation(
                 search = range_analysis.search
                 return Kinematics(mechanism, pole_names, read_batch, search)
         # Otherwise compute the configurations of all modes at all inputs, and keep the rows
-        # of the requested mode. With several inputs, the modes are searched along them.
+        # of the requested mode. With several inputs, the modes are searched at the inputs q
+        # of this call.
         if range_analysis is not None:
             q = np.atleast_1d(q)
             position_analysis = range_analysis
@@ -524,7 +526,8 @@ def _prepare_evaluation(
             motion = position_analysis.at(shift_into_range(position_analysis, q))
         else:
             path = q[None] if q.ndim == 1 else q
-            # independent: the rows of the path are unrelated inputs, and no motion.
+            # `independent`: modes are not continued from row to row, because the rows of q
+            # need not be near each other as in a motion.
             position_analysis = PositionAnalysis(mechanism, path=path, independent=True)
             motion = position_analysis.motion()
         if assembly_mode is not None:

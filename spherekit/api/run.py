@@ -35,7 +35,8 @@ OPTIONS_WITHOUT_EFFECT_ON_VIEWS = (
 class _RunViews:
     """Draws and records a run, which is repeated when its scenes are first needed.
 
-    Scenes are large, so results do not hold them. A repeated run computes the same scenes.
+    A scene is what is drawn on one page: links, curves and plots at all samples. Scenes are
+    large, so results do not hold them. A repeated run computes the same scenes.
 
     Attributes
     ----------
@@ -60,10 +61,15 @@ class _RunViews:
         runner.run(*self.arguments, **options)
 
     def record(self, path: Path) -> None:
-        """Write a recording. Without collected scenes it is written block by block."""
+        """Write a recording of all scenes.
+
+        If the scenes have not been collected in memory yet, they are written while the run
+        is repeated, block by block of the samples. So they need not fit into memory.
+        """
         from spherekit.display.rerun.recorder import RerunRecorder
 
         with RerunRecorder(self.name, path=path) as recorder:
+            # A cached property is in `vars` once it has been computed.
             if "_collector" in vars(self):
                 self._collector.play(recorder)
             else:

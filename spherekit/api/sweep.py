@@ -293,10 +293,9 @@ def perform(
 def _document(mechanism: Mechanism, subject: Subject) -> Document:
     """Return the document (the parsed TOML file) of a mechanism, whose numbers can vary.
 
-    It is the file of the mechanism, if the mechanism is that of the file apart from its
-    inputs, because the choice of inputs changes no number of the file. Otherwise, as when
-    pairs are locked or a study changes the mechanism, a document is made from the
-    mechanism.
+    It is the file of the mechanism if all sizes, masses and loads are those of the file;
+    only the inputs (driven pairs and their ranges) may be others. Otherwise, as when pairs
+    are locked or a study changes the mechanism, a document is made from the mechanism.
 
     Parameters
     ----------

@@ -178,7 +178,11 @@ class CommandParser(CommandLineParser):
 
 
 def build_parser() -> CommandLineParser:
-    """Return the parser of the whole command line."""
+    """Return the parser of the whole command line.
+
+    Each command has a parser of its own. It imports the module of the command, such as
+    `spherekit.cli.run`, only if the command is used. The module then declares its options.
+    """
     parser = CommandLineParser(
         prog="spherekit", description="Analysis of spherical mechanisms.", epilog=EXAMPLES
     )

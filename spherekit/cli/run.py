@@ -362,15 +362,18 @@ def _prove_poles(options: Namespace, study: "Study", result: "RunResult") -> int
     motion = result.results["motion"].data["motion"]
     poles = result.results["poles"].data["poles"]
     proven = prove_poles(study.mechanism, motion, poles)
+    # With --json, standard output has the JSON text only.
     print(proven, file=sys.stderr if options.json else sys.stdout)
     if study.folder:
         names = proven.write(
             study.folder,
             study.degrees,
+            # The formats of table files, such as CSV; None for the default.
             FORMAT_CHOICES.get(options.format),
             result.summary["mechanism_hash"],
         )
         print(f"proven poles in {', '.join(names)}", file=sys.stderr)
+    # The number of bounds that the proven error exceeds.
     return proven.exceeded
 
 

@@ -113,10 +113,11 @@ def execute(options: Namespace) -> int:
 
 
 def _check_destinations(options: Namespace) -> None:
-    """Raise an error if a file cannot be written, before minutes of measurement.
+    """Raise an error if a file of the results cannot be written.
 
-    Files of the same names are replaced only if spherekit wrote them. They are recognised
-    by a word that they contain.
+    The command `trade` measures time and error of several ways to compute an analysis,
+    which takes minutes. The files are checked before. Files of the same names are replaced
+    only if spherekit wrote them. They are recognised by a word that they contain.
     """
     from spherekit.display.rerun.destination import check_place
     from spherekit.storage.atomic_write import (
@@ -125,10 +126,12 @@ def _check_destinations(options: Namespace) -> None:
         check_made_by_spherekit,
     )
 
+    # A recording, and a folder for tables and a figure.
     if options.save:
         check_place(options.save)
     if options.output:
         check_folder(options.output)
+        # The name of a column of these tables.
         check_made_by_spherekit(options.output / "trade.json", b"worst_column")
         check_made_by_spherekit(options.output / "trade.csv", b"worst_column")
         check_made_by_spherekit(options.output / "trade.png", SOFTWARE_MARK.encode())
@@ -137,7 +140,9 @@ def _check_destinations(options: Namespace) -> None:
 def _write_files(result: Any, options: Namespace) -> None:
     """Write the times and errors of all settings as CSV, JSON and figure.
 
-    A setting is a way to compute the tables. There is no figure without matplotlib.
+    A setting is a way to compute the tables of an analysis. JSON and figure mark the
+    fastest setting that meets the tolerance `options.tol`, if the user gives one. There is
+    no figure without matplotlib.
     """
     from spherekit.runs.trade_text import as_csv
     from spherekit.storage.atomic_write import SOFTWARE_MARK, make_folder, write_text

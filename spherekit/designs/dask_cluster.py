@@ -330,7 +330,8 @@ def _read_answer(
     try:
         return _fetch_result(part_future, client, address)  # type: ignore[no-any-return]
     except KilledWorker:
-        # Dask blames every part that an ended worker held, also one that only waited there.
+        # Dask raises this for a part that was assigned to several workers that ended. The
+        # part need not be the cause, since it may only have waited there for its turn.
         raise DesignError(
             f"{name}: every worker of {address} that held part {part_number} has ended, "
             "perhaps for want of memory; parts that are written stay, and the same command "
@@ -347,8 +348,10 @@ def _read_answer(
             f"{fault}); install on it what is installed here, in the same versions"
         ) from None
     except (CancelledError, OSError):
+        # With the status "error", computing the part on the worker raised the error, for
+        # example because a disk is full. Otherwise the connection raised it.
         if part_future.status == "error":
-            raise  # computing the part raised it, for example because a disk is full
+            raise
         raise _lost_scheduler(address) from None
 
 

@@ -225,9 +225,10 @@ class Descent:
 
         Returns
         -------
-        Objectives and conditions with their gradients by x. They are NaN if they depend on
-        figures of merit of a design that is impossible. Gradients that do not exist are
-        zero.
+        Objectives and conditions with their gradients by x, and the fraction of samples at
+        which the mechanism can be assembled. Values are NaN if they depend on figures of
+        merit of a design that is impossible. Gradients that do not exist are zero, so the
+        optimiser takes no direction from them.
         """
         # The result of the last call is stored, because the optimiser calls for values and
         # for gradients separately.
@@ -246,8 +247,8 @@ class Descent:
         # the coordinates x, in which the range of a variable is 1 wide. NaN is replaced,
         # since it would spread by 0 * NaN to expressions without the figure concerned.
         inner_slopes = np.nan_to_num(np.concatenate([np.diag(self._width), figure_slopes]))
-        # The outputs are the k objectives and the conditions (index 0), then their
-        # derivatives by each value and by each figure.
+        # The k objectives and the conditions, followed by their derivatives by each value
+        # and by each figure. After `reshape` they are row 0 and the rows after it.
         with np.errstate(all="ignore"):
             outputs = self._functions_and_slopes(np.concatenate([values, figures])[:, None])
         outputs = outputs.reshape(len(inner_slopes) + 1, -1)
