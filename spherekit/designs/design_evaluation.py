@@ -190,19 +190,21 @@ class DesignEvaluator:
         if depends_on_loads:
             times = samples.rows[:, -1]
             check_torque_tables_cover(mechanism, times)
-        # If links touch each other at circles, a kernel uses the linkage of R pairs that
-        # moves like the mechanism.
         self.varied_mechanism = VariedMechanism(
             document,
             mechanism,
             self.variables,
             self.inputs,
+            # Links that touch each other at circles are replaced by a linkage of R pairs
+            # that moves like the mechanism, if there is one.
             equivalent_linkage=find_equivalent_linkage(mechanism, self.inputs),
+            # Whether figures depend on masses that the file gives by sizes of links. These
+            # masses change with the sizes from design to design.
             masses_follow_sizes=self._masses_follow_sizes,
         )
         # The closure equations, and their solutions for one design, from which those of
-        # other designs are computed step by step. None if the kernel has a closed form, or
-        # if there is no kernel. `_make_kernel` sets it.
+        # other designs are computed step by step. `_make_kernel` replaces None by these if
+        # the kernel needs them, because it has no closed form.
         self._tracking: tuple[PathKernel, StartSolutions] | None = None
         self.kernel = self._make_kernel()
 
@@ -298,7 +300,7 @@ class DesignEvaluator:
         Returns
         -------
         (n,) names of the classes, such as "crank-rocker". None if the mechanism is not a
-        four-bar, or if there is no kernel (a function that computes many designs at once).
+        four-bar, or if its designs cannot be computed together.
         """
         links_of_four_bar = four_bar_links(self.mechanism)
         if links_of_four_bar is None or self.kernel is None:
@@ -310,8 +312,9 @@ class DesignEvaluator:
         values_in_rad_and_si = values * varied_mechanism.unit_scales[:, None]
         # `size_variables` lists which variables are sizes of links.
         link_sizes = values_in_rad_and_si[varied_mechanism.size_variables]
-        # `compute_arcs` takes the sizes of links, then numbers of masses and loads. The
-        # latter have no influence on arcs, and are zero here.
+        # The arguments of `compute_arcs` are in the order of `nominal_sizes`: first the
+        # sizes of links, then numbers of masses and loads. The latter have no influence on
+        # arcs, and are zero here.
         other_count = len(varied_mechanism.nominal_sizes) - len(link_sizes)
         other_sizes = np.zeros((other_count, values.shape[1]))
         sizes = np.concatenate([link_sizes, other_sizes])
@@ -443,8 +446,9 @@ class DesignEvaluator:
     def _reject_impossible_arcs(self, values: Floats, reasons: NDArray[np.object_]) -> None:
         """Mark designs as impossible that have arcs outside 0 to 180 deg.
 
-        An arc is the angle between two axes of a link. Links that are marked as signed may
-        have other arcs, and are not checked.
+        An arc is the angle between two axes of a link. A link that the file marks as signed
+        may have other arcs. A negative one leads from the first axis in the opposite
+        direction. These links are not checked.
 
         Parameters
         ----------
@@ -456,7 +460,9 @@ class DesignEvaluator:
         geometry = self.mechanism.geometry
         scales = self.varied_mechanism.unit_scales
         for variable, arcs, scale in zip(self.variables, values, scales, strict=True):
-            # `slot` is the kind and location of a size of links, here an arc of a link.
+            # `slot` is the kind and location of a size of links, for example
+            # ("arcs", (link, axis)) of the arc of a link to one of its axes. Only files
+            # that give sizes of links have such sizes (`SizeGeometry`).
             match variable.slot:
                 case ("arcs", (link, _)) if isinstance(geometry, SizeGeometry):
                     if geometry.links[link].signed:
@@ -529,7 +535,7 @@ class DesignEvaluator:
                 kernel,
                 prepared,
                 position_arguments=sign_arrays,
-                revolution_offsets=self.unwrap_signed_mode(kernel, prepared, signs),
+                revolution_offsets=self.find_signed_mode_offsets(kernel, prepared, signs),
                 labels="".join("+" if sign > 0 else "-" for sign in signs),
                 claim=COMPLETE_CLAIM,
             )
@@ -580,7 +586,7 @@ class DesignEvaluator:
             for design in np.unique(modes.design):
                 rows = np.flatnonzero(modes.design == design)
                 mechanism = self.make_kernel_mechanism(file_values[:, design])
-                revolution_offsets[:, :, rows] = self.unwrap_configurations(
+                revolution_offsets[:, :, rows] = self.find_revolution_offsets(
                     kernel, self.make_solver(mechanism), modes.values[:, :, rows]
                 )
         table = self.figures.evaluate_modes(
@@ -628,6 +634,8 @@ class DesignEvaluator:
         sampling: dict[str, Any] = {"path": input_grid.q}
         if not input_grid.is_path:
             sampling = {"samples": input_grid.shape}
+        # `crossings` is "pass" if modes follow smooth curves through configurations in
+        # which two curves of configurations cross.
         position_analysis = PositionAnalysis(
             mechanism, self.inputs, **sampling, crossings=self.samples.crossings
         )
@@ -638,13 +646,13 @@ class DesignEvaluator:
         elif len(points):
             # With several inputs, modes may be known at the samples only. Each point must
             # therefore be one of the samples; `_tracking_inputs` raises an error otherwise.
-            # Its `row_indices` are the indices of all samples, then those of the points.
-            _input_grid, row_indices = self._tracking_inputs
-            point_samples = row_indices[len(self.samples.rows) :]
-            motions.append(position_analysis.samples(point_samples))
+            # It returns the index in the samples for all samples, and then for the points.
+            _input_grid, sample_indices = self._tracking_inputs
+            indices_of_points = sample_indices[len(self.samples.rows) :]
+            motions.append(position_analysis.samples(indices_of_points))
         # The rows of a motion are sorted by mode and then by sample. They become arrays
-        # (modes, samples or points, variables). These are joined and transposed to the
-        # order (variables, samples + points, modes) of the arguments of kernels.
+        # (modes, samples or points, variables). These are joined, and transposed to
+        # (variables, samples + points, modes).
         values_by_mode = [
             motion.values.reshape(-1, motion.samples, motion.values.shape[1])
             for motion in motions
@@ -658,7 +666,7 @@ class DesignEvaluator:
         mechanism = self.mechanism.with_inputs(*self.inputs)
         return PositionSolver(mechanism, plan_assembly(mechanism)).anchor_inputs
 
-    def unwrap_signed_mode(
+    def find_signed_mode_offsets(
         self, kernel: DesignKernel, prepared: Floats, signs: Sequence[float]
     ) -> Floats:
         """Return the revolution offsets of a mode of designs whose groups are all dyads.
@@ -750,7 +758,7 @@ class DesignEvaluator:
         mechanism = mechanism.with_inputs(*self.inputs)
         return PositionSolver(mechanism, plan_assembly(mechanism))
 
-    def unwrap_configurations(
+    def find_revolution_offsets(
         self, kernel: DesignKernel | RedundantKernel, solver: PositionSolver, values: Floats
     ) -> Floats:
         """Return the revolution offsets of the assembly modes of one design.
@@ -786,8 +794,8 @@ class DesignEvaluator:
             # The offsets of other samples stay 0.
             samples = np.flatnonzero(all_finite(mode_values, 0))
             configurations = mode_values[:, samples].T
-            # (n, variables) whole revolutions to be added. `mode` is the key under which
-            # the unwrapping stores the inputs over which it has followed the mode.
+            # (n, variables) whole revolutions to be added. The angles are followed from an
+            # input where they are in (-pi, pi] to the inputs of these configurations.
             revolutions = unwrapping.count(
                 mode,
                 configurations,
@@ -897,10 +905,11 @@ class DesignEvaluator:
                 """Return the rotations of the pairs, with the sizes of this design.
 
                 `DesignExpressions` passes symbols of the sizes that differ between designs.
-                There is one design here, so its sizes are constants. Profiles that are not
-                circles have no expressions. Their tangents, points and curvatures at the
-                contacts are arguments (columns) instead.
+                There is one design here, so its sizes are constants.
                 """
+                # Contact profiles that are not circles have no expressions. With
+                # `as_columns`, their points, tangents and curvatures at the contacts are
+                # symbols, for which numbers are given at each configuration.
                 return pair_rotations(mechanism, as_columns=has_shaped_profiles)
 
             return DesignExpressions(
@@ -942,7 +951,7 @@ class DesignEvaluator:
             kernel,
             prepared=kernel.prepare(np.empty((0, len(modes)))),
             position_arguments=design_motion.values,
-            revolution_offsets=self.unwrap_configurations(
+            revolution_offsets=self.find_revolution_offsets(
                 kernel, position_analysis.solver, design_motion.values
             ),
             labels=[f"{mode.number} {mode.label}" for mode in modes],

@@ -254,20 +254,22 @@ class RedundantKernel:
         serve one design only, so they are not compiled, which would take longer than it
         saves.
         """
-        # The rates are solutions of linear equations by Cramer's rule: they are divided by
-        # the determinant, here called the scale. So a column depends on rates if its
-        # expression contains the scale. All choices of equations have the same columns,
-        # so the first expressions are examined.
-        scale = expressions[0].coordinate_rates.scale
+        # Rates are solutions of linear equations. All of them are quotients with the same
+        # denominator, the determinant of the equations (`scale`). So a column depends on
+        # rates if its expression contains this denominator. All choices of equations have
+        # the same columns, so the first expressions are examined.
+        denominator = expressions[0].coordinate_rates.scale
         follows_from_rates = []
         for name in columns:
             nodes = set(iterate_nodes([expressions[0].quantity(name)]))
-            follows_from_rates.append(scale in nodes)
+            follows_from_rates.append(denominator in nodes)
         # (columns,) flags. `evaluate` takes columns with True only from kernels whose rates
         # fulfil all equations of the loops.
         self._follows_from_rates = np.array(follows_from_rates, bool)
 
-        # Expressions with the same choice of equations are needed once.
+        # Expressions with the same choice of equations are needed once. In a group (links
+        # that are placed together) the choice consists of the variables that occur in one
+        # loop only and are eliminated from it, and of the equations that remain.
         expressions_by_choice: dict[str, DesignExpressions] = {}
         for candidate in expressions:
             groups = candidate.structure.groups
@@ -297,7 +299,7 @@ class RedundantKernel:
         return np.empty((0, sizes.shape[1]))
 
     def evaluate(self, rows: Floats) -> Floats:
-        """Return the columns of one design at n configurations, from the best kernel each.
+        """Return the columns of one design at n configurations.
 
         A kernel computes the rates from a choice of independent equations of the loops. At
         some configurations the chosen equations depend on each other, and the rates then
@@ -308,7 +310,7 @@ class RedundantKernel:
         ----------
         rows
             (arguments, n) inputs with their rates, accelerations and the time, variables of
-            the pairs (rad), and revolution offsets (rad).
+            the pairs (rad), and the multiples of 2 pi that make angles in loads continuous.
 
         Returns
         -------
@@ -319,7 +321,8 @@ class RedundantKernel:
         columns = np.full((len(self._follows_from_rates), count), np.nan)
         smallest_residual = np.full(count, np.inf)
         for kernel, prepared in zip(self._kernels, self._prepared, strict=True):
-            # The numbers that are the same at all configurations are the last arguments.
+            # The last arguments are `prepared`, which follow from the sizes alone and are
+            # the same at all configurations.
             repeated = np.broadcast_to(prepared, (len(prepared), count))
             outputs = kernel.evaluate(np.concatenate([rows, repeated]))
             # The last output is the relative residual of all loops.

@@ -242,11 +242,11 @@ def _accumulate_growth(
 ) -> Floats:
     """Add up the changes of angles, so that they continue over full revolutions.
 
-    The angles at the first station are taken as they are, and the changes are added to
-    them. An assembly mode (way to assemble the mechanism) of a design may close over a part
-    of the stations only. After a gap no change leads from the earlier angles to the later
-    ones. Counting then begins anew: at the input at which the mode begins to close, the
-    angles are taken in (-pi, pi].
+    A station is a value of the input. The angles at the first station are taken as they
+    are, and the changes are added to them. An assembly mode (way to assemble the mechanism)
+    of a design may close over a part of the stations only. After a gap no change leads from
+    the earlier angles to the later ones. Revolutions are then counted from the input at
+    which the mode closes again, where the angles are in (-pi, pi].
 
     Parameters
     ----------
@@ -264,10 +264,9 @@ def _accumulate_growth(
     -------
     (pairs, k, n) angles (rad) over full revolutions, NaN where a design does not close.
     """
-    # The angles are in (-pi, pi], with one exception to be mended. An angle of half a
-    # revolution may be -pi or pi because of rounding, and the two differ by a revolution.
-    # `count_revolutions` is -1 for angles slightly above -pi, so that these become pi. Only
-    # the values at the first station remain; the loop replaces all others.
+    # An angle of half a revolution may be slightly above -pi because of rounding, and
+    # should be pi. `count_revolutions` is -1 for such angles and 0 for all others. Only the
+    # values at the first station remain; the loop replaces all others.
     unwrapped = angles - TURN * count_revolutions(angles)
     for k in range(1, len(stations)):
         next_angles = unwrapped[:, k - 1] + growth[:, k - 1]

@@ -142,7 +142,9 @@ class DesignRuns:
         tables: bool,
         kernel_evaluator: DesignEvaluator | None,
     ) -> None:
-        """Check the tables and columns of the figures, and list the names of figures.
+        """Check the tables and columns of the figures of merit, and list their names.
+
+        A figure of merit is a number by which designs are compared.
 
         Parameters
         ----------
@@ -151,13 +153,14 @@ class DesignRuns:
         variables
             The numbers of the file that differ from design to design.
         merits
-            Figures of merit that reduce a column of a table to one number.
+            Figures of merit that reduce a column of a table of the run to one number.
         analyses
             The analyses of each run.
         tables
             Whether the tables of the runs are wanted too.
         kernel_evaluator
-            Computes further figures of merit without a run, if there are some.
+            Computes figures of merit that need no run, if there are some, for many designs
+            at once by a compiled function (kernel).
 
         Raises
         ------
@@ -172,13 +175,15 @@ class DesignRuns:
         self.tables = tables
         self.kernel_evaluator = kernel_evaluator
         self.units = {merit.name: _column_units(merit, analyses, study) for merit in merits}
-        # Parsing raises an error if an expression uses a column that the table lacks.
+        # A figure is a reduction of an expression in columns, such as max(size / 2).
+        # Parsing raises an error if the expression uses a column that the table lacks.
         for merit in merits:
             merit.parsed(self.units[merit.name])
         self._kernel_names = kernel_evaluator.figures.names if kernel_evaluator else []
         self.names = [*self._kernel_names, *self.units]
         if tables:
-            # The number of the assembly mode, by which rows of the tables are identified.
+            # The rows of the designs then have the number of the assembly mode as a further
+            # number, because rows of the tables are identified by it.
             self.names.append(ASSEMBLY)
 
     def grashof_classes(self, values: Floats) -> NDArray[np.str_] | None:
@@ -278,10 +283,10 @@ class DesignRuns:
     ) -> DesignTable:
         """Return the rows of a design whose run failed.
 
-        A kernel is a function that computes quantities of many designs at once. Rows that
-        the kernel has computed keep its figures of merit. Figures of the run are NaN. The
-        rows get the status and the reason of the failure. A row without figures, which has
-        a reason by the kernel, keeps this reason.
+        There are two sorts of figures of merit. A kernel, a function that computes many
+        designs at once, has computed some before the run. These are kept. The others are
+        reductions of tables of the run, and are NaN here. Status and reason are those of
+        the failed run, unless the kernel has given a reason already.
 
         Parameters
         ----------
@@ -294,8 +299,9 @@ class DesignRuns:
         if kernel_rows is None:
             return failure
         count = len(kernel_rows.design)
-        # There are no figures of the run ({}), and so no modes of its tables.
-        table = self._add_figures(kernel_rows, [NO_TABLE_MODE] * count, {})
+        # The run has no figures, so all of its figures become NaN, and no row belongs to a
+        # mode in its tables.
+        table = self._add_figures(kernel_rows, modes=[NO_TABLE_MODE] * count, figures={})
         # Either there is one row for each assembly mode (way to assemble the mechanism),
         # and all rows are OK. Or there is a single row without figures, with a reason.
         if not np.all(kernel_rows.status == OK):
@@ -565,10 +571,11 @@ def _tables_of_run(run: RunResult) -> tuple[RunTable, ...]:
 
 
 def _column_units(merit: FigureOfMerit, analyses: Analyses, study: Study) -> Units:
-    """Return the unit of each number column in the table that a figure of merit reduces.
+    """Return the units of all number columns of the table from which a figure follows.
 
-    A figure such as ``max(workspace.areas part=whole: size)`` names an analysis, its table
-    and a condition by which rows are selected (``only``).
+    A figure of merit such as ``max(workspace.areas part=whole: size)`` names an analysis, a
+    table of it, a condition by which rows are selected (``only``), and an expression in the
+    columns of the table.
 
     Raises
     ------
@@ -577,8 +584,8 @@ def _column_units(merit: FigureOfMerit, analyses: Analyses, study: Study) -> Uni
     """
     # Names of the analysis, and of its table.
     analysis, table = merit.of_table
-    # Every run writes a table "motion" without an analysis. Its quantities need no table
-    # in a figure, because they can be computed without a run.
+    # Every run writes a table "motion", which belongs to no analysis. A figure uses its
+    # quantities without naming a table, as in ``max(theta_41)``.
     if analysis == MOTION:
         raise DesignError(
             f"{merit.name}: {analysis}.{table} is of no analysis; name a table of one"

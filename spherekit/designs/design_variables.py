@@ -74,9 +74,9 @@ class DesignVariable:
     is_angle
         Whether the number is an angle.
     slot
-        Kind and location of a size that is an argument of kernels, which compute many
-        designs at once. Examples are ``("arcs", ("2", "32"))``, the arc of link 2 to the
-        axis of pair 32, and ``("zeros", "41")``. None for all other numbers.
+        Which size of links or pairs the number is, as kind and location:
+        ``("arcs", ("2", "32"))`` is the arc of link 2 to the axis of pair 32, and
+        ``("zeros", "41")`` the zero position of pair 41. None if it is no such size.
     """
 
     key: str
@@ -347,7 +347,7 @@ def differentiate_by_variable(
     k
         Index of the variable.
     steps
-        Steps h of the variable, in the order in which they are tried. A step fails if
+        Steps h of the variable. The first one that does not fail is used. A step fails if
         `read_numbers` raises a `SpherekitError` at one of the values.
 
     Returns
@@ -355,12 +355,14 @@ def differentiate_by_variable(
     (n,) derivatives, or None if every step fails.
     """
     # Offsets m with the weights of the numbers at v + m h. They are in order of increasing
-    # distance on each side. The weights of a quotient add up to zero.
+    # distance on each side. The weights of a quotient add up to zero. The central one has
+    # no number at v itself, and opposite weights on both sides.
     forward = np.arange(9.0)
     forward_weights = np.array([-np.sum(ONE_SIDED_WEIGHTS), *ONE_SIDED_WEIGHTS])
     one_to_four = forward[1:5]
     central = np.concatenate([one_to_four, -one_to_four])
-    central_weights = np.concatenate([CENTRAL_WEIGHTS, np.negative(CENTRAL_WEIGHTS)])
+    weights_above = np.array(CENTRAL_WEIGHTS)
+    central_weights = np.concatenate([weights_above, -weights_above])
     stencils = (
         (central, central_weights),
         (forward, forward_weights),

@@ -145,18 +145,19 @@ class FigureGradients:
         """Return the multiples of 2 pi to be added to angles on which loads depend.
 
         Configurations give angles in (-pi, pi]. Loads such as springs may depend on angles
-        that count full revolutions along the samples.
+        that count full revolutions. They are counted from an input at which all angles are
+        in (-pi, pi].
 
         Parameters
         ----------
         design
             The design.
         position_arguments
-            (w, samples + points) the w numbers that determine the positions of the links in
+            (numbers, samples + points) numbers that determine the positions of the links in
             an assembly mode (way to assemble the mechanism). In closed form they are the
-            signs of its w dyads (groups of two links with three R pairs). Otherwise they
-            are its w pair variables (rad). Points are inputs at which single figures of
-            merit are evaluated.
+            signs of its dyads (groups of two links with three R pairs). Otherwise they are
+            its pair variables (rad). The samples are followed by the points, inputs at
+            which single figures of merit are evaluated.
 
         Returns
         -------
@@ -172,10 +173,10 @@ class FigureGradients:
             prepared = kernel.prepare(design.sizes[:, None])
             # Each dyad has the same sign in all columns: at all samples and points.
             signs = position_arguments[:, 0].tolist()
-            offsets = evaluator.unwrap_signed_mode(kernel, prepared, signs)
+            offsets = evaluator.find_signed_mode_offsets(kernel, prepared, signs)
         else:
             mechanism = evaluator.make_kernel_mechanism(design.values)
-            offsets = evaluator.unwrap_configurations(
+            offsets = evaluator.find_revolution_offsets(
                 kernel, evaluator.make_solver(mechanism), position_arguments[:, :, None]
             )
         # The last axis counts designs or modes. Here there is one of them.

@@ -126,15 +126,17 @@ class DesignSamples:
         start = np.array([driven.start for driven in mechanism.inputs])
         sense = np.array([driven.sense for driven in mechanism.inputs])
         if study.path is not None:
-            # Each input is taken to increase at 1 rad/s. The time is zero at the smallest
-            # value of a single input, so that no time is negative. Several inputs need not
-            # grow together along a path, so their time is zero at its first sample.
+            # Each input is taken to increase at 1 rad/s. The time of a sample is the change
+            # of the first input since time zero. A single input has the time zero at its
+            # smallest value, so that no time is negative. With several inputs, the time is
+            # zero at the first sample, and negative where the first input is smaller.
             has_one_input = len(names) == 1
             start = np.min(input_grid.q, axis=0) if has_one_input else input_grid.q[0]
             sense = np.ones(len(names))
         samples = DesignSamples.at_unit_speed(
             names, input_grid.q, start=start, sense=sense, shape=input_grid.shape
         )
+        # `crossings` says what modes do where curves of configurations cross.
         return replace(samples, crossings=study.crossings)
 
     @staticmethod
@@ -367,9 +369,9 @@ class KernelFigures:
         self.columns = sorted(used_names.difference(self.sample))
 
         # A figure such as "at(theta_41, 0.5)" is evaluated at the inputs that it states
-        # (`merit.point`). These become further samples. Expressions may contain rates and
-        # the time, so these samples need them too. Each input has the rate 1 rad/s there,
-        # with its sign at the first sample. The time is zero at the first sample.
+        # (`merit.point`). Its expression may contain rates and the time, which are not
+        # stated. So the inputs are taken to move at 1 rad/s from those of the first of
+        # `samples`, in the direction in which they move there.
         count = len(self.inputs)
         points = sorted({merit.point for merit in merits if merit.point})
         # A row of the samples begins with the inputs (rad), followed by their rates.

@@ -162,8 +162,9 @@ def track_solutions(
         parameter increases from 0 to 1. The sizes are linear functions of the parameter.
         The inputs are a linear function plus the detour times a parabola. An imaginary
         detour leads around real inputs at which solutions meet. There tracking would fail.
-        `sizes` and `inputs` of the enclosing function are pairs: the values at the starts
-        and at the ends.
+
+        These are arguments of `track_solutions`: `sizes` and `inputs`, each with the values
+        at the starts and at the ends of all paths, `kernel`, `profiles` and `detour`.
 
         Parameters
         ----------
@@ -197,7 +198,7 @@ def track_solutions(
             numbers = prepared[:, selected]
             if profiles is not None:
                 # (w, k) tangents, points and curvatures of profiles that are not circles.
-                # The equations take them before the other numbers.
+                # They are the first arguments of the equations after the variables.
                 columns = profiles(values, paths[selected], parameters[selected])
                 numbers = np.concatenate([columns, numbers])
             return kernel.newton_step(values, numbers)

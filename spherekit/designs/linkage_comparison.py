@@ -37,8 +37,8 @@ def is_same_linkage(mechanism: Mechanism, other_mechanism: Mechanism) -> bool:
     if not all(pair.kind.has_axis for pair in pairs):
         return False
     # (choices, pairs) each row is a choice of 1 or -1 for each axis; bit k of its number
-    # gives the sign of axis k. After each link, the choices with which it differs are
-    # removed.
+    # gives the sign of axis k. The loop over the links keeps the choices with which all
+    # links so far are equal.
     choices = np.arange(2 ** len(pairs))[:, None]
     signs = 1.0 - 2.0 * (choices >> np.arange(len(pairs)) & 1)
     frames = pair_frames(mechanism)
