@@ -49,7 +49,11 @@ FINE_RIM_RAD = np.radians(45.0)
 """Rim up to which the graticule has the fine step."""
 
 MAX_RIM_RAD = np.radians(120.0)
-"""Largest rim. Directions farther from the centre are shown on two hemispheres."""
+"""Largest rim. Directions farther from the centre are shown on two hemispheres.
+
+Larger: maps reach nearer to the point opposite to their centre, where both projections
+distort most. Smaller: more figures have two hemispheres.
+"""
 
 RIM_ROUNDING_RAD = 1e-9
 """Angle by which rounding may move a direction across a rim."""
@@ -97,8 +101,8 @@ def draw_sphere(
     frame = frame_about(shown_directions)
     angles = SphereView(frame).angles_from_centre(shown_directions)
     farthest_angle = np.max(angles, initial=0.0)
-    # A direction on a circle, up to rounding, lies inside of the rim: the small number
-    # makes the next circle the rim. Otherwise rounding would decide which one is chosen.
+    # The farthest direction may be on a circle, up to rounding. Rounding would then decide
+    # which circle is the rim. The small number makes the next circle the rim in any case.
     steps_to_rim = np.ceil(farthest_angle / FINE_CIRCLE_STEP_RAD + RIM_ROUNDING_STEPS)
     least_rim = CIRCLE_STEP_RAD if maps else HEMISPHERE_RAD
     rim = max(least_rim, FINE_CIRCLE_STEP_RAD * steps_to_rim)
@@ -223,7 +227,7 @@ def _draw_sphere_maps(
     Parameters
     ----------
     panels, views
-        The polar panels of the figure, and the map of each.
+        The polar panels of the figure, and the projection of the sphere onto each.
     maps
         The quantities, with one unit.
     """
@@ -246,9 +250,10 @@ def _draw_sphere_maps(
         style.HEAT_COLOUR_MAP,
         title_with_unit(maps[0].label, maps[0].unit),
     )
+    # The colour scale has intervals (`BoundaryNorm`) if the values are counts. Other values
+    # have a continuous scale. The interval of a count begins half a unit below it, and the
+    # ticks of the colour bar are the counts.
     if isinstance(colour_scale, BoundaryNorm):
-        # Values are counts. Their colours begin half a unit below each whole number, and
-        # the ticks of the colour bar are the whole numbers.
         whole_numbers = np.unique(np.round(colour_scale.boundaries[:-1] + 0.5))
         colour_bar.set_ticks(whole_numbers, labels=[f"{n:.0f}" for n in whole_numbers])
 
@@ -273,17 +278,19 @@ def _draw_sphere_map(
     if not len(sphere_map.triangles):
         panel.scatter(*points.T, c=sphere_map.values, s=7.0, linewidths=0.0, **look)
         return
-    # Only triangles whose vertices are all on the map, or near its rim, are drawn.
-    is_placed = all_finite(points, 1)
-    triangles = sphere_map.triangles[is_placed[sphere_map.triangles].all(axis=1)]
+    # Points far outside of the rim are NaN, and their triangles are left out. Points a
+    # little outside are projected, so that triangles across the rim are drawn and cut.
+    is_projected = all_finite(points, 1)
+    triangles = sphere_map.triangles[is_projected[sphere_map.triangles].all(axis=1)]
     if len(triangles):
         # Points that are NaN belong to triangles that are left out. They become zero,
         # because a `Triangulation` needs finite points.
         azimuth, radius = np.nan_to_num(points).T
         mesh = Triangulation(radius * np.cos(azimuth), radius * np.sin(azimuth), triangles)
-        # Shading within triangles needs an affine transform to the paper. The transform of
-        # polar coordinates is not affine, so its affine parts are used alone, on Cartesian
-        # coordinates.
+        # Shading within triangles needs an affine transform to the paper. That of polar
+        # coordinates first makes them Cartesian, which is not affine. Three affine parts
+        # follow, which matplotlib keeps in the attributes named here. They are applied to
+        # Cartesian coordinates.
         affine_transform = panel.transProjectionAffine + panel.transWedge + panel.transAxes
         if isinstance(look["norm"], BoundaryNorm):
             # Counts are whole numbers, so a triangle has one colour and no shading. Its
@@ -298,7 +305,7 @@ def _draw_sphere_map(
                 transform=affine_transform,
                 **look,
             )
-        panel.grid(**GRATICULE_LOOK)  # tripcolor switches it off
+        panel.grid(**GRATICULE_LOOK)  # `tripcolor` has switched the graticule off
 
 
 def _draw_sphere_curves(panel: Axes, view: SphereView, sphere_curves: SphereCurves) -> None:

@@ -140,6 +140,7 @@ class PageMaker:
         self._input_pair = input_pair
         self._crossings = crossings
         self._mechanism = driven_at(mechanism_of(mechanism), input_pair)
+        # The data of the mechanism file. Sliders change single numbers of it.
         self._document = document_of(mechanism)
         self._inputs = self._mechanism.names_of(driven_pairs(self._mechanism))
         self._page_quantities = PageQuantities(self._mechanism, self._inputs)
@@ -149,9 +150,9 @@ class PageMaker:
         self._has_named_sizes = vary is not None
         self.keys = self._find_sizes() if vary is None else tuple(vary)
         # For each input, the steps by which all pole axes are constructed while this input
-        # moves alone. Usually the numbers of links and pairs give the mobility. They give
-        # too little if loop-closure equations depend on each other. The plans then use the
-        # rank of these equations.
+        # moves alone. Usually the numbers of links and pairs give the mobility. If
+        # loop-closure equations depend on each other, this number is too small, and the
+        # rank of these equations gives the mobility.
         moves_by_rank = is_mobile_by_rank_only(self._mechanism)
         self._pole_plans = plans(self._mechanism, moves_by_rank)
 
@@ -294,9 +295,10 @@ class PageMaker:
 
         Two kinds of quantities are added to those that are needed or shown:
 
-        - Angular velocities of links, from which the page finds the signs of velocity
-          coefficients. They are needed for two links that no pair joins: the axis of their
-          relative rotation has two directions, and the coefficient changes sign with it.
+        - Angular velocities of links, for velocity coefficients of two links that no pair
+          joins. The sign of such a coefficient depends on which direction of their axis of
+          relative rotation counts as positive. The page chooses it so that the relative
+          angular velocity does not jump from one direction to the other between samples.
         - If positions have a closed form, a number for each dyad (two links between two
           known axes) that is negative if its loop does not close.
         """
@@ -409,15 +411,16 @@ class PageMaker:
     def _turn_facts(self, pair: str) -> Facts:
         """Return what the page needs to count the whole turns of a passive pair.
 
-        The angle of a pair is computed in (-pi, pi] and continued along a mode by whole
-        turns. They are counted from the input at which they are zero by definition, the
-        anchor. The anchor and the period are the same for all passive pairs.
+        Closing the loops gives the angle of a pair in (-pi, pi]. Whole turns are added to
+        it, so that it does not jump along an assembly mode. At one input, the `anchor`, no
+        turns are added. The anchor and the period are the same for all passive pairs.
 
         Returns
         -------
         The name of the pair, the `anchor` (rad), and the `period` (rad) of the input after
         which all configurations return, None if they never do.
         """
+        # The solver has both numbers. It needs the groups of links in solving order.
         solver = PositionSolver(self._mechanism, assembly_by_count_or_rank(self._mechanism))
         (anchor,) = solver.anchor_inputs
         (period,) = solver.periods

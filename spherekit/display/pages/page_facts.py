@@ -91,11 +91,12 @@ def pair_facts(mechanism: Mechanism) -> list[Facts]:
 
 
 def quantity_facts(mechanism: Mechanism, name: str, unit: str) -> Facts:
-    """Return the label and scale of a quantity that has a curve.
+    """Return the name, unit, label and natural size of a quantity that has a curve.
 
     The label is made from the name: ``velocity_coefficient_4_1``, for example, becomes
-    "velocity coefficient 4/1". The scale is a typical value of quantities with this unit.
-    The page draws changes that are far smaller, such as rounding, as a level line.
+    "velocity coefficient 4/1". The size is a typical value of quantities with this unit. If
+    the values differ by far less than the size, as by rounding, the page draws a level
+    line.
 
     Parameters
     ----------
@@ -114,8 +115,8 @@ def quantity_facts(mechanism: Mechanism, name: str, unit: str) -> Facts:
         if match:
             kind, suffix = match.groups()
             label = f"{kind} {a}/{b}{suffix}".replace("_", " ")
-    scale = natural_scale(mechanism, unit)
-    return {"name": name, "unit": unit, "label": label, "size": scale}
+    size = natural_scale(mechanism, unit)
+    return {"name": name, "unit": unit, "label": label, "size": size}
 
 
 def natural_scale(mechanism: Mechanism, unit: str) -> float:

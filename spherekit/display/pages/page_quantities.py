@@ -239,10 +239,14 @@ class PageQuantities:
     def drawn_names(self, pole_plans: Sequence[Plan]) -> list[str]:
         """Return the quantities of the picture at the cursor: axes, links and poles.
 
+        Links that cannot move relative to each other form one body. Two bodies have a pole,
+        the axis of their relative rotation. A body has the number of its first link.
+
         Parameters
         ----------
         pole_plans
-            For each input the plan of the poles while it moves.
+            For each input, the plan by which the poles are constructed while this input
+            moves and the others are locked. It says which links form a body.
         """
         mechanism = self._mechanism
         links = mechanism.links

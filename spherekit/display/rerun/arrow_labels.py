@@ -19,8 +19,8 @@ def arrow_labels(primitives: Sequence[Primitive]) -> dict[str, NDArray[np.object
     """Return the labels (rows,) of pole axes, by the paths of their arrows.
 
     If arrows cover each other in a row, the first one is labelled with the names of all of
-    them, and the others have an empty label. The result contains no axes of pairs (primary
-    arrows), which have no label, and no hidden arrows, whose label never changes.
+    them, and the others have an empty label. Two sorts of arrows are left out: axes of
+    pairs (`primary`) have no label, and hidden arrows cover nothing and keep their own.
 
     Parameters
     ----------
@@ -38,8 +38,11 @@ def arrow_labels(primitives: Sequence[Primitive]) -> dict[str, NDArray[np.object
     directions = np.stack([arrow.directions for arrow in arrows], axis=1)
     covers = directions @ np.swapaxes(directions, 1, 2) > COVERING_COSINE
     covers |= np.eye(len(arrows), dtype=bool)  # NaN rows cover nothing else
-    # first_cover[row, arrow] is the first arrow that covers an arrow (possibly itself).
-    # Most rows have one of a few patterns, so the labels of each pattern are written once.
+    # first_cover[row, arrow] is the first arrow that covers an arrow (possibly itself), and
+    # whose label has the name of the arrow. In a chain, an arrow B between A and C may
+    # cover both although they do not cover each other. Then A is labelled with A and B, and
+    # B with C. Most rows have one of a few patterns, so the labels of each pattern are
+    # written once.
     first_cover = np.argmax(covers, axis=2)
     patterns, pattern_of_row = np.unique(first_cover, axis=0, return_inverse=True)
     labels = np.empty(patterns.shape, object)

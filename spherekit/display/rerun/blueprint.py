@@ -141,7 +141,8 @@ class Layout:
 
     def blueprint(self) -> rrb.Blueprint:
         """Return the layout as a blueprint of rerun: pages as tabs, with few panels."""
-        # Pages with results of analyses come first; `index` takes the first occurrence.
+        # Pages that show results of analyses come first, then all pages in their order. A
+        # page that is in the list twice has its first place, which `index` returns.
         order = [*self.pages_with_findings, *self.pages]
         pages = [
             self._page(page, self.pages[page])
@@ -152,7 +153,10 @@ class Layout:
         if self.comparisons:
             pages.append(self._comparison_page())
         window = rrb.Tabs(*pages, active_tab=0) if len(pages) > 1 else pages[0]
-        first, last = self.span or (0, 360)  # guessed for the speed if it is not known
+        # First and last value of the timeline: seconds, ticks of the input or samples. If
+        # they are not known, 360 samples are assumed. Only the speed of playing depends on
+        # them.
+        first, last = self.span or (0, 360)
         return rrb.Blueprint(
             window,
             rrb.TimePanel(
@@ -190,7 +194,8 @@ class Layout:
         panels = [view() for owner, view in ordered_panels if owner in (None, page)]
         rows = [_tabs(views) for views in (plots[:1], plots[1:], panels) if views]
 
-        # On a page of a mode, items that all pages show (None) are enough for a sphere.
+        # A page with a title has a sphere only if the page itself draws on it. On a page of
+        # a mode, the items that all pages show (owner None) are also drawn on the sphere.
         sphere_owners = (page,) if isinstance(page, str) else (None, page)
         has_sphere = any(owner in sphere_owners for owner, _ in self.sphere_view_paths)
         # Shares are relative widths of columns or heights of rows.
@@ -198,7 +203,7 @@ class Layout:
             parts: list[rrb.View | rrb.Container] = [rows[0]]
             if len(rows) > 1:
                 parts.append(rrb.Vertical(*rows[1:]))
-            shares = [11, 9][: len(parts)]
+            shares = [11, 9][: len(parts)]  # the first plot is a little wider than the rest
             return rrb.Horizontal(*parts, column_shares=shares, name=title)
 
         sphere: rrb.View | rrb.Container = self._sphere_view(page, title)

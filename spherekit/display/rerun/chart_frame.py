@@ -110,11 +110,12 @@ def frame_side(
     low, high = value_range
     if is_logarithmic:
         log_low, log_high = np.log10(value_range)
-        # All whole exponents within the range, its ends included.
+        # All whole exponents within the range, its ends included. `TICK_ROUNDING` includes
+        # an end that rounding has moved out of the range.
         powers = np.arange(
             np.ceil(log_low - TICK_ROUNDING), np.floor(log_high + TICK_ROUNDING) + 1.0
         )
-        texts = [f"1e{power:z.0f}" for power in powers]
+        texts = [f"1e{power:z.0f}" for power in powers]  # z writes -0 as 0
         fractions = (powers - log_low) / max(log_high - log_low, 1e-300)  # never 0 / 0
     else:
         step, values = ticks(low, high, is_degrees)

@@ -363,14 +363,15 @@ def legend_style(
     )
 
 
-def legend_texts(latest_blocks: Sequence[Series]) -> list[str]:
+def legend_texts(legend_series: Sequence[Series]) -> list[str]:
     """Return the texts of a legend: names of the series with their values in each row.
 
     When the viewer plays a recording, the legend shows the values of the current row.
+    Values below the `resolution` of a series are rounding errors and are written as 0.
 
     Parameters
     ----------
-    latest_blocks
+    legend_series
         All series of the legend. Their values are those of the rows of one block, which are
         consecutive samples that are logged together.
 
@@ -379,7 +380,7 @@ def legend_texts(latest_blocks: Sequence[Series]) -> list[str]:
     The texts of the first row, then the texts of the second row, and so on.
     """
     texts_of_series = []
-    for series in latest_blocks:
+    for series in legend_series:
         name = series.label
         if len(name) > MAX_LEGEND_LETTERS:
             name = f"{name[: MAX_LEGEND_LETTERS - 1]}…"

@@ -265,14 +265,15 @@ def served(stream: rr.RecordingStream, port: int) -> LiveOutput:
     def check(is_start: bool) -> None:
         """Raise `OutputError` if the port is not free when the server is to start.
 
-        `is_start` states whether the recording begins.
+        `LiveOutput` calls this before the recording begins (`is_start`), and again before
+        it waits until the data have arrived.
         """
         if not is_start:
-            return  # the server is a part of this process, so it cannot be lost
+            return  # the server runs as long as this process, so it is always reachable
         if port == 0:  # the system would choose one, which viewers do not know
             raise OutputError("cannot serve on port 0; choose one from 1 to 65535")
         with socket.socket() as probe:
-            # A port that another program has just left counts as free.
+            # With this option, a port that another program has just left counts as free.
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
                 probe.bind(("127.0.0.1", port))

@@ -84,21 +84,24 @@ def moving_columns(diagram: Diagram) -> Iterator[Moving]:
     low, high = np.transpose([diagram.x_range, diagram.y_range])  # corners (x, y)
     is_visible = np.all((diagram.places >= low) & (diagram.places <= high), axis=2)
     visible_count = is_visible.sum(axis=1)  # (rows,)
-    # Each point has the number of its colour in a list of colours, its tone.
-    point_tints = np.array([colours.tone_colour(tone) for tone in diagram.tones], np.uint8)
-    tints = np.broadcast_to(point_tints, (row_count, point_count, 3))[is_visible]
-    # Places of the points in units of the chart, y down; names are moved aside.
+    # `tones` has the number of the colour of each point.
+    point_colours = [colours.tone_colour(tone) for tone in diagram.tones]
+    rgb = np.array(point_colours, np.uint8)  # (points, 3)
+    visible_rgb = np.broadcast_to(rgb, (row_count, point_count, 3))[is_visible]
+    # Places of the points in units of the chart, where y points down.
     places = _place(diagram, diagram.places)
+    # Each name is written at its point, or beside it if it would cover another name. A name
+    # is as wide as its number of letters times `LETTER_WIDTH`.
     visible_places = np.where(is_visible[..., None], places, np.nan)
     name_places = place_labels(diagram.names, visible_places, LETTER_WIDTH)
 
-    points = rr.Points2D.columns(positions=places[is_visible], colors=tints)
+    points = rr.Points2D.columns(positions=places[is_visible], colors=visible_rgb)
     yield "points", points.partition(visible_count)
     # y points down, and the viewer writes a text `LABEL_DROP` below its position.
     names = rr.Points2D.columns(
         positions=name_places[is_visible] - [0.0, LABEL_DROP],
         labels=np.tile(diagram.names, (row_count, 1))[is_visible].tolist(),
-        colors=tints,
+        colors=visible_rgb,
     )
     yield "names", names.partition(visible_count)
     leaders = np.stack([places[is_visible], name_places[is_visible]], axis=1)

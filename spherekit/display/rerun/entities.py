@@ -84,6 +84,15 @@ END_NUMBER_FRACTION = 0.94
 """Place of the numbers at the ends of a surface's axis, as a part of half the edge: 1 is a
 corner of the box."""
 
+TRACE_WIDTH = 1.8
+POLE_PATH_WIDTH = 1.2
+THIN_PATH_WIDTH = 0.7
+"""Widths of the curves on which directions moved, in points of the screen.
+
+They are those of paths in the axes of a link, of the path of a pole, and of paths of pair
+axes or many paths of one pole.
+"""
+
 SPHERE_CURVE_WIDTH = 1.6
 BOX_LINE_WIDTH = 0.8
 """Widths of curves on the sphere and of the edges of a surface's box, in points of the
@@ -175,6 +184,9 @@ def moving_columns(
     by rerun (`rr`), which shows recordings. The path `ENTITY_ITSELF` is the primitive. A
     row without a configuration is NaN: it gets no arrow, point or label.
 
+    Links and what is fixed to them are logged once, and only their rotations (quaternions)
+    change. A primitive without quaternions belongs to the ground, which does not move.
+
     Parameters
     ----------
     primitive
@@ -199,6 +211,9 @@ def moving_columns(
             rotations = frame_from(normals, perpendicular(normals))
             yield ENTITY_ITSELF, _rotation_columns(quaternion(rotations))
         case Portrait():
+            # A portrait is a plot of one quantity against another. Only the mark at the
+            # current row moves. Its place is a part of the width and height of the frame,
+            # which `place_in_frame` converts to units of the chart.
             points = place_in_frame(primitive.placed())
             is_valid = all_finite(points, 1)
             # The points themselves differ from row to row. `partition` gives each valid row
@@ -288,8 +303,10 @@ def rows_for_path(primitive: Primitive) -> Floats | None:
 def draw_path(primitive: Primitive, rows: Floats, row_length: int | None) -> Stills:
     """Yield the curve on which a direction or a point of a plot moved over all rows.
 
-    The item is a path below that of the primitive, and the curve that is logged there.
-    Nothing is yielded if all rows are NaN.
+    The only item is the path below that of the primitive, and the curve that is logged
+    there once (`Stills`). Nothing is yielded if all rows are NaN. Curves on the sphere are
+    drawn a little outside of it (`CURVE_SCALE`, `PATH_SCALE`), so that it does not hide
+    them.
 
     Parameters
     ----------
@@ -313,17 +330,17 @@ def draw_path(primitive: Primitive, rows: Floats, row_length: int | None) -> Sti
         return
     if isinstance(primitive, Trace):
         colour = colours.link_colour(primitive.number)
-        yield "curve", _curves(lines, CURVE_SCALE, colour, 1.8)
+        yield "curve", _curves(lines, CURVE_SCALE, colour, TRACE_WIDTH)
     elif isinstance(primitive, Arrow):
         if primitive.primary:
             colour = colours.SILVER
-            line_width = 0.7
+            line_width = THIN_PATH_WIDTH
         elif row_length is None:
             colour = colours.GOLD
-            line_width = 1.2
+            line_width = POLE_PATH_WIDTH
         else:
             colour = colours.BRONZE  # many paths, one for each row of the grid
-            line_width = 0.7
+            line_width = THIN_PATH_WIDTH
         yield "path", _curves(lines, PATH_SCALE, colour, line_width)
 
 

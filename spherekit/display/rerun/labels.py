@@ -85,7 +85,8 @@ class _Box:
     Attributes
     ----------
     cost
-        Cost of covering it with a further name, where covering a name costs 1.
+        Cost of covering it with a further name: 1 for a name, `DOT_COST` for a dot. Names
+        are placed where this cost is low.
     centres
         (pictures, 2) its centre in each picture, to the right and up.
     half_size
@@ -112,7 +113,9 @@ class _NameRequest:
     places
         (k, 3) possible places in the axes of the link, the best first.
     centres
-        (pictures, k, 2) centres of its box on the pictures at each place.
+        (pictures, k, 2) where the middle of the name is in each picture, if it is written
+        at each of the places. A picture shows the mechanism in one configuration. The name
+        moves with its link, so it must cover few other names in all pictures.
     """
 
     path: str

@@ -43,8 +43,8 @@ def preview(mechanism: Mechanism, path: Path | str) -> str:
     Returns
     -------
     str
-        Empty if it can be assembled at the first inputs. Otherwise the inputs at which it
-        is shown.
+        Empty if it can be assembled at the first inputs. Otherwise a note with the inputs
+        at which it is shown.
 
     Raises
     ------
@@ -66,11 +66,12 @@ def preview(mechanism: Mechanism, path: Path | str) -> str:
     # The eye looks at the middle of all pair axes (z axes of the pair frames).
     axis_sum = np.nansum(motion.frames[:, :, :, 2], axis=(0, 1))
     length = np.linalg.norm(axis_sum)
+    # Axes on opposite sides may cancel but for rounding. Then they have no middle.
     focus = axis_sum / length if length > 1e-9 else None
     with RerunRecorder(mechanism.name, path=path) as recorder:
-        # The plans tell how the pole axes are constructed while one input moves. `by_rank`
-        # tells them that the mobility follows from the rank of the velocity equations,
-        # because counting links and pairs gives another one.
+        # The plans tell how the pole axes are constructed while one input moves. They
+        # refuse a mechanism whose links and pairs give a wrong mobility by count, unless
+        # `by_rank` says that the rank of the velocity equations gave the right one.
         pole_plans = plans(mechanism, position_analysis.by_rank)
         still_scene = static_scene(pole_plans, shapes)
         recorder.start(RecordingHead([still_scene], assembly_modes=titles, focus=focus))
