@@ -71,24 +71,24 @@ def test_a_synthesized_rocker_follows_its_function():
     assert np.degrees(relation["transmission"].min()) > 40.0
 
 
-def test_linkages_with_turned_round_axes_or_mirrored_are_the_same():
+def test_linkages_with_reversed_axes_are_the_same():
     """Linkages that differ only in the directions of their axes count as the same.
 
-    If one axis of a link is reversed, its arc alpha becomes pi - alpha. In the four-bar,
-    this happens to both links at the axis 32 when that axis is reversed. An arc that is
-    replaced alone, as in the Stephenson linkage, makes another linkage.
+    If an axis is reversed, the arcs of both links at it become pi - arc. In the four-bar
+    these are links 2 and 3 at the axis 32. If only one link at an axis has such an arc, it
+    is another linkage. This is so for link 2 of the Stephenson linkage and of the four-bar.
     """
     stephenson = sk.load("stephenson")
     supplement = {"2": (np.pi - stephenson.geometry.links["2"].arcs[0],)}
-    turned_stephenson = stephenson.with_sizes(arcs=supplement, angle_unit="rad")
-    assert not is_same_linkage(stephenson, turned_stephenson)
+    changed_stephenson = stephenson.with_sizes(arcs=supplement, angle_unit="rad")
+    assert not is_same_linkage(stephenson, changed_stephenson)
 
     four_bar = sk.load("four_bar")
     sizes = four_bar.geometry.links
     supplements = {name: np.pi - sizes[name].arcs[0] for name in ("2", "3")}
-    both_turned = four_bar.with_sizes(arcs=supplements, angle_unit="rad")
-    assert is_same_linkage(four_bar, both_turned)
-    assert is_same_linkage(both_turned, four_bar)
+    axis_reversed = four_bar.with_sizes(arcs=supplements, angle_unit="rad")
+    assert is_same_linkage(four_bar, axis_reversed)
+    assert is_same_linkage(axis_reversed, four_bar)
 
     one_changed = four_bar.with_sizes(arcs={"2": supplements["2"]}, angle_unit="rad")
     assert not is_same_linkage(four_bar, one_changed)
@@ -185,10 +185,12 @@ def test_no_random_design_beats_fronts_of_other_seeds(designs, count, starts, se
     ("least_y", "centre"), [(-1.0, [0.5, 0.2, 0.3]), (0.5, [0.5, 0.5, 0.3])]
 )
 def test_cutting_planes_find_the_smallest_ball_around_points(least_y, centre):
-    """The largest of four distances is minimized, with the condition y >= least_y.
+    """The largest distance from four points is minimized, with the condition y >= least_y.
 
-    Two of the points, 0.8 apart, fix the ball; the others lie within it. The condition
-    either does not act, or it moves the centre along y to its limit.
+    The solution is the centre of the smallest ball with all points. The first two points,
+    0.8 apart, determine it: the centre is between them, with the radius 0.4. The third
+    point is on this ball, and the fourth slightly within, at 0.399 from the centre. The
+    condition either does not act, or it moves the centre along y to its limit.
     """
     random = np.random.default_rng(3)
     corners = np.array([[0.1, 0.2, 0.3], [0.9, 0.2, 0.3], [0.5, 0.2 + 0.16**0.5, 0.3]])
@@ -200,7 +202,7 @@ def test_cutting_planes_find_the_smallest_ball_around_points(least_y, centre):
         differences = position - points
         distances = np.linalg.norm(differences, axis=1)
         gradients = differences / distances[:, None]
-        condition = np.array([least_y - position[1]])
+        condition = np.array([least_y - position[1]])  # fulfilled if it is at most 0
         return LinearisedFunctions(distances, gradients, condition, gradient_of_condition)
 
     for start in random.uniform(0.5, 1.0, (4, 3)):
@@ -229,13 +231,15 @@ def test_a_five_bar_for_a_cone_is_better_than_the_agile_eye():
 
     The five axes of the five-bar are A and D at the base, the elbows B and E, and C on the
     platform. C is led round a cone whose axis is at right angles to A and D. The distal
-    arcs are those from C to B and from C to E.
+    arcs are those from C to B and from C to E. Pair F has the same axis as C, so that the
+    angle between the distal arcs is theta_C - theta_F.
 
     With all arcs of 90 degrees, as in the agile eye, the sine has a closed form. B is along
     A x C and E along D x C. The cosine between the distal arcs has the size
     a d / sqrt((1-a^2)(1-d^2)), with the components a and d of C along A and D. On the cone
     a^2 + d^2 = sin(25 deg)^2. The cosine is therefore largest, and the sine least, where
-    a = d. The objective of the synthesis is the negative of the least sine.
+    a = d. This is at 45 degrees on the cone, which is one of 73 samples. The objective of
+    the synthesis is the negative of the least sine.
     """
     result = sk.synthesize(EXAMPLES / "cone.toml", designs=512, starts=1)
     arcs = {f"links.{link}.arc": [90.0] for link in "2345"}
@@ -243,13 +247,13 @@ def test_a_five_bar_for_a_cone_is_better_than_the_agile_eye():
     agile_eye = sk.sweep(
         EXAMPLES / "five_bar_cone.toml",
         arcs,
-        "platform=min(abs(sin(theta_C - theta_F)))",
+        "least_sine=min(abs(sin(theta_C - theta_F)))",
         samples=73,
     ).frame()
     a_squared = np.sin(np.radians(25.0)) ** 2 / 2.0
     least_sine = np.sqrt(1.0 - a_squared**2 / (1.0 - a_squared) ** 2)
-    assert agile_eye["platform"].to_numpy() == pytest.approx(least_sine, rel=1e-12)
-    assert -result.objectives[0, 0] > agile_eye["platform"].max()
+    assert agile_eye["least_sine"].to_numpy() == pytest.approx(least_sine, rel=1e-12)
+    assert -result.objectives[0, 0] > agile_eye["least_sine"].max()
 
 
 def check_gradients(evaluator, design, steps, mode, absolute_tolerance):
@@ -257,6 +261,8 @@ def check_gradients(evaluator, design, steps, mode, absolute_tolerance):
 
     Parameters
     ----------
+    evaluator
+        Computes the figures of merit of designs: numbers of a design in an assembly mode.
     design, steps
         (variables,) numbers of the design and half-widths of the differences.
     mode
@@ -272,12 +278,17 @@ def check_gradients(evaluator, design, steps, mode, absolute_tolerance):
     changes = np.concatenate([np.diag(steps), -np.diag(steps)])
     designs = np.concatenate([design[None], design + changes])
     swept = evaluator.evaluate(designs.T)
+    # One row for each design: the design itself, then those with larger and those with
+    # smaller numbers.
     rows = np.flatnonzero(swept.mode == mode)
     count = len(design)
+    assert len(rows) == 1 + 2 * count
     for k, merit in enumerate(evaluator.figures.merits):
         figures = swept.merits[merit.name][rows]
         assert result.figures[k] == pytest.approx(figures[0], rel=1e-12)
-        differences = (figures[1 : count + 1] - figures[count + 1 :]) / (2.0 * steps)
+        above = figures[1 : 1 + count]
+        below = figures[1 + count :]
+        differences = (above - below) / (2.0 * steps)
         assert result.gradients[k] == pytest.approx(
             differences, rel=1e-6, abs=absolute_tolerance
         ), merit.name
@@ -287,8 +298,9 @@ def check_gradients(evaluator, design, steps, mode, absolute_tolerance):
 def test_gradients_of_figures_of_every_kind_agree_with_differences(tmp_path):
     """Gradients agree for extremes, means, ranges, and values at inputs.
 
-    Two arcs and the zero angle of pair 41 vary (deg). Both assembly modes close at all
-    samples, so their share of closed samples is 1.
+    Two arcs and the zero angle of pair 41 vary (deg). Figure e is a value at the input of
+    70 deg, and B in figure f is the equivalent inertia. Both assembly modes close at all
+    samples.
     """
     path = tmp_path / "synthesis.toml"
     path.write_text(
@@ -303,7 +315,10 @@ def test_gradients_of_figures_of_every_kind_agree_with_differences(tmp_path):
     design = np.array([22.0, 41.0, 10.0])
     steps = np.full(3, np.degrees(1e-6))
     for mode in ("+", "-"):
-        assert check_gradients(evaluator, design, steps, mode, 1e-7) == 1.0
+        closed_share = check_gradients(
+            evaluator, design, steps, mode, absolute_tolerance=1e-7
+        )
+        assert closed_share == 1.0
 
 
 ACTED = mechanism_text("synthesis_acted")
@@ -356,9 +371,9 @@ def test_numbers_at_their_physical_limit_have_derivatives():
     one of the rocker equals this sum, so that the varied moment cannot be smaller.
 
     A design has four variables: the arc of link 3, the stiffness and the rest angle (deg)
-    of a spring, and a moment of inertia of the rocker. The kernel, which computes many
-    designs at once, uses three numbers of masses and loads that depend on them: the moment,
-    the stiffness with the opposite sign, and the rest angle in rad.
+    of a spring, and a moment of inertia of the rocker. Formulas have sizes, such as the
+    arc, and numbers of masses and loads. The latter are here the moment of inertia, the
+    rest angle in rad, and minus the stiffness (the torque is minus stiffness times angle).
     """
     specification = specification_of(EXAMPLES / "spring.toml", designs=4)
     varied = specification.sweep.evaluator.varied_mechanism
@@ -367,10 +382,10 @@ def test_numbers_at_their_physical_limit_have_derivatives():
         [[0.0, 0.0, 0.0, 1.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, np.pi / 180.0, 0.0]]
     )
     design = varied.evaluate_design(varied.nominal_values)
-    # The numbers of masses and loads follow those of sizes, such as the arc.
+    # Rows of `slopes` are the sizes that vary, then the numbers of masses and loads.
     derivatives = design.slopes[len(varied.size_variables) :]
     assert derivatives == pytest.approx(expected, rel=1e-12)
-    # The derivatives by each variable are the same in all designs.
+    # None would stand for derivatives that are not the same in all designs.
     assert not any(slope is None for slope in varied.constant_slopes)
 
 
@@ -427,10 +442,11 @@ values = [[10.0, 20.0, 30.0], [0.0, 0.0, 0.6, 0.8]]
 
 
 def test_match_of_directions_and_orientations_is_the_rms_of_chords(tmp_path):
-    """A deviation is the chord 2 sin(angle/2), in degrees, of the angle that is missed.
+    """A deviation is a chord 2 sin(angle/2), converted to degrees.
 
-    The file (`POSES_TEXT`) asks for two directions and two orientations of the output at
-    four pairs of inputs. They are written out here:
+    The angle is that between the wanted and the actual direction or orientation. The file
+    (`POSES_TEXT`) asks for two directions and two orientations of the output, each at
+    values of both inputs. They are written out here:
 
     - the direction (0, 2, 1), normalized;
     - the direction of azimuth 30 and tilt 60 degrees;
@@ -459,7 +475,8 @@ def test_match_of_directions_and_orientations_is_the_rms_of_chords(tmp_path):
     for row, match in enumerate(result.figures["match"]):
         mechanism = result.mechanism(row)
         (output,) = mechanism.outputs
-        # (modes, inputs, 3, 3) rotations of link 3; two inputs are for each quantity.
+        # (modes, 4, 3, 3) rotations of link 3: at two inputs for the directions, then at
+        # two inputs for the orientations.
         rotations = sk.evaluate(mechanism, inputs).rotation("3").reshape(-1, 4, 3, 3)
         pointed = rotations[:, :2] @ output.direction
         cosines_of_directions = np.sum(pointed * directions, axis=2)

@@ -43,6 +43,10 @@ def write_synthesis(path, mechanism, minimise, vary, figures, samples, where=(),
 
     Parameters
     ----------
+    path
+        Path of the file.
+    mechanism, samples
+        Name of the mechanism, and number of samples of each input.
     minimise
         Formula of the objective.
     vary
@@ -66,6 +70,8 @@ def write_synthesis(path, mechanism, minimise, vary, figures, samples, where=(),
     lines.append("[figures]")
     lines += [f'{name} = "{text}"' for name, text in figures.items()]
     lines.append(more)
+    # The list of conditions is printed with single quotes. In TOML these would take its
+    # texts literally; double quotes are used everywhere.
     path.write_text("\n".join(lines).replace("'", '"'))
     return path
 
@@ -148,10 +154,14 @@ def test_modes_of_a_double_butterfly_are_optimized_separately(tmp_path):
 def test_a_platform_on_three_legs_is_found_again_by_its_poses(tmp_path):
     """Five poses of a known platform are asked for; the arcs of legs 2 and 3 vary.
 
-    Leg 1 is the same in all designs, so the angles of its passive pairs b1 and c1 say where
-    the platform is. The objective is the sum of their squared deviations in degrees. A
-    design must close at all samples (``closes``), which are a grid of three values of each
-    input. It must not be near a singularity, where the rate of c1 (``steep``) is large.
+    Leg 1 is the same in all designs, so the angles of its passive pairs b1 and c1
+    determine the pose of the platform. The objective is the sum of their squared deviations
+    in degrees. Two conditions are made:
+
+    - The share of samples at which the design closes (``closes``) is 1. Samples are a grid
+      of three values of each input.
+    - The rate of c1 per rate of input a2 (``steep``) is below 8. It would be large near a
+      singularity.
     """
     angles = {}
     for k, pose in enumerate(POSES_DEG):
@@ -230,10 +240,10 @@ def test_gradients_of_followed_modes_agree_with_differences(
 def check_gradients(tmp_path, name, vary, samples, figures):
     """Compare figures of merit with those of a sweep, and gradients with differences.
 
-    The design is 1 percent away from the file in every number, so that modes are followed
-    from another design. At most four modes that close in the whole range are compared.
-    Differences are central, with several steps of 5e-5 of each number, so that their
-    truncation error is below 1e-8.
+    Each number of the design is 1 percent larger than in the file. The assembly modes of
+    the file are followed to this design. At most four modes that close in the whole range
+    are compared. The central differences are of the eighth order, so that their truncation
+    error is below 1e-8.
 
     Parameters
     ----------
@@ -246,7 +256,12 @@ def check_gradients(tmp_path, name, vary, samples, figures):
     names = "abcde"[: len(formulas)]
     formula_by_name = dict(zip(names, formulas, strict=True))
     path = write_synthesis(
-        tmp_path / "smooth.toml", name, "a", vary, formula_by_name, samples
+        tmp_path / "smooth.toml",
+        name,
+        minimise="a",
+        vary=vary,
+        figures=formula_by_name,
+        samples=samples,
     )
     evaluator = specification_of(path, designs=4).sweep.evaluator
     figure_gradients = FigureGradients(evaluator)
@@ -266,7 +281,7 @@ def check_gradients(tmp_path, name, vary, samples, figures):
         for variable, step in enumerate(steps):
             change = np.zeros(len(design))
             change[variable] = step
-            # The formula of high order sums differences over 1, 2, ... steps to both sides.
+            # The formula sums weighted differences over 1, 2, 3 and 4 steps to both sides.
             weighted_difference = 0.0
             for count, weight in enumerate(CENTRAL_WEIGHTS, 1):
                 above = figure_gradients.evaluate(design + count * change, modes[k])
@@ -309,12 +324,12 @@ def test_a_mode_is_lost_on_the_way_to_a_design_that_cannot_close(butterfly_evalu
 def test_a_mode_that_is_followed_to_another_design_and_back_is_the_same(
     butterfly_evaluator,
 ):
-    """The mode continues in one of the other design, and its configurations return.
+    """An assembly mode that is followed to another design and back has returned.
 
-    The origin of a mode is a design with the configurations (variables, samples) of the
-    mode in it, from which those in other designs are tracked. They are NaN at samples at
-    which the mode does not close or is lost. The two designs have the longitudes -8 and 20
-    degrees of axis C.
+    The two designs have the longitudes -8 and 20 degrees of axis C. A mode is stored as
+    a design, its origin, with the configurations (variables, samples) of the mode there.
+    Those in another design are tracked from there, while the sizes change gradually.
+    Configurations are NaN at samples at which the mode does not close or is lost.
     """
     longitude = np.array([-8.0])
     other_longitude = np.array([20.0])
@@ -325,8 +340,11 @@ def test_a_mode_that_is_followed_to_another_design_and_back_is_the_same(
     other_design = varied_mechanism.evaluate_design(other_longitude)
     for mode in modes:
         moved_mode = mode.with_origin(other_design)
-        assert sum(mode.continues_in(other) for other in modes_of_other_design) >= 1
+        # The mode is one of those that the other design has by itself.
+        assert any(mode.continues_in(other) for other in modes_of_other_design)
+        # The configurations in the first design, tracked back from the other one.
         returned = moved_mode.position_arguments(design)
+        # All variables of a lost configuration are NaN, so one of them tells.
         is_followed = np.isfinite(moved_mode.origin.configurations[0])
         expected = mode.origin.configurations[:, is_followed]
         assert returned[:, is_followed] == pytest.approx(expected, abs=1e-9)

@@ -114,7 +114,11 @@ class LastInput(MinimalAnalysis):
 
 
 def test_an_analysis_can_read_time_and_rates_of_all_inputs():
-    """It needs a law for every input, and has to declare that it reads the time."""
+    """An analysis that reads the time needs laws of all inputs, and has to declare this.
+
+    The analysis `LastInput` makes a table of the time, and of rate and acceleration of the
+    last input.
+    """
     mechanism = sk.load("five_bar")
     first, last = mechanism.inputs
     laws = {
@@ -129,7 +133,8 @@ def test_an_analysis_can_read_time_and_rates_of_all_inputs():
 
     with pytest.raises(AnalysisError, match="give a law for every input"):
         sk.run(mechanism, LastInput(), samples=5, grid=True)
-    undeclared = sk.run(mechanism, LastInput(False), laws=laws, duration=2.0, samples=5)
+    without_declaration = LastInput(time=False)
+    undeclared = sk.run(mechanism, without_declaration, laws=laws, duration=2.0, samples=5)
     assert "declare Needs(time=True)" in undeclared.failures["last_input"]
 
 

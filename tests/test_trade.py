@@ -76,12 +76,12 @@ def compute_true_error(plan, setting, exact_rows_by_request):
     Parameters
     ----------
     plan
-        The run, whose only analysis is `poles`.
+        The planned run: its samples, and `poles` as its only analysis.
     setting
         How the run evaluates velocities.
     exact_rows_by_request
-        For each input that moves alone its poles, and the rows in 50 digits, as
-        `compute_exact_rows` returns them.
+        A list of two items for each input that moves alone: the request of its poles, and
+        the rows in 50 digits. `compute_exact_rows` returns it.
     """
     tables, _, _ = compute_timed_tables(plan.sampling, *plan.analyses, setting)
     # Sort rows by mode, then by sample. Each sample of a mode then has one row for each
@@ -102,6 +102,8 @@ def compute_true_error(plan, setting, exact_rows_by_request):
             }
             pole_number += 1
             u = np.stack([rows[f"u{axis}"] for axis in "xyz"], axis=1)
+            # The exact direction has the sign of u. Its components are balls, which are
+            # numbers with an error bound. `centre_floats` rounds them to float64.
             exact_u = exact_direction(exact, pole, u)
             is_known = (exact.status == Status.OK) & np.all(np.isfinite(u), axis=1)
             differences = centre_floats(exact_u - u)[is_known]

@@ -20,27 +20,40 @@ WORST = "poles.velocity_coefficient"
 
 
 def make_trade():
-    """Return a trade with settings that are close to each other in time and error.
+    """Return an invented trade with settings that are close in time and error.
 
-    A trade has the time and the error of evaluation settings of one run, here invented.
-    Eight settings evaluate every one of 361 samples in about 10 us. Four interpolate
-    between n nodes, each of which takes 100 us, with an error of 10/n^4. Three
-    interpolations and the compiled engine do not apply.
+    A trade has the time and the error of settings, which are ways to compute a run.
+
+    - "numpy r0" to "numpy r7" evaluate each of 361 samples in about 10 us.
+    - "numpy s n" interpolates between n nodes, each of which takes 100 us. Its error is
+      10/n^4.
+    - "numpy t n" and "compiled" do not apply. They have a reason and no numbers.
+
+    The best and the median time of a setting are equal. The error of a column is divided by
+    a scale, here 1.0 and 1.5. The error of the reference itself (`floor`) is 2e-16.
     """
     sample_count = 361
     random = np.random.default_rng(7)
     settings = []
     for k, fraction in enumerate(random.random(8)):
         seconds = 1e-3 + 1e-5 * sample_count * (1.0 + 0.1 * fraction)
-        settings.append(Measured(f"numpy r{k}", Setting(), seconds, seconds, error=1e-15))
+        settings.append(
+            Measured(
+                f"numpy r{k}",
+                Setting(),
+                seconds=seconds,
+                seconds_median=seconds,
+                error=1e-15,
+            )
+        )
     for n in (32, 64, 128, 4096):
         seconds = 1e-4 * n + 1e-7 * sample_count
         settings.append(
             Measured(
                 f"numpy s {n}",
                 Setting(),
-                seconds,
-                seconds,
+                seconds=seconds,
+                seconds_median=seconds,
                 error=10.0 / n**4,
                 worst_column=WORST,
             )
@@ -126,9 +139,10 @@ def test_settings_that_do_not_apply_for_one_reason_share_a_line():
 def test_the_chart_of_a_trade_shows_all_settings_and_the_chosen_one(tolerance):
     """A tolerance is drawn as a line; the recommended setting is marked as taken.
 
-    The chart shows the error of each setting over its time. The setting that interpolates
-    between 64 nodes ("numpy s 64") is one of its curves. If no setting meets the tolerance,
-    none is marked. All marks are within the axes.
+    The chart shows the error of each setting over its time. Settings are named by labels of
+    its curves, here "numpy s 64" as an example. The recommended setting is the cheapest one
+    that meets the tolerance. If there is none, none is marked. Marks are to the right of
+    the left axis and below the upper end of the other one.
     """
     trade = make_trade()
     # The other primitive is a text.

@@ -59,10 +59,14 @@ def compute_axes(mechanism, values):
 def measure_by_velocity_equations(mechanism, values):
     """Return the measure (n,) of type II from the velocity equations of all links.
 
-    It is a number from 0 to 1. It is 0 at a singularity of type II, where the output can
-    move although the inputs are locked. `values` (n, variables) are the pair angles (rad).
+    The misfit is the norm of the relative angular velocities that the pairs do not allow.
+    The measure is the least misfit at unit rate of the output with the inputs locked,
+    divided by that with all pairs locked. It is 0 at a singularity of type II, where the
+    output can move although the inputs are locked, and at most 1. `values` (n, variables)
+    are the pair angles (rad).
     """
-    # The axes of the pairs, and the directions of an output that points.
+    # Unit vectors of the pair axes, and the directions of the output if it is a direction
+    # (None if it is an orientation). Rates about the direction do not count.
     axes, directions = compute_axes(mechanism, values)
     output = mechanism.outputs[0]
     link = mechanism.link_number[output.link]
@@ -117,10 +121,12 @@ def rotation_of_the_paper():
 def test_all_analyses_measure_type_2_as_the_velocity_equations(name):
     """All analyses have the same measure of type II as the velocity equations.
 
-    They are inverse kinematics, singularities, workspace, and rotation about an axis. The
-    measure is a number from 0 (at the singularity) to 1, the sine of an angle. The
-    workspace is asked for a distance of 8 degrees to singularities. Its margin is the
-    smallest of the angles of types I and II, less these 8 degrees.
+    The analyses are inverse kinematics, singularities, workspace, and rotation about a
+    fixed axis. The measure is 0 at a singularity of type II, and at most 1.
+
+    The workspace also has a measure of type I. The arcsines of both measures are angles to
+    the singularities. At least 8 degrees are asked for. The margin of a pose is the smaller
+    angle less these 8 degrees, unless another limit is nearer.
     """
     solver, poses, rows = solve_random_poses(name)
     mechanism = solver.mechanism
@@ -157,7 +163,8 @@ def test_all_analyses_measure_type_2_as_the_velocity_equations(name):
         if "type" in bounds[judgement.limiting[0]].name:
             assert judgement.margin[0] == pytest.approx(margin_to_singularity, abs=1e-9)
 
-    # A rotation can start only away from singularities, so the best pose is taken.
+    # The rotation of the output about a fixed axis can start only away from singularities,
+    # so it starts at the pose with the largest measures.
     least_measures = np.minimum(rows.type_2, rows.type_1.min(axis=1))
     best = reached[int(np.argmax(least_measures[reached]))]
     rotation = follow_rotation(mechanism, rows.values[best], [0.2, 0.3, 0.9], 0.01)
@@ -171,22 +178,25 @@ def test_all_analyses_see_a_type_2_singularity_on_the_path_of_the_paper(
 ):
     """Every analysis has the same measure of type II near a singularity.
 
-    The path of the paper crosses a singularity of type II: the links can move although both
-    inputs stand still. The measure is about 0.6315 times the distance from the crossing,
-    which is an angle in rad along the path. This factor was computed in 50 digits. Status
-    and type follow from the measure. Differences below 2e-14 are rounding.
+    The path of the paper (Chen et al. 2021) crosses a singularity of type II: the links can
+    move although both inputs stand still. The measure is about 0.6315 times the angle (rad)
+    along the path from the crossing. This factor was computed in 50 digits. Status and type
+    follow from the measure. Differences below 2e-14 are rounding.
     """
     mechanism = sk.load("two_dof_spm")
     (crossing,) = rotation_of_the_paper.crossings
     on_path = rotation_of_the_paper.at(np.array([crossing + distance_rad]))
     values = on_path.values
+    # Signs of the three legs on this path: the working mode, a way to assemble the legs.
+    leg_signs = (-1, 1, 1)
     # 1. The reference: the velocity equations of all links
     (expected,) = measure_by_velocity_equations(mechanism, values)
     assert expected == pytest.approx(0.6315 * distance_rad, rel=0.3, abs=2e-14)
     # 2. The rotation about a fixed axis
     assert on_path.type_2[0] == pytest.approx(expected, rel=1e-3, abs=2e-14)
 
-    # 3. Inverse kinematics of the direction of the output
+    # 3. Inverse kinematics of the direction of the output. It computes the configuration
+    # anew, with ten times as much rounding.
     direction = on_path.orientation @ np.array(mechanism.outputs[0].direction)
     rows = output_kinematics(mechanism).inverse(direction, ["-++"])
     assert rows.type_2[0] == pytest.approx(expected, rel=1e-3, abs=2e-13)
@@ -206,7 +216,8 @@ def test_all_analyses_see_a_type_2_singularity_on_the_path_of_the_paper(
     least_angle = np.radians(5.0)
     kinematics = closed_kinematics(mechanism)
     bounds = bounds_of(kinematics, Constraints(near=least_angle))
-    margin = judge(kinematics, bounds, (-1, 1, 1), direction).margin[0]
+    # `judge` returns the margins of poses in a working mode.
+    margin = judge(kinematics, bounds, leg_signs, direction).margin[0]
     # The margin is computed by the cosine of twice the angle, which rounds at 1e-8.
     assert margin == pytest.approx(np.arcsin(expected) - least_angle, abs=3e-8)
 
@@ -240,9 +251,10 @@ def test_an_output_that_moves_with_locked_inputs_has_a_measure_of_zero():
 def test_the_measure_does_not_depend_on_the_frame_or_the_ground(name):
     """The measure of type II does not change in other axes or with another ground.
 
-    It is 0 where the output can move although the inputs are locked. All vectors are turned
-    by one rotation. The axes of the pairs are also scaled by 3, because their lengths do
-    not matter. The directions of outputs that point are unit vectors and are only turned.
+    The measure is a number from 0 to 1. It is 0 where the output can move although the
+    inputs are locked. All vectors are rotated alike. The axes of the pairs are also scaled
+    by 3, because their lengths do not matter. If the output is a direction, its unit vector
+    is only rotated.
     """
     mechanism = sk.load(name)
     motion = PositionAnalysis(mechanism, samples=3, assembly_mode=0).motion()

@@ -47,7 +47,11 @@ def read_units(folder):
 
 @pytest.mark.parametrize("is_in_degrees", [False, True])
 def test_side_file_summary_and_parquet_state_the_same_units(folders, is_in_degrees):
-    """`columns.csv`, `summary.json` and each Parquet file have one list of units."""
+    """`columns.csv`, `summary.json` and each Parquet file have one list of units.
+
+    The fixture `folders` has the files of a run of the four-bar, with columns in radians
+    and in degrees. The ranges of the inputs in the summary are in rad in both cases.
+    """
     folder = folders[is_in_degrees]
     units = read_units(folder)
     summary = json.loads((folder / "summary.json").read_text())
