@@ -200,7 +200,7 @@ def _merge_modes(mode_ids: Integers, mode: int, other_mode: int) -> None:
 
     An assembly mode is one of the ways to assemble the mechanism. It has one configuration
     per sample. Two modes that both have a configuration at some sample are therefore not
-    merged. This happens where paths around a singularity lead from one mode to the other.
+    merged. Such modes can be connected if a path leads around a singularity.
 
     Parameters
     ----------
@@ -209,8 +209,10 @@ def _merge_modes(mode_ids: Integers, mode: int, other_mode: int) -> None:
         configuration belongs. The array is changed in place: the larger of the two
         identifiers is replaced by the smaller one.
     mode, other_mode
-        Identifiers of the two modes. Nothing changes if they are equal.
+        Identifiers of the two modes, which may be equal.
     """
+    if mode == other_mode:
+        return
     has_sample = np.any(mode_ids == mode, axis=1)
     other_has_sample = np.any(mode_ids == other_mode, axis=1)
     if not np.any(has_sample & other_has_sample):
@@ -313,10 +315,11 @@ class _SolutionTracker:
 
         A solution solves the closure equations for the pair variables at given inputs. Its
         variables may be complex. It is tracked by changing sizes and inputs step by step,
-        each step corrected by Newton's method. This is done by the function
-        `track_solutions`. Paths of several shapes through complex inputs (`DETOUR_RATIOS`)
-        are tried, one after the other. A design is lost if on none of them all its
-        solutions arrive at distinct ends. It is then marked in `is_lost`.
+        each step corrected by Newton's method (`track_solutions`).
+
+        Several paths of the inputs are tried, one after the other (`DETOUR_RATIOS`). A path
+        succeeds for a design if all its solutions arrive and all are different at the end.
+        A design for which no path succeeds is marked in `is_lost`.
 
         Parameters
         ----------
@@ -343,6 +346,8 @@ class _SolutionTracker:
                 break
             # On a straight path of real inputs two solutions can meet at a singularity, and
             # two paths then end in the same solution. Off the real axis they do not meet.
+            # The detour is the imaginary part of the inputs half-way between start and end.
+            # It is a parabola, zero at both ends.
             detour = 1j * detour_ratio * (end_inputs - start_inputs)
             ends, arrived = track_solutions(
                 self.path_kernel,
@@ -364,16 +369,19 @@ class _SolutionTracker:
     def _remove_imaginary_rounding(self, solutions: Array, columns: Indices) -> None:
         """Remove the imaginary part of solutions that are real up to rounding.
 
-        A solution with a small imaginary part is real if Newton's method, started from its
-        real part, converges to the same solution. If this test fails although the imaginary
-        part is below `SAME_SOLUTION_RAD`, the number of real solutions of its design is not
-        known. The design is then marked in `is_lost`.
+        A solution with an imaginary part below `NEAR_REAL_RAD` is tested. It is real if
+        Newton's method, started from its real part, converges to the same solution, at most
+        `SAME_SOLUTION_RAD` away. A solution that fails the test counts as complex.
+
+        If its imaginary part is below `SAME_SOLUTION_RAD`, it is too near to its real part
+        to be another solution. Then it is not known whether it is real, and the design is
+        marked in `is_lost`.
 
         Parameters
         ----------
         solutions
-            (variables, all columns) pair variables (rad) of all solutions of all designs,
-            changed in place. The solutions of a design are successive columns.
+            (variables, designs * solutions per design) pair variables (rad), changed in
+            place. Each column is a solution. Those of one design are successive columns.
         columns
             (n,) indices of the columns that are tested.
         """

@@ -239,8 +239,8 @@ class PathKernel:
         # the loops to first order.
         change = coordinate_rates.solve_loops(coordinate_rates.closure_residuals)
         # In `expressions.variables`, most variables are their own symbols. The angle of a
-        # gear that the inputs drive is a linear function of the inputs instead. It is
-        # known, so no equation is solved for it: its step leads to the function's value.
+        # gear that the inputs drive is a linear function of the inputs instead. Its change
+        # needs no equation: it is the value of the function less the present variable.
         for variable, angle in enumerate(expressions.variables):
             is_driven_gear = angle is not variable_symbols[variable]
             if is_driven_gear:
@@ -264,7 +264,8 @@ class PathKernel:
         self.prepare = expression_function(
             [*prepared.values()], expressions.size_symbols, self.compiled
         )
-        # For real variables. `_evaluate_complex` evaluates the same at complex variables.
+        # For real variables. Paths are also tracked through complex variables, for which
+        # `_evaluate_complex` evaluates the same outputs.
         self._evaluate_real = expression_function(
             self._outputs, self._arguments, self.compiled
         )
@@ -279,9 +280,11 @@ class PathKernel:
     def mode_signs(self, values: Floats, sizes: Floats) -> list[str]:
         """Return the sign of each group of links at closed configurations.
 
-        A group consists of links whose positions are found together; a dyad is a group of
-        two links with three R pairs a, b, c. It can be assembled in two ways, between which
-        the sign of the triple product ``a . (b x c)`` of its axes distinguishes.
+        A group consists of links whose positions are found together. A dyad is a group of
+        two links with three R pairs. It can be assembled in two ways. They differ in the
+        sign of the triple product ``a . (b x c)`` of the axes of its pairs, in the order in
+        which the group lists them. At a singularity the product is zero, and ``+`` is
+        returned.
 
         Parameters
         ----------
@@ -306,7 +309,7 @@ class PathKernel:
         for k, group in enumerate(groups):
             if not group.is_dyad:
                 continue
-            # The vector of the only variable of an R pair is the axis of the pair.
+            # An R pair has one variable, whose vector is the axis of the pair.
             axes = []
             for pair in group.pairs:
                 (variable,) = coordinate_rates.pair_variables[pair]

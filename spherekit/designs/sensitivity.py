@@ -196,9 +196,12 @@ class Sensitivity:
         is_mass_or_load = variable.path[0] in ACTIONS
         if is_mass_or_load:
             return variable
-        # Circles in contact can be replaced by links (the equivalent linkage). The sizes of
-        # these follow from all numbers of a pair, so that all have derivatives. Without
-        # such links, only the derivatives of the profile curves themselves are known.
+        # Which numbers of contacts have derivatives depends on the profiles:
+        # - If all profiles are circles, links that move in the same way may replace them
+        #   (the equivalent linkage). Their sizes are functions of all numbers of a pair, so
+        #   all these numbers have derivatives.
+        # - If some profile is no circle, there is no such linkage. The closure equations
+        #   contain the profile curves, and only the numbers of profiles have derivatives.
         if has_shaped_profiles(self.mechanism):
             has_derivatives = "profiles" in variable.path
         else:
@@ -358,12 +361,13 @@ class Sensitivity:
     def links(self) -> frozenset[int]:
         """Numbers of the links that are needed for the quantities and the named sizes.
 
-        Other links can be left out of the mechanism, which saves time.
+        A run leaves out links on which none of these links depends, which saves time. It
+        keeps all links that determine their motion.
         """
         pairs = self.mechanism.pairs
         names = self.mechanism.links
-        # Quantities that depend on two links only, by their names. All other quantities
-        # are assumed to depend on all links.
+        # Names of quantities of the motion of two links relative to each other, and these
+        # links. All other quantities are assumed to depend on all links.
         links_of_quantity = {
             f"{kind}_{pair.name}": pair.links
             for kind in ("theta", "rate", "transmission_angle")
@@ -376,8 +380,8 @@ class Sensitivity:
                     links_of_quantity[quantity] = (link, reference_link)
         link_names: set[str] = set()
         for quantity in self.quantities:
-            # Quantities of masses and loads need the links on which these act. They are
-            # added below.
+            # Names that begin like `INERTIAL` are quantities of masses and loads, such as
+            # the equivalent inertia B. The links on which these act are added below.
             default = () if quantity.startswith(INERTIAL) else names
             # With several inputs, quantities end with "_by_" and the input that moves.
             without_input, *_ = quantity.split("_by_")
@@ -389,7 +393,7 @@ class Sensitivity:
                 if path[1] in (pair.name, *pair.links):
                     link_names.update(pair.links)
         numbers = frozenset(self.mechanism.link_number[name] for name in link_names)
-        # Masses and loads add the links on which they act.
+        # Masses and loads add the links on which they act. `ACTIONS` are their tables.
         depends_on_actions = any(name.startswith(INERTIAL) for name in self.quantities)
         if depends_on_actions or any(path[0] in ACTIONS for path in self._named_paths):
             return numbers | acting_links(self.mechanism)

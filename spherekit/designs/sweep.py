@@ -436,8 +436,10 @@ class Sweep:
         grashof_classes = self.evaluator.grashof_classes(row_designs)
         columns = {"design": numbers[design], **self._variable_columns(row_designs)}
         columns["mode"] = design_table.mode
-        # If the tables of the runs are stored (`tables`), the number of the assembly mode
-        # leads from a row of this table to the rows of those tables.
+        # `mode` is a label that identifies an assembly mode in all designs, such as its
+        # signs. Tables of single runs, if they are stored (`tables`), have the number of
+        # the mode in the run instead. This number is stored with the figures of merit, and
+        # gets a column, so that rows of both kinds of tables can be matched.
         if self.tables:
             columns[ASSEMBLY] = design_table.merits[ASSEMBLY]
         columns["status"] = design_table.status
@@ -595,7 +597,10 @@ class Sweep:
         return bool(np.any(self._meet_conditions(columns, len(rows.design))))
 
     def write_part(self, folder: str, number: int) -> int:
-        """Compute a part, write its files to a folder, and return its number.
+        """Compute a part of the designs, write its files, and return the part's number.
+
+        A sweep evaluates many designs of a mechanism. They are divided into numbered parts,
+        which different processes or computers can compute.
 
         Parameters
         ----------
@@ -619,7 +624,8 @@ class Sweep:
         ) as store_table:
             columns = self.compute_part(number, store_table)
         # The table of designs is written last: if it exists, the part is complete. The rows
-        # of each table of runs have been counted in `row_counts`.
+        # of each table of runs have been counted in `row_counts`. The report of the sweep
+        # lists the processors that computed its parts.
         notes = {
             "units": self.units(),
             ROW_COUNTS_NOTE: row_counts,

@@ -256,12 +256,17 @@ def synthesize_dimensions(specification: Specification, starts: int = 12) -> Syn
 def _require_gradients(specification: Specification) -> DesignEvaluator:
     """Return the evaluator of the designs, if it has what a synthesis needs.
 
-    A synthesis follows the gradients of figures of merit by the numbers of the design. In
-    general a function that evaluates all designs at once (the kernel) computes them. There
-    is no kernel if constraints repeat each other, or if the closure equations of a group of
-    links have too many bodies or complex solutions. Contact profiles that are not circles
-    are evaluated outside of this function. Their gradients are known if only numbers of
-    profiles and sizes of links vary.
+    A synthesis follows the gradients of figures of merit by the numbers of the design. They
+    are computed by a function that evaluates all designs at once (the kernel). There is no
+    kernel in these cases:
+
+    - Constraints repeat each other.
+    - A group of links, whose positions are computed together, has more than 7 bodies, for
+      which no elimination is programmed.
+    - The closure equations have more than 64 complex solutions (`MAX_SOLUTIONS` of
+      `spherekit.designs.homotopy`). All of them would have to be tracked.
+    - Contact profiles are not circles, and other numbers vary than those of profiles and
+      the sizes of links.
 
     Raises
     ------

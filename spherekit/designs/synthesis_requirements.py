@@ -164,12 +164,13 @@ class Specification:
         """Return a text that says why no design meets the requirements.
 
         The first designs of the sweep are evaluated. The text counts designs that close at
-        no sample, impossible designs with the reason of the first one, and the rows that
-        meet each condition. A row is one assembly mode (way to assemble the mechanism) of a
-        design that closes.
+        no sample, designs that are impossible ("cannot be"), with the reason of the first
+        one, and the rows that meet each condition. A row is one assembly mode (way to
+        assemble the mechanism) of a design that closes.
         """
         designs = self.sweep.space.compute_designs(0, MAX_EXPLAINED_DESIGNS)
-        # Objectives and conditions may contain the error at the precision points.
+        # `add_match` adds the column "match", the error at the precision points. Objectives
+        # and conditions may contain it.
         rows = self.add_match(self._tabulate(designs))
         status = rows["status"]
         reasons = []

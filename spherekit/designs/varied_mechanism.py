@@ -330,10 +330,11 @@ class VariedMechanism:
 
         An output is a direction fixed in a link. There are two kinds that may differ:
 
-        - An output can point along the axis of a pair. If sizes of the link vary, this axis
-          may have another direction in the link. The entry is the name of the pair.
-        - The longitude or latitude of an output can be a design variable. The entry is a
-          unit vector (3,) in link axes, as an expression of the design variables.
+        - Every output that points along the axis of a pair. Its direction in the link
+          follows from the sizes of the link, which may vary. The entry is the name of the
+          pair.
+        - An output whose longitude or latitude is a design variable. The entry is a unit
+          vector (3,) in link axes, as an expression of the design variables.
         """
         outputs = self.document.data.get("outputs", {})
         directions: dict[str, Any] = {
@@ -353,7 +354,8 @@ class VariedMechanism:
                     self._angle_unit * float(angle) for angle in outputs[output]["lonlat"]
                 ]
                 angles = angles_by_output.setdefault(output, nominal)
-                (angles[index],) = symbols([variable.name])
+                (angle_symbol,) = symbols([variable.name])
+                angles[index] = angle_symbol
         for output, (longitude, latitude) in angles_by_output.items():
             directions[output] = direction_from_angles(longitude, latitude)
         return directions
@@ -520,16 +522,16 @@ class VariedMechanism:
         return [k for k in self.varied_numbers if k < self._contact_number_count]
 
     def _read_numbers(self, values: Floats) -> Floats:
-        """Read the numbers that describe contacts, masses and loads of a design.
+        """Return the numbers that describe contacts, masses and loads of a design.
 
-        They are read from the mechanism file with the values of the design in it. A kernel,
-        which computes many designs at once, has fixed formulas in which only these numbers
-        may differ. The form of contacts and loads, which is how many there are of each
-        kind, must be that of the mechanism in the file.
+        A kernel computes many designs at once by fixed formulas, in which these numbers are
+        arguments. They are obtained by reading the mechanism file with the values of the
+        design in it. The design must have as many contacts and loads of each kind as the
+        file, since the formulas are made for these.
 
-        If contacts are replaced, the mechanism is computed as an equivalent linkage: links
-        with R pairs that move in the same way. The contacts are then described by the
-        angles of this linkage and the ratios of its wheels.
+        Contacts may be replaced by an equivalent linkage: links with R pairs that move in
+        the same way. They are then described by the angles of this linkage and the ratios
+        of its wheels.
 
         Parameters
         ----------
@@ -544,8 +546,9 @@ class VariedMechanism:
         Raises
         ------
         DesignError
-            With the message `OTHER_FORM` if contacts or loads have another form. Callers
-            compare the message, and analyse such a design without a kernel.
+            If the numbers of contacts or loads of some kind differ. The message is the
+            constant `OTHER_FORM`, by which callers recognise that a design is possible, but
+            must be analysed without the kernel.
         SpherekitError
             If the design is impossible.
         """
@@ -570,7 +573,8 @@ class VariedMechanism:
             if linkage is None or linkage.form != self.equivalent_linkage.form:
                 raise DesignError(OTHER_FORM)
             contact_numbers = linkage.numbers
-        # With all numbers set to zero, masses and loads are equal if their forms are.
+        # The kernel allows other values of masses and loads, but no other kinds. To compare
+        # the kinds, all values are set to zero.
         form = replace_numbers(actions, lambda number: 0.0)
         nominal_form = replace_numbers(masses_and_loads(self.mechanism), lambda number: 0.0)
         if form != nominal_form:
@@ -599,24 +603,25 @@ class VariedMechanism:
 
     @cached_property
     def constant_slopes(self) -> list[Floats | None]:
-        """For each design variable, the derivatives that are the same in all designs.
+        """Derivatives by each design variable, if they are the same in all designs.
 
-        The derivatives (varied numbers,) are those of the numbers of contacts, masses and
-        loads that change with the variables. They are computed in the design of the file
-        and in trial designs, in which all variables are changed a little. The entry of a
-        variable is None if these derivatives do not agree, or no trial design is possible.
+        The numbers that are differentiated describe contacts, masses and loads. Those that
+        change with the variables are the `varied_numbers`. The entry of a variable has one
+        derivative for each of them. They are computed in the design of the file and in
+        trial designs, in which all variables are changed a little. The entry is None if
+        these derivatives do not agree, or no trial design is possible.
         """
         constant_slopes: list[Floats | None] = []
         for k, variable in enumerate(self.variables):
             is_mass_or_load = variable.path[0] in ACTIONS
             if not self._reads_whole_file and not is_mass_or_load:
-                # The whole file of a design is read only if contacts are replaced by links
-                # or masses follow the sizes of links. Otherwise the varied numbers are
-                # numbers of masses and loads, and these do not change with any other
-                # variable.
+                # No contact is replaced by links, and masses do not follow the sizes of
+                # links. The varied numbers are then numbers of masses and loads, which
+                # change with no other variable than themselves.
                 constant_slopes.append(np.zeros(len(self.varied_numbers)))
                 continue
-            # The derivatives at the design of the file come first.
+            # The derivatives at the design of the file come first. Those of trial designs
+            # follow; there are none if no trial design is possible.
             nominal_slopes, *trial_slopes = self.trial_slopes(k)
             # The derivatives have several units, so the tolerance is relative only. A
             # derivative that is zero up to rounding then fails the test. This costs time

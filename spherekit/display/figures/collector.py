@@ -114,7 +114,8 @@ def _join_scenes(parts: Sequence[Scene]) -> Scene:
     """Join the scenes of successive blocks of samples to one scene.
 
     A primitive is recognised by its class and path. Its rows, one for each sample, are
-    joined, and so are the rows of the axes.
+    joined, and so are the rows of the axes (`scene.over`), the quantities over which the
+    scene is plotted.
     """
     primitive_parts: dict[tuple[type, str], list[Primitive]] = {}
     for scene in parts:
@@ -124,6 +125,7 @@ def _join_scenes(parts: Sequence[Scene]) -> Scene:
     axes: list[Axis] = []
     for axis_parts in zip(*(scene.over for scene in parts), strict=True):
         values = np.concatenate([axis.values for axis in axis_parts])
+        # The range `span` of the whole run is only needed by the axis of one block.
         axes.append(Axis(axis_parts[0].label, axis_parts[0].unit, values))
     primitives = tuple(map(_join_primitives, primitive_parts.values()))
     return Scene(parts[0].page, primitives, tuple(axes), parts[0].source)

@@ -120,15 +120,20 @@ def _draw_panel(
 
     Parameters
     ----------
+    panel
+        The panel of the figure.
     curves
-        Series of one unit with their scenes.
+        Pairs of a scene, which has the axis, and a series of numbers over it. All series
+        have one unit.
     scale
-        Scale of the quantities of the figure, by which rounding is judged.
+        Largest magnitude of the quantities of the figure. Differences below `resolution`
+        (a property of a series) times this are rounding errors.
     looks
-        For each curve how it is drawn. The line styles of coinciding curves and the labels
-        of empty ones are changed here.
+        For each curve the colour, line style and label. The line styles of coinciding
+        curves and the labels of empty ones are changed here.
     """
     first_scene, first_series = curves[0]
+    # The quantity over which all curves are plotted, such as an input.
     axis = first_scene.over[0]
     unit = first_series.unit
     resolution = max(series.resolution for _, series in curves)
@@ -138,9 +143,11 @@ def _draw_panel(
     for (scene, series), dash, look in zip(curves, dashes, looks, strict=True):
         has_value = np.isfinite(series.values)
         if dash.position:
-            # Coinciding curves are drawn over the first one, in dashes one after another.
+            # The first of several coinciding curves is a full line. The others are drawn
+            # over it in dashes, each at another offset, so that all colours are visible.
+            offset = DASH_WIDTHS * dash.position
             gap = DASH_WIDTHS * (dash.curve_count - 1)
-            look["linestyle"] = (DASH_WIDTHS * dash.position, (DASH_WIDTHS, gap))
+            look["linestyle"] = (offset, (DASH_WIDTHS, gap))
         if not has_value.any():
             look["label"] = ""
         points = np.stack([scene.over[0].values, series.values], axis=1)
@@ -178,9 +185,9 @@ def _draw_marks(panel: Axes, curve: Curve, input_marks: InputMarks) -> None:
     panel
         The panel, whose ranges are set.
     curve
-        The scene, which has the axis, and the series of numbers over this axis.
+        A scene, which has the axis, and a series of numbers over this axis.
     input_marks
-        Inputs, with the name and tone of the marks.
+        Inputs, with the name of the marks and the number of their colour (`tone`).
     """
     left, right = panel.get_xlim()
     low, high = panel.get_ylim()
@@ -188,6 +195,7 @@ def _draw_marks(panel: Axes, curve: Curve, input_marks: InputMarks) -> None:
     # The marks are inputs of the only axis of the scene.
     axis_values = scene.over[0].values
     order = np.argsort(axis_values)
+    # All marks have one label. The legend shows it once.
     label = plot_text(input_marks.label)
     for position in input_marks.inputs[:, 0]:
         if not left <= position <= right:

@@ -102,7 +102,7 @@ def _draw_path(panel: Axes, scene: Scene, portrait: Portrait, label: str) -> Non
     """Draw one quantity against another along the samples of an assembly mode.
 
     The curve has the colour of the mode, which is the page of the scene. A dot marks its
-    first point, unless the panel has fixed curves, on which the path only moves.
+    first point if the panel has no fixed curves.
 
     Parameters
     ----------
@@ -110,7 +110,8 @@ def _draw_path(panel: Axes, scene: Scene, portrait: Portrait, label: str) -> Non
         The panel of the figure.
     scene, portrait
         The scene of the assembly mode, and the two quantities: values `x` and `y` at each
-        sample, and fixed curves of the plane.
+        sample. `portrait.curves` are fixed curves of the plane, which do not depend on the
+        sample.
     label
         Name in the legend.
     """
