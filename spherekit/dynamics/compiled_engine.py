@@ -23,9 +23,9 @@ from spherekit.dynamics.generalised_forces import rates_by_time
 from spherekit.dynamics.inertia import inertia_matrix
 from spherekit.dynamics.multi_dof_equation import MAX_RATE_SQUARES, total_moment_of_inertia
 from spherekit.dynamics.simulated_path import (
-    CoordinateFrames,
-    CurveFrames,
-    FrameFunction,
+    CoordinateMomentumConversion,
+    CurveMomentumConversion,
+    MomentumConversion,
     StatePath,
     make_taylor_path,
 )
@@ -114,7 +114,7 @@ class CompiledRuns:
     ----------
     runs
         One run for each choice of coordinates, in order of time.
-    frame_functions
+    momentum_conversions
         For each run a function that converts its states in place, and returns the frame of
         each state. The compiled equation has its own sign or unit of the momenta. The
         function replaces these momenta by those that all simulations use.
@@ -123,7 +123,7 @@ class CompiledRuns:
     """
 
     runs: list[TaylorRun]
-    frame_functions: list[FrameFunction]
+    momentum_conversions: list[MomentumConversion]
     compile_seconds: float
 
 
@@ -157,7 +157,7 @@ def by_taylor_series(
     if status != Status.OK:
         raise make_start_error(problem, STATUS_MEANING[status])
     compiled = _integrate(problem, motion, tolerance)
-    path = make_taylor_path(compiled.runs, compiled.frame_functions)
+    path = make_taylor_path(compiled.runs, compiled.momentum_conversions)
     last_run = compiled.runs[-1]
     seconds = time.perf_counter() - started - compiled.compile_seconds
     # The equations of this run became dependent. This is an end of the motion only if
@@ -204,7 +204,7 @@ def _integrate(
     equation = problem.equation
     mechanism = equation.mechanism
     runs: list[TaylorRun] = []
-    frames_of_runs: list[FrameFunction] = []
+    conversions: list[MomentumConversion] = []
     compile_seconds = 0.0
     values = problem.values
     turns = problem.turns
@@ -237,12 +237,14 @@ def _integrate(
             homogeneous_rates = compiled_equation.homogeneous_rates(problem.values[None])
             sense = float(np.copysign(1.0, homogeneous_rates[0, 0] @ problem.frame[0]))
             momenta = sense * momentum_unit * problem.speed
-            frames: FrameFunction = CurveFrames(compiled_equation, sense)
+            convert_momenta: MomentumConversion = CurveMomentumConversion(
+                compiled_equation, sense
+            )
         else:
             # The momenta of the compiled equation are scaled rates of the coordinates.
             momentum_unit = float(np.sqrt(total_moment_of_inertia(mechanism)))
             momenta = momentum_unit * variable_rates[coordinate_variables]
-            frames = CoordinateFrames(equation, frame)
+            convert_momenta = CoordinateMomentumConversion(equation, frame)
 
         # Integrate, from the end of the previous run, if there is one.
         integration = TaylorIntegration(
@@ -268,7 +270,7 @@ def _integrate(
             break
         _check_first_step(problem, run)
         runs.append(run)
-        frames_of_runs.append(frames)
+        conversions.append(convert_momenta)
         # The run that follows has a finer tolerance near a crossing, or other coordinates.
         if run.end == "singularity" and not can_see_crossings:
             max_tolerance = MAX_STEP_TOLERANCE
@@ -285,7 +287,7 @@ def _integrate(
         speed = last_state[None, equation.momenta] / momentum_unit
         variable_rates = rates_by_time(motion, speed)[0]
         previous_run = run
-    return CompiledRuns(runs, frames_of_runs, compile_seconds)
+    return CompiledRuns(runs, conversions, compile_seconds)
 
 
 def coordinates_at(problem: Problem, values: Floats) -> Names:

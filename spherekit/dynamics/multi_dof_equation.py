@@ -133,14 +133,16 @@ def _derive_independence(
     velocity equations J v' = 0 of the loops. The measure is det(J J^T), times a constant by
     which it is 1 at the closed configuration `values` (variables,).
 
-    With m degrees of freedom this determinant follows from the rates n_i of all variables
-    per unit rate of coordinate i, and from the scale D: the determinant of the columns of J
-    for the other variables. By the Cauchy-Binet formula det(J J^T) = D^2 det(n_i . n_k).
-    The homogeneous rates tau_i = D n_i are given, so it is
-    det(tau_i . tau_k) / D^(2 m - 2).
+    With m degrees of freedom, let n_i be the rates of all variables per unit rate of
+    coordinate i. Let D be the determinant of the columns of J for the variables that are no
+    coordinates; this part of J is square. Then det(J J^T) = D^2 det(n_i . n_k) by the
+    Cauchy-Binet formula. Given are D (`scale`) and tau_i = D n_i (`tau`). The determinant
+    of the m x m products tau_i . tau_k is D^(2 m) det(n_i . n_k), so
+    det(J J^T) = det(tau_i . tau_k) / D^(2 m - 2).
     """
     tau = coordinate_rates.tau
     independence = determinant([[dot(a, b) for b in tau] for a in tau])
+    # Division by D^(2 m - 2).
     inverse_scale = 1.0 / coordinate_rates.scale
     for _ in range(2 * layout.freedoms - 2):
         independence = independence * inverse_scale
@@ -206,8 +208,10 @@ def _derive_events(
         if has_variables(input_rates):
             for _ in input_variables:
                 input_rates = input_rates / coordinate_rates.scale
-            # As long as the squares of all rates sum to MAX_RATE_SQUARES at most, this
-            # function stays below 1 with two inputs, and below 4 with three.
+            # Its size must be comparable with 1. A determinant is at most the product of
+            # the lengths of its rows (Hadamard). The squares of all rates sum to at most
+            # MAX_RATE_SQUARES = 400, so that it is at most 200 with two inputs, and
+            # (400 / 3)^1.5 = 1540 with three. The function is then below 1 and 4.
             event = EventFunction(input_rates * (1.0 / MAX_RATE_SQUARES), "type_2")
             events.insert(0, event)
     return events

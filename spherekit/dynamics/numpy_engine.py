@@ -250,14 +250,16 @@ class Collocation:
         # Sizes of the state by which errors are divided: 1 rad for the pair variables. The
         # momenta of the state are p = R u with the rates u of the coordinates and the root
         # R of the inertia matrix, M = R R. With the largest principal inertia B (kg m2),
-        # p is up to sqrt(B) at unit rate, and the kinetic energy is up to B / 2. The works
-        # of the loads are integrated too. Their size is that of an energy.
+        # p is up to sqrt(B) at unit rate. The works of the loads are integrated too. Their
+        # size is that of p^2, which is twice the kinetic energy.
         self.scales = np.ones(len(self.start_state))
         self.scales[equation.momenta] = np.sqrt(largest_inertia)
         self.scales[equation.load_work_rows] = largest_inertia
-        # The sign of a determinant changes where curves of configurations cross. This is
-        # the largest one so far; 0 stands for none before the first step.
+        # The determinant of the closure equations, with the rates as further rows, changes
+        # its sign where curves of configurations cross. This is the largest one so far, or
+        # 0 before the first step.
         self.largest_determinant = 0.0
+        # Whether it became small in the last step.
         self.is_near_crossing = False
         self.max_closure_residual = 0.0
         # Number of short steps in a row in which rounding errors hide the course of the
@@ -653,7 +655,8 @@ class Collocation:
 
             The rates are computed in two ways: by the polynomial of the step, which was
             fitted to the rates at its nodes, and from the loads at the given times. They
-            differ if a load changes abruptly between two nodes.
+            differ if a load changes abruptly between two nodes. The step, the loads and the
+            error that is allowed (`allowed_error`) are those of `_passes_probes`.
 
             Parameters
             ----------
@@ -667,14 +670,17 @@ class Collocation:
             errors
                 (n,) differences of the rates, relative to the error allowed in a step.
             steep_arguments
-                (n, arguments) arguments of functions in the loads that can change abruptly
-                where the argument is zero or extreme. The caller also probes these times.
+                (n, arguments) arguments of functions such as sign(x) or tanh(x) in the
+                loads. Such a load may change abruptly where x is zero or has an extremum,
+                so the caller probes these times too.
             """
             t = step.start + fractions * step.length
-            # A frame describes the m coordinates of the motion. With several degrees of
-            # freedom, one frame applies to the whole step. With one, the coordinate is the
-            # arc length of the configuration curve. The frame then only decides in which
-            # of two directions it increases, so the frame of the nearest node suffices.
+            # A frame (m, variables) defines the m coordinates of the motion. With several
+            # degrees of freedom, its rows are the coefficients of the pair variables in the
+            # coordinates, and one frame applies to the whole step. With one, the coordinate
+            # is the arc length of the configuration curve, and the frame is a tangent. It
+            # only decides in which of two directions the arc length increases, so the frame
+            # of the nearest node suffices.
             frame = self.frame
             if equation.freedoms == 1:
                 # The times of the nodes are in [-1, 1], from start to end of the step.
@@ -709,9 +715,9 @@ class Collocation:
         """Return whether a step stays on one set of configurations near a crossing.
 
         A set of configurations is a curve, or a surface of several degrees of freedom. The
-        question is only examined if crossings are passed. The step then has to pass through
-        at most one crossing and to end away from any. It must not lead from one set to
-        another one that comes near without crossing it.
+        question is only examined if the user wants crossings to be passed. The step may
+        pass through one crossing, and must end away from it. It must not lead from one set
+        to another one that comes near without crossing it.
 
         Parameters
         ----------
@@ -728,7 +734,8 @@ class Collocation:
         # The largest size so far, and the sign (1 or -1) before this step.
         largest, sign = self._largest_determinant(determinants)
         is_near = np.abs(determinants) < CROSSING_RATIO * largest
-        # Without a crossing, no node may be near one.
+        # The sign is the same at all nodes, so no crossing is passed. Then no node may be
+        # near one, where the step could change to another set.
         if not np.any(determinants * sign < 0.0):
             return not np.any(is_near)
         # `find_crossing` takes size and sign together, as one number.
@@ -772,9 +779,10 @@ class Collocation:
         # `sign` is the sign (1 or -1) that the determinants had until this step. Times this
         # sign they are positive before a crossing and negative beyond it.
         signed_determinants = determinants * sign
-        # Configurations may be off their curve by d, the tolerance. The determinant of such
-        # a path does not reach zero at a crossing: it remains about sqrt(d) times as large
-        # as elsewhere. A smaller determinant may therefore belong to a crossing.
+        # Near a crossing, configurations satisfy a quadratic equation such as x y = d with
+        # d = 0. On a computed path d is up to the tolerance. The determinant is of the size
+        # of the gradient (y, x), whose length is sqrt(2 d) or more. So it does not reach
+        # zero, and a crossing may be where it is below sqrt(d) times its largest size.
         is_near = signed_determinants < np.sqrt(self.tolerance) * largest
         # The step is repeated once at most: if a crossing was near before, this step was
         # made with the smaller tolerance already.
@@ -896,13 +904,14 @@ class Collocation:
 
         The reasons are, in this order: a configuration without rates, such as a contact
         beyond its profile; a crossing of curves of configurations, which is a singularity;
-        an inertia that vanishes; a load that changes too fast. The inertia is compared with
-        that of earlier steps, so it is no reason in the first step.
+        an inertia that vanishes compared with that of earlier steps; a load that changes
+        too fast.
 
         Parameters
         ----------
         step, error
-            The last rejected step, and its error divided by the tolerance.
+            The last rejected step, and the remaining error of the iteration by which its
+            equations were solved, divided by the tolerance.
         dynamics
             Motion and forces at the nodes of this step.
         """
@@ -918,6 +927,7 @@ class Collocation:
             return SimulationEnd("singularity", t, CROSSING_MESSAGE)
         message = f"no step is short enough (iteration error {error:.2g}); {JUMP_MESSAGE}"
         if not self.steps:
+            # There are no earlier steps with which the inertia could be compared.
             return SimulationEnd("too_fast", t, message)
         # This call tests whether the inertia vanishes. If not, the load changes too fast.
         return no_step_end(equation, self._make_path(), t, message)
@@ -963,7 +973,8 @@ def _length_factor(error: float, iterations: int) -> float:
         return MIN_STEP_SHRINKAGE
     factor = STEP_SAFETY * max(error, EPS) ** (-1.0 / NODE_COUNT)
     # The number of iterations grows faster than the length. After many iterations, a
-    # shorter step covers more time per iteration, so the length is reduced.
+    # shorter step covers more time per iteration. The length is then multiplied by
+    # `STEP_SAFETY`, 0.8, or by less.
     has_many_iterations = iterations > MANY_ITERATIONS
     largest_factor = STEP_SAFETY if has_many_iterations else MAX_STEP_GROWTH
     return min(max(factor, MIN_STEP_SHRINKAGE), largest_factor)

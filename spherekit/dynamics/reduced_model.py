@@ -219,8 +219,8 @@ class StoredModel:
         Parameters
         ----------
         names
-            Names of the functions. All of them belong to one group: functions that are
-            stored together.
+            Names of the functions. All of them belong to one group of functions whose
+            series are stored together: those of the motion, or those of one pole.
         x
             (...) coordinates along a curve of configurations, or (..., m) the m inputs over
             a box of their ranges.
@@ -228,6 +228,7 @@ class StoredModel:
         # The points in n rows (n, m), with m = 1 along a curve. `arrays.shape` is (..., m).
         arrays = self._broadcast(x)
         (coordinates,) = arrays.columns
+        # The heading lists the stored functions and their groups.
         group, _ = self.heading.locate_function(names[0])
         values = self._evaluate_group(group, coordinates)
         selected = values[:, self._indices_in_group(names)]
@@ -670,22 +671,24 @@ class StoredModel:
         series = self.groups[group]
         if isinstance(series, TensorChebyshev):  # functions of several inputs
             cell_sums = CellSums(series, factors)
+            # Returns the index of the cell in which the inputs (m,) are.
             find_cell = self._find_cell
 
             def evaluate_in_box(q: Sequence[float]) -> list[float]:
                 return cell_sums.evaluate(find_cell(q), q).tolist()  # type: ignore[no-any-return]
 
             return evaluate_in_box
-        # Combine the series along the curve. The heading describes the function of each
-        # series, with its largest absolute value. The scale of each sum is a bound of its
-        # absolute value, relative to which the precision of its polynomials is judged.
+        # Combine the series along the curve. The heading has the largest absolute value of
+        # each function. A bound of each sum follows from these. It is the scale relative to
+        # which the precision of the polynomials of the sum is judged.
         functions = heading.groups[group]
         largest_values = np.array([function.largest for function in functions])
         scales = largest_values @ np.abs(factors)
         combined = PiecewiseChebyshev(series.edges, series.coefficients @ factors)
         evaluate_in_range = make_local_polynomials(combined, scales)
-        # The pair variables are the first functions of group 0. They and their sums grow in
-        # each lap. `growing` has the index and the growth of each sum that does.
+        # The pair variables are the first functions of group 0. They grow in each lap by
+        # `rise`, and sums of them do too. All other functions repeat. `growing` has the
+        # index and the growth of each sum that grows.
         rise = heading.rise if group == 0 else ()
         growths = (np.array(rise) @ factors[: len(rise)]).tolist()
         growing = [(k, growth) for k, growth in enumerate(growths) if growth]

@@ -27,17 +27,22 @@ class FunctionKind(Enum):
 
     The error of a stored function is judged relative to the function's scale, its largest
     absolute value. The scale is at least a fraction of the largest scale of the same kind.
-    Otherwise the rounding errors of functions that are nearly zero would be resolved.
+    Otherwise the series of a function that is nearly zero would have to follow its rounding
+    errors.
 
     The model has one or several coordinates, such as the inputs. Derivatives and rates are
     by these coordinates.
 
     - `ANGLE` and `CONTACT_ARC` are pair variables: angles of R pairs, and arc lengths along
       the profiles of contacts.
+    - `INERTIA` is an entry of the inertia matrix, `INERTIA_DERIVATIVE` its derivative with
+      one coordinate, and `CHRISTOFFEL` a Christoffel symbol of it with several.
     - `LOAD_VELOCITY` is a velocity on which a load works.
     - `POLE_AXIS` is a component of the unit vector along a pole, the axis of relative
       rotation of two links. `VELOCITY_COEFFICIENT` is their angular velocity about it per
       unit rate of the coordinate. `ACCELERATION_COEFFICIENT` is its derivative.
+    - `ANGULAR_VELOCITY` is a component of the angular velocity of two links per unit rate
+      of one of several coordinates.
     """
 
     ANGLE = auto()

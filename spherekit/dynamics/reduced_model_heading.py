@@ -260,6 +260,7 @@ class StoredHeading:
         expressions are symbols of functions that the model stores.
         """
         names = load_names(self.angles)
+        # `by` are the names of the coordinates.
         coordinate_count = len(self.by)
         # `motion_symbols` are the rates, then the accelerations of all coordinates, then
         # the time.
@@ -274,6 +275,7 @@ class StoredHeading:
             """
             if name.startswith("dtheta_"):
                 # The chain rule: derivatives of the angle by the coordinates times rates.
+                # `by_coordinates` returns the names of the derivatives.
                 angle_name = name.removeprefix("d")
                 derivatives = self.by_coordinates(angle_name)
                 return dot(map(self._function_symbol, derivatives), rates)
@@ -284,9 +286,8 @@ class StoredHeading:
             magnitudes: list[Expr] = []
             for text in load.components:
                 law = parse(text, names)
-                # `convert_to_graph` takes two values of each angle, the full one and one
-                # without whole revolutions, because the sine of a large angle loses digits.
-                # Only the full value is stored, so both are the same here.
+                # `convert_to_graph` needs a value of each name, and a second one for sines
+                # and cosines, which may lack whole revolutions. Here both are the same.
                 values = {}
                 for name in law.names:
                     value = named_value(name)

@@ -152,7 +152,8 @@ def _fit_curve_group(
     """Return the Chebyshev series of one group of functions along the whole curve.
 
     All functions of a group are fitted together, on the same cells of the coordinate. Group
-    0 has the functions of the motion, each further group those of one pole.
+    0 has the functions of the motion, such as pair variables and inertia. Each further
+    group has those of one pole, the axis of relative rotation of two links.
 
     Parameters
     ----------
@@ -166,16 +167,16 @@ def _fit_curve_group(
     scales
         (F,) scales of the F functions of the group.
     """
-    # The curve has one coordinate, so `sampler.high` has one element. A function can lose
-    # digits by rounding, and its error then hardly decreases in smaller cells. A relative
-    # error below LOSSY_TOLERANCE is accepted there.
     return PiecewiseChebyshev.fit(
         lambda coordinates: sampler.evaluate_groups([group], coordinates),
         low=0.0,
+        # `high` has the end of each coordinate. A curve has one coordinate.
         high=float(sampler.high[0]),
         tolerance=tolerance,
         scales=scales,
         first_cells=FIRST_CURVE_CELLS,
+        # A function can lose digits by rounding, and its error then hardly decreases in
+        # smaller cells. A relative error of 1e-10 is accepted there.
         rounding_tolerance=LOSSY_TOLERANCE,
     )
 

@@ -265,9 +265,11 @@ class Sampler:
         for component, velocity_name in self.load_velocities.items():
             load = self.loads.load_of_component[component]
             unit = self.mechanism.loads[load].velocity_unit
-            # The error of a function is judged relative to its scale, the largest absolute
-            # value. Along a curve the components of one load share a scale, because they
-            # have the same name as a vector. Over a box each component has its own.
+            # A load may be a sum of components, such as the x, y and z parts of a force,
+            # each with the velocity on which it works. The error of a function is judged
+            # relative to its scale, the largest absolute value. Functions with the same
+            # `vector` share the largest of their scales. Along a curve these are the
+            # components of one load. Over a box each component has a scale of its own.
             vector = f"load {self.loads.names[load]}" if heading.is_curve else ""
             for name in heading.by_coordinates(velocity_name):
                 kind = FunctionKind.LOAD_VELOCITY
@@ -318,9 +320,10 @@ class Sampler:
         motion
             n configurations by m coordinates.
         christoffel_factor
-            Factor of the Christoffel symbols in the result. With one coordinate x the only
-            symbol is 1/2 dB/dx, and the model stores dB/dx: the factor is 2. With several
-            coordinates the model stores the symbols: the factor is 1.
+            Factor of the Christoffel symbols in the result. With one coordinate x, the only
+            entry of the inertia matrix is B and the only symbol is 1/2 dB/dx. The model
+            stores dB/dx: the factor is 2. With several coordinates the model stores the
+            symbols: the factor is 1.
         """
         n, m = motion.rates.shape[:2]
         # The derivatives of one variable by all coordinates are next to each other.
@@ -331,7 +334,7 @@ class Sampler:
             # For symmetric matrices the entries up to the diagonal are stored, row by row.
             rows, columns = np.tril_indices(m)
             # The Christoffel symbols (n, i, j, k) are those of the torque at coordinate i.
-            # They are symmetric in j and k.
+            # They are symmetric in j and k, so those with k <= j are stored: (n, i, pairs).
             symbols = christoffel_factor * christoffel(masses.dM)[:, :, rows, columns]
             functions += [masses.M[:, rows, columns], symbols.reshape(n, -1)]
         if self.load_velocities:
@@ -698,7 +701,8 @@ class BoxSampler(Sampler):
         inputs = self.mechanism.inputs
         self.driven = [self.mechanism.angles[pair] for pair in position_analysis.inputs]
         self.low, self.high = np.array([item.range for item in inputs]).T
-        # The coordinates of the model are the inputs.
+        # Names of the coordinates by which the functions of the model are stored: the
+        # inputs.
         self.by = position_analysis.inputs
         motion = unwrap_motion(
             position_analysis.motion(), position_analysis.angle_unwrapping
@@ -707,7 +711,8 @@ class BoxSampler(Sampler):
         nodes = motion_by_variables(self.closure, values, self.driven)
         # `second` are the second derivatives of the variables by the inputs. Near a
         # singularity, variables move fast at unit rates of the inputs; `determinacy` is the
-        # reciprocal of their largest rate.
+        # reciprocal of their largest rate. The limit keeps nodes away from singularities,
+        # where the functions of the model are steep.
         is_regular = all_finite(nodes.second, (1, 2, 3))
         is_regular &= determinacy(nodes.rates) >= MIN_DETERMINACY
         if not np.any(is_regular):

@@ -160,21 +160,21 @@ def _evaluate_step(step: CollocationStep, turns: Floats, t: Floats) -> PathState
     )
 
 
-FrameFunction = Callable[[Floats, Floats], Floats]
+MomentumConversion = Callable[[Floats, Floats], Floats]
 """Converts the momenta in states and rates (n, states) of a compiled run to those of
 `PathStates`, in place. Returns the frames (n, m, variables) of their coordinates."""
 
 
 @dataclass(frozen=True)
-class CurveFrames:
-    """Converts states of the compiled engine, for one degree of freedom, to path states.
+class CurveMomentumConversion:
+    """Converts momenta of the compiled engine to those of a simulation, for one freedom.
 
     A momentum is positive if the mechanism moves along the configuration curve in its
-    positive direction. That of the compiled engine can be opposite to that of the
-    simulation. The momenta of the engine then change their sign.
+    positive direction. The compiled engine may have chosen the opposite direction. Its
+    momenta then change their sign.
 
-    This function is a class with `__call__`, because simulations are pickled, and a nested
-    function could not be.
+    Instances are called like functions. They can be pickled with a simulation, which a
+    nested function could not.
 
     Attributes
     ----------
@@ -191,10 +191,6 @@ class CurveFrames:
 
     def __call__(self, states: Floats, rates: Floats) -> Floats:
         """Convert the momentum in each state, in place, and return the positive directions.
-
-        The momentum of the compiled engine is positive along its own tangent of the
-        configuration curve. Where the simulation has the opposite positive direction
-        (`sense` -1), momentum and tangent change their sign together.
 
         Parameters
         ----------
@@ -216,11 +212,12 @@ class CurveFrames:
 
 
 @dataclass(frozen=True)
-class CoordinateFrames:
-    """Converts states of the compiled engine, for several degrees of freedom.
+class CoordinateMomentumConversion:
+    """Converts rates of the compiled engine to momenta, for several degrees of freedom.
 
     The m coordinates of a run are some of the pair variables. The states of the compiled
     engine contain scaled rates of the coordinates, those of a simulation contain momenta.
+    Instances are called like functions. They can be pickled with a simulation.
 
     Attributes
     ----------
@@ -235,12 +232,12 @@ class CoordinateFrames:
     frame: Floats
 
     def __call__(self, states: Floats, rates: Floats) -> Floats:
-        """Convert scaled rates of coordinates to momenta, in place; return coordinates.
+        """Convert the coordinate rates in each state to momenta, in place.
 
-        The compiled engine stores s u. Here u are the rates of the m coordinates, and s is
-        the square root of the sum of the largest moments of inertia of all links. The
-        momenta of a simulation are p = R u, with the symmetric root R of the inertia
-        matrix, M = R R.
+        The compiled engine stores s u. Here u are the rates of the m coordinates. The
+        factor s, the square root of the sum of the largest moments of inertia of all links,
+        gives them the unit of the momenta of a simulation. These are p = R u, with the
+        symmetric root R of the inertia matrix, M = R R.
 
         Parameters
         ----------
@@ -250,9 +247,8 @@ class CoordinateFrames:
 
         Returns
         -------
-        (n, m, variables) the coefficients of the pair variables in each coordinate, which
-        define the coordinates of the momenta. Each coordinate is one of the variables, so
-        they are the same for all n states.
+        (n, m, variables) `frame` for each state: it says to which coordinates the momenta
+        belong.
         """
         equation = self.equation
         scale = np.sqrt(total_moment_of_inertia(equation.mechanism))
@@ -273,7 +269,7 @@ class CoordinateFrames:
 
 
 def make_taylor_path(
-    runs: Sequence[TaylorRun], frame_functions: Sequence[FrameFunction]
+    runs: Sequence[TaylorRun], momentum_conversions: Sequence[MomentumConversion]
 ) -> StatePath:
     """Return the path of integrations by the compiled engine.
 
@@ -285,16 +281,16 @@ def make_taylor_path(
     ----------
     runs
         The runs in order of time.
-    frame_functions
+    momentum_conversions
         For each run a function that converts the momenta in its states, in place, to those
         of `PathStates`. It returns the frames, which define the coordinates of the momenta.
     """
     segments: list[Segment] = []
     parts: list[Callable[[Floats], PathStates]] = []
-    for run, frame_function in zip(runs, frame_functions, strict=True):
+    for run, convert_momenta in zip(runs, momentum_conversions, strict=True):
         for segment in run.segments:
             segments.append(segment)
-            parts.append(partial(_evaluate_segment, segment, frame_function))
+            parts.append(partial(_evaluate_segment, segment, convert_momenta))
     # `segment.starts` are the start times of the steps in a segment.
     return StatePath(
         part_starts=np.array([segment.starts[0] for segment in segments]),
@@ -306,10 +302,10 @@ def make_taylor_path(
 
 
 def _evaluate_segment(
-    segment: Segment, frame_function: FrameFunction, t: Floats
+    segment: Segment, convert_momenta: MomentumConversion, t: Floats
 ) -> PathStates:
     """Return the states at times (n,) within a segment; see `make_taylor_path`."""
     states, rates = segment.evaluate(t)
     turns = np.broadcast_to(segment.turns, (len(t), len(segment.turns)))
-    frames = frame_function(states, rates)
+    frames = convert_momenta(states, rates)
     return PathStates(states, rates, frames, turns)
