@@ -54,7 +54,7 @@ def test_an_unbalanced_wheel_is_slowed_by_the_friction_of_its_bearings(positions
     simulation = sk.simulate(wheel, sk.Start(0.0, initial_rate), 1.0, tolerance=1e-11)
     assert simulation.end.kind == "time"
     assert simulation.engine.name == "numpy"
-    assert "follows from the reaction" in simulation.engine.reason
+    assert "depends on the reaction" in simulation.engine.reason
 
     friction_moment = friction_per_moment * product_of_inertia
     k = friction_moment / np.sqrt(moment_of_inertia**2 - friction_moment**2)

@@ -160,7 +160,7 @@ def test_energy_of_a_motion_goes_into_friction(cam):
     mechanism = cam(0.3, 0.9)
     found = sk.simulate(mechanism, sk.Start(0.3, 2.0), 1.2, torque="0.5*cos(t)", check=True)
     assert found.end.kind == "time" and found.engine.name == "numpy"
-    assert "follows from the reaction" in found.engine.reason
+    assert "depends on the reaction" in found.engine.reason
     checks = found.checks
     assert checks.energy < 1e-11 * checks.energy_scale and not found.missed
     history = found.at(np.linspace(0.0, 1.2, 9))
@@ -178,7 +178,7 @@ def test_contact_friction_is_kept_in_files(cam, tmp_path):
 def test_contact_friction_is_refused_where_it_cannot_be_computed(cam):
     """A reduced model has no reactions, and only Cs pairs slide."""
     mechanism = cam(0.2, 0.5)
-    with pytest.raises(sk.SpherekitError, match="follows from the reaction of pair touch"):
+    with pytest.raises(sk.SpherekitError, match="depends on the reaction of pair touch"):
         sk.reduced_model(mechanism)
     friction = sk.ContactFriction("rub", "hinge", 0.2)
     with pytest.raises(sk.SpherekitError, match=r"loads\.rub\.pair.* Cs pairs: touch"):

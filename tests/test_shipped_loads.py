@@ -81,7 +81,7 @@ def test_mujoco_moves_the_mechanism_as_a_simulation_does(name):
 def test_a_sweep_of_torques_with_friction_of_bearings_names_the_figure_that_works():
     """`torque` of a row has no such friction; the message has a figure of a table."""
     arcs = {"links.2.arc": [14.0]}
-    with pytest.raises(sk.SpherekitError, match="friction follows") as refusal:
+    with pytest.raises(sk.SpherekitError, match="friction depends") as refusal:
         sk.sweep("stephenson", arcs, ["most=max(abs(torque))"], samples=5)
     (suggested_figure,) = re.findall('--reduce "([^"]+)"', str(refusal.value))
     rows = sk.sweep("stephenson", arcs, [f"most={suggested_figure}"], samples=5).frame()

@@ -340,12 +340,12 @@ def _check_determined(
         if friction.needs_forces and (np.any(is_open) or np.any(equations.slides)):
             frames = driven.motion.frames[0]
             wanted = diagnose_indeterminate_forces(mechanism, frames).wanted
-            more = f"; a file that says {listing(wanted)} determines it" if wanted else ""
+            more = f"; a file that says {listing(wanted)} determines both" if wanted else ""
             raise SolveError(
                 f"{mechanism.name}: loads.{friction.name}: the force through the centre in "
-                f"pair {friction.pair} is not determined, and so the friction of its "
-                f"bearings that axial asks for{more}; without axial it is that of the "
-                "couple alone"
+                f"pair {friction.pair} is not determined, and neither is the friction of "
+                f"bearings that it causes{more}; without axial only the friction due "
+                "to the couple is computed"
             )
 
 

@@ -381,8 +381,8 @@ def _check_crossing(problem: Problem, run: TaylorRun) -> None:
     reciprocal = reciprocal_condition(equation.closure, values, equation.freedoms)
     if reciprocal > MAX_RECIPROCAL_CONDITION_AT_CROSSING:
         raise EngineError(
-            f"{equation.mechanism.name}: of its redundant equations those that were chosen "
-            f"depend on each other at t = {run.end_time:.6g} s",
+            f"{equation.mechanism.name}: its closure equations are redundant, and those "
+            f"chosen from them become dependent at t = {run.end_time:.6g} s",
             BY_NUMPY,
         )
 

@@ -297,9 +297,9 @@ def _check_expressible(mechanism: Mechanism) -> None:
             raise EngineError(no_expression_message(load.pair))
         if isinstance(load, BearingFriction) and load.friction_coefficient > 0.0:
             raise EngineError(
-                f"{mechanism.name}: the friction of loads.{load.name} follows from the "
-                f"reaction of pair {load.pair}, which Taylor series do not solve for",
-                "NumPy's engine does",
+                f"{mechanism.name}: the friction of loads.{load.name} depends on the "
+                f"reaction of pair {load.pair}, which the compiled engine does not compute",
+                "use the NumPy engine, which computes it",
             )
 
 

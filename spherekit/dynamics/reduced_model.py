@@ -745,9 +745,9 @@ class StoredModel:
         )
         raise SolveError(
             f"{heading.mechanism}: the model is asked for {listing(values_and_ranges)} "
-            f"rad, which is not in its domain: {heading.covered:.3g} of the box of these "
-            f"ranges. Elsewhere assembly mode {heading.assembly_mode} does not exist or is "
-            "near a singularity"
+            f"rad, which is not in its domain. The domain covers {heading.covered:.3g} of "
+            f"the box of these ranges; elsewhere assembly mode {heading.assembly_mode} "
+            "does not exist or is near a singularity"
         )
 
 
@@ -811,7 +811,8 @@ def _construct_model(
         numbers += [function.largest, function.error]
     if not (all_finite(numbers) and np.all(np.less(heading.low, heading.high))):
         raise FileError(
-            f"{where}: the heading has numbers that are not finite; make it anew"
+            f"{where}: the header of the file has numbers that are not finite, or ranges "
+            "that do not rise; make the model anew"
         )
     groups = tuple(
         _construct_series(where, heading, k, arrays) for k in range(len(heading.groups))

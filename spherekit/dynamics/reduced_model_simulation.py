@@ -115,7 +115,10 @@ def simulate_reduced(
     heading = model.heading
     name = heading.mechanism
     if not heading.is_curve:
-        raise SolveError(f"{name}: the model is of several inputs; a motion is of a curve")
+        raise SolveError(
+            f"{name}: the model has several inputs, but a simulation needs a model with "
+            "one input"
+        )
     t = np.atleast_1d(np.asarray(times, dtype=float))
     if len(t) < 2 or not (all_finite(t) and np.all(np.diff(t) > 0.0)):
         raise SolveError(f"{name}: give two or more finite, increasing times")

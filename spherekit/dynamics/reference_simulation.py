@@ -99,15 +99,17 @@ def refined(
     if end.kind not in REFERENCE_END_KINDS:
         raise EngineError(
             f"{mechanism.name}: the simulation ended at {end.t:.6g} s ({end.message}); a "
-            f"reference is made for ends by {listing(REFERENCE_END_KINDS)}: ask for a "
-            "shorter time"
+            f"reference can be computed only for simulations that end by "
+            f"{listing(REFERENCE_END_KINDS)}: ask for a shorter time"
         )
     if len(mechanism.inputs) > 1:
         raise EngineError(
-            f"{mechanism.name}: a reference in wide numbers is of one input, not of "
-            f"{len(mechanism.inputs)}"
+            f"{mechanism.name}: a reference in extended precision needs a mechanism with "
+            f"one input, not {len(mechanism.inputs)}"
         )
-    check_no_reaction_friction(mechanism, "a reference in wide numbers does not solve for")
+    check_no_reaction_friction(
+        mechanism, "a reference in extended precision does not solve for"
+    )
     (q,), (dq,) = start.each(mechanism.input_pairs)
 
     def approximate_motion(t: Floats) -> tuple[Floats, Floats]:

@@ -211,9 +211,9 @@ def prepare(
     freedoms = int(rank_mobility(closure.tree, linearisation.vectors)[0])
     if freedoms != len(inputs):
         raise SolveError(
-            f"{name}: the start has {counted(freedoms, 'freedom')} of velocity for "
-            f"{counted(len(inputs), 'input')}, so the loads do not say where it goes; "
-            "start beside it"
+            f"{name}: the number of independent velocities at the start is {freedoms}, "
+            f"but that of inputs is {len(inputs)}, so the loads do not determine the "
+            "motion; start from a configuration near this one"
         )
     # The last right singular vectors of the closure equations are possible velocities.
     frame = np.linalg.svd(linearisation.jacobian[0])[2][-freedoms:]
@@ -343,8 +343,8 @@ def make_input_torques(mechanism: Mechanism, torque: Torques | None) -> list[Pai
         name = DRIVE_LOAD_NAME if len(inputs) == 1 else f"{DRIVE_LOAD_NAME}_{pair}"
         if any(load.name == name for load in mechanism.loads):
             raise ModelError(
-                f'{mechanism.name}: a load is named "{name}", as that of the driving '
-                "torque is; give it another name"
+                f'{mechanism.name}: a load has the name "{name}", which the driving torque '
+                "uses; give the load another name"
             )
         # A number becomes an expression. Functions and expressions remain as they are.
         law = repr(float(law)) if isinstance(law, int | float) else law

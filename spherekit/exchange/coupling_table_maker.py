@@ -152,11 +152,13 @@ def _check_any_sure(table: CouplingTable) -> None:
     if np.any(table.sure):
         return
     errors = table.error[np.isfinite(table.error)]
-    best = f"the best is to {np.min(errors):.2g}" if len(errors) else "no mode is there"
+    best = "no assembly mode exists at all nodes of a cell"
+    if len(errors):
+        best = f"the smallest error of a cell is {np.min(errors):.2g} rad"
     raise SolveError(
-        f"{table.mechanism}: no cell of {'x'.join(map(str, table.count))} nodes is "
-        f"sure to {table.tolerance:g} rad, {best}: ask for more samples, a larger "
-        "tolerance, or narrower ranges"
+        f"{table.mechanism}: no cell of a table with {'x'.join(map(str, table.count))} "
+        f"nodes has an interpolation error within {table.tolerance:g} rad ({best}): ask "
+        "for more samples, a larger tolerance, or narrower ranges"
     )
 
 
@@ -213,8 +215,9 @@ def _find_passive_variables(mechanism: Mechanism, pairs: Sequence[str] | None) -
             )
     if not requested_pairs:
         raise SolveError(
-            f"{mechanism.name}: a coupling table has the variables of passive pairs, and "
-            "all pairs are inputs, or none was named"
+            f"{mechanism.name}: a coupling table needs at least one passive pair (a pair "
+            "that is not an input), but all pairs are inputs, or pairs is empty; name a "
+            "passive pair in pairs"
         )
     variables: list[int] = []
     for name in requested_pairs:

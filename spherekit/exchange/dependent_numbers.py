@@ -70,9 +70,9 @@ def express_dependent_numbers(
     variables = varied_mechanism.variables
     if not varied_mechanism.can_vary:
         raise DesignError(
-            f"{document.name}: the file allows no other "
-            f"{listing(variable.key for variable in variables)}: it follows from other "
-            "numbers; vary these"
+            f"{document.name}: {listing(variable.key for variable in variables)}: the file "
+            "allows no other value, because other numbers of the file determine it; vary "
+            "those other numbers"
         )
     masses = express_masses(
         document,
@@ -155,6 +155,7 @@ def _check_linear(varied_mechanism: VariedMechanism, slopes: Floats) -> None:
         variables = varied_mechanism.variables
         keys = [variables[index].key for index in np.flatnonzero(is_nonlinear)]
         raise DesignError(
-            f"{varied_mechanism.document.name}: {listing(keys)}: what the formulas hold "
-            "does not change in proportion; vary other numbers"
+            f"{varied_mechanism.document.name}: {listing(keys)}: cannot be varied, because "
+            "the formulas contain numbers that are not linear functions of the named ones; "
+            "vary other numbers"
         )

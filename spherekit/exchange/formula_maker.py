@@ -233,10 +233,10 @@ def refuse_link_sizes(mechanism: AnyMechanism, vary: Sequence[str]) -> None:
     keys = [variable.key for variable in variables if _is_link_size(variable)]
     if keys:
         raise DesignError(
-            f"{document.name}: {listing(keys)}: with other sizes curves cross at other "
-            "inputs or nowhere, so a source that passes crossings is written for the sizes "
-            'of the file; leave crossings at "end", write a source for each design, or '
-            "write a page, which finds the crossings for its sizes"
+            f"{document.name}: {listing(keys)}: cannot be an argument of source code that "
+            "passes crossings, because with other sizes the curves cross at other inputs "
+            'or nowhere; leave crossings at "end", export source code for each design, or '
+            "export a page, which finds the crossings for the sizes set in it"
         )
 
 

@@ -171,9 +171,9 @@ class CoefficientFormulas:
             if not isinstance(step, LinePole):
                 raise EngineError(
                     f"{self._mechanism.name}: the poles of links "
-                    f"{listing(map(pole_plan.name, step.links))} follow from the velocity "
-                    "equations of an irreducible part alone, which no formula is printed "
-                    "for; export to another language"
+                    f"{listing(map(pole_plan.name, step.links))} are found only by solving "
+                    "the velocity equations of an irreducible part together, for which no "
+                    "formula is printed; export to another language"
                 )
             smaller_body, larger_body = step.pole
             label = formula_list.join_labels(larger_body, smaller_body)

@@ -376,8 +376,9 @@ class PositionFormulas:
             raise EngineError(
                 f"{self._mechanism.name}: "
                 f"inputs.{self._mechanism.names_of(unused_inputs)[0]}: formulas are "
-                "printed for inputs that lead to the ground one after another; drive a "
-                "pair of the ground, or export to another language"
+                "printed only if each driven pair is on the ground or on a link that other "
+                "driven pairs join to the ground; drive a pair on the ground, or export to "
+                "another language"
             )
 
     def _place_driven_link(self, pair: int, parent: int, child: int) -> None:

@@ -423,7 +423,8 @@ class ForeignModel:
         if np.any(polynomial[2:5]):
             raise FileError(
                 f"{self._path}: {name} couples joints at a ratio that changes; a "
-                "mechanism file has profiles in contact for that. Take it out of a copy"
+                f"mechanism file expresses this by profiles in contact. Take {name} out of "
+                "a copy of the file, and import the copy"
             )
         is_between_joints = mj_model.eq_type[equality] == self.mujoco.mjtEq.mjEQ_JOINT
         factors = defaultdict[int, float](float)
@@ -441,8 +442,9 @@ class ForeignModel:
             wraps = slice(first_wrap, first_wrap + mj_model.tendon_num[item])
             if np.any(mj_model.wrap_type[wraps] != self.mujoco.mjtWrap.mjWRAP_JOINT):
                 raise FileError(
-                    f"{self._path}: {name} holds a tendon that runs through space; a "
-                    "mechanism file has none. Take it out of a copy"
+                    f"{self._path}: {name} uses a spatial tendon, which a mechanism file "
+                    f"cannot have. Take {name} out of a copy of the file, and import the "
+                    "copy"
                 )
             for joint, factor in zip(
                 mj_model.wrap_objid[wraps], mj_model.wrap_prm[wraps], strict=True

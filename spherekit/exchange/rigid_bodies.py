@@ -304,10 +304,10 @@ def _find_gear_equation(
     if noncircular_links:
         reason = f"the profile of link {noncircular_links[0]} is no circle"
     raise ModelError(
-        f"{mechanism.name}: pairs.{pair.name}: bodies on hinges express R pairs, circles "
-        "that slide on each other, and rolling circles that turn about their centres on "
-        f"one carrier, whose ratio is constant; {reason}. Leave the pair out of a copy of "
-        "the file, or lock it away"
+        f"{mechanism.name}: pairs.{pair.name}: cannot be written as bodies on hinges: "
+        f"{reason}. Possible are R pairs, circles that slide on each other, and rolling "
+        "circles that turn about their centres on one carrier at a constant ratio. Leave "
+        "the pair out of a copy of the file"
     )
 
 

@@ -105,9 +105,10 @@ def check_sizes_change_no_constants(varied: VariedMechanism) -> None:
             fixed_keys.append(variable.key)
     if fixed_keys:
         raise DesignError(
-            f"{mechanism.name}: {listing(fixed_keys)}: formulas hold the profiles of these "
-            "contacts, and pairs given by points, as numbers, which do not follow this "
-            "one; vary other numbers, and export one file for each size of these"
+            f"{mechanism.name}: {listing(fixed_keys)}: cannot be an argument, because "
+            "formulas contain profiles of contacts, and axes given by points, as fixed "
+            "numbers that would have to change; vary other numbers, and export one file "
+            "for each value of the named ones"
         )
 
 

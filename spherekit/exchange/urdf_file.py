@@ -77,7 +77,7 @@ def read_urdf(mujoco: Any, root: Element, path: Path) -> UrdfContent:
         for loop_joint in [*root.findall("loop_joint"), *root.findall("loop")]:
             loop_axes |= add_loop_joint(mujoco, spec, loop_joint, path)
     except ValueError as error:
-        raise FileError(f"{path}: a loop joint has no numbers: {error}") from None
+        raise FileError(f"{path}: a loop joint cannot be read: {error}") from None
     notes = [*transmission_notes, *describe_motors(transmissions)]
     return UrdfContent(spec, transmissions, loop_axes, notes)
 

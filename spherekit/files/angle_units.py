@@ -67,7 +67,7 @@ def to_text(angle: float, unit: AngleUnit) -> str:
         text = _decimal_text(Context(prec=digits).plus(degrees))
         if to_radians(LiteralNumber(text), "deg") == angle:
             return text
-    raise AssertionError(f"no decimal converts to {angle!r}")
+    raise AssertionError(f"no decimal number of degrees converts to {angle!r} rad")
 
 
 def unit_vector(xyz: Vector) -> Vector:

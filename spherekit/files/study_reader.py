@@ -219,7 +219,11 @@ class _StudyReader:
                 )
             for key in ("from", "to"):
                 if key in table:
-                    raise fault((*path, key), "excluded by values, which says every sample")
+                    raise fault(
+                        (*path, key),
+                        "cannot be given together with values, which list every sample; "
+                        f"leave out {key} or values",
+                    )
             column = table["values"]
             # All lists must be as long as that of the first input.
             if columns and len(column) != len(columns[0]):
@@ -230,7 +234,11 @@ class _StudyReader:
                 )
             columns.append(column)
         if "samples" in self.data:
-            raise fault(("samples",), "excluded by the inputs' values")
+            raise fault(
+                ("samples",),
+                "cannot be given together with values of the inputs, which list every "
+                "sample; leave out samples or the values",
+            )
         return np.array(columns).T
 
     def law(self, path: KeyPath, item: Table) -> Law:

@@ -178,18 +178,18 @@ class Bearings(BearingFriction):
         has_wrong_sum = any(axial) and abs(sum(axial) - 1.0) >= AXIAL_SUM_TOLERANCE
         if has_wrong_sum or len(axial) != len(self.positions):
             raise ModelError(
-                f"{key}.axial: found {list(axial)}, needs one part for each of the "
-                f"{len(self.positions)} positions, 1 in all (a fixed bearing takes 1, a "
-                "floating one 0), or 0 for each where the pair lets its links slide along "
-                "its axis"
+                f"{key}.axial: found {list(axial)}, needs the share of the axial force of "
+                f"each bearing, {len(self.positions)} in all as in positions; the shares "
+                "add up to 1 (a fixed bearing takes 1, a floating one 0). If the pair lets "
+                "its links slide along its axis, give 0 for each"
             )
         # The forces on bearings follow from the reaction only if all bearings of the pair
         # are in one load.
         for load in mechanism.loads:
             if isinstance(load, Bearings) and load.pair == self.pair and load != self:
                 raise ModelError(
-                    f"{key}.pair: loads.{load.name} has the bearings of pair {self.pair} "
-                    "too; give both positions in one of them"
+                    f"{key}.pair: loads.{load.name} already has the bearings of pair "
+                    f"{self.pair}; give all positions in one of the two loads"
                 )
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
@@ -285,8 +285,8 @@ def check_no_reaction_friction(mechanism: LoadedMechanism, what: str) -> None:
     for load in mechanism.loads:
         if isinstance(load, BearingFriction) and load.friction_coefficient > 0.0:
             raise ModelError(
-                f"{mechanism.name}: loads.{load.name}: its friction follows from the "
-                f"reaction of pair {load.pair}, which {what}; or take coefficient = 0, or "
-                "at an R pair a load of kind friction, whose torque the analysis "
-                "reactions can tell"
+                f"{mechanism.name}: loads.{load.name}: its friction depends on the "
+                f"reaction of pair {load.pair}, which {what}; or set coefficient = 0, or "
+                "at an R pair use a load of kind friction instead, whose torque can be "
+                "found with the analysis reactions"
             )

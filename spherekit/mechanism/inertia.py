@@ -90,8 +90,8 @@ def axes_frame(first: Floats, second: Floats) -> Floats:
     sine = np.linalg.norm(normal)
     if sine < PARALLEL_AXES_SINE:
         raise ModelError(
-            "the two axes are parallel, so that no plane and no arc is theirs; name "
-            "others, or give tensor in link axes"
+            "the two axes are parallel, so they define no plane and no arc; name other "
+            "axes, or give tensor in link axes"
         )
     return frame_from(first, normal / sine)
 

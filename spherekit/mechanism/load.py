@@ -429,7 +429,7 @@ def check_field(kind: str, key: str, value: Any, mechanism: LoadedMechanism) -> 
                 sliding = listing(x.name for x in mechanism.pairs if x.type == "Cs")
                 raise ModelError(
                     f'{key}: "{value}" is of type {pair.type}, whose links do not slide on '
-                    "each other; that of an R pair is a load of kind friction or "
+                    "each other; for friction at an R pair use a load of kind friction or "
                     f"bearings. Cs pairs: {sliding or 'none'}"
                 )
         case "text" if callable(value):

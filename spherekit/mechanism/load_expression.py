@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from spherekit.arrays import Floats
 from spherekit.conventions import Names
 from spherekit.errors import ModelError
-from spherekit.wording import listing, nearest
+from spherekit.wording import counted, listing, nearest
 
 MAX_LENGTH = 2000
 """Largest number of characters of an expression. A Fourier series of 50 terms fits."""
@@ -419,7 +419,11 @@ def _read_function_name(call: ast.Call, column: int) -> str:
     count = len(call.args)
     if not smallest <= count <= (largest or count) or call.keywords:
         needed = f"{smallest} or more" if largest is None else f"{smallest}"
-        raise _syntax_error(column, f"{name} has {count} arguments", f"it takes {needed}")
+        if call.keywords:
+            needed += ", without names"
+        raise _syntax_error(
+            column, f"{name}: found {counted(count, 'argument')}", f"needs {needed}"
+        )
     return name
 
 

@@ -108,8 +108,8 @@ def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
     for parallel in mechanism.pairs:
         if parallel.name != pair.name and set(parallel.links) == {kept_link, removed_link}:
             raise ModelError(
-                f"{where} joins the same two links as pair {parallel.name}, which could "
-                "not move"
+                f"{where} joins the same two links as pair {parallel.name}; locking it "
+                f"would lock pair {parallel.name} too"
             )
     # Rotation from the axes of the removed link to those of the kept link. In a reference
     # pose the axes of all links coincide. Otherwise the second link is turned relative to
@@ -129,9 +129,10 @@ def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
         """Return a profile in new axes, if its beginning is not lost by this."""
         if contact.type == "Cr" or profile.kind == "fourier":
             raise ModelError(
-                f"{where}: axes of a link with a profile of {contact.name} change with it, "
-                "so that where the profile begins would be lost; give it by points if it "
-                "slides, or lock another pair, or another value"
+                f"{where}: locking this pair at this angle changes the axes of a link with "
+                f"a profile of {contact.name}, so the start of the profile would be lost. "
+                f"If {contact.name} slides, give the profile by points; or lock another "
+                "pair, or this pair at another angle"
             )
         return rotate_profile(profile, rotation, contact)
 
@@ -292,8 +293,9 @@ def _is_at_reference_value(
     if rolling:
         raise ModelError(
             f"{where} has {reference_value:.6g} rad in the reference pose, not "
-            f"{value:.6g} rad: without that pose it is not known how far {rolling[0]} has "
-            "rolled; lock the pair there, or give the mechanism by arcs and angles"
+            f"{value:.6g} rad: at another angle the file does not tell how far "
+            f"{rolling[0]} has rolled; lock the pair at its angle in the reference pose, "
+            "or give the mechanism by arcs and angles"
         )
     return False
 

@@ -524,12 +524,13 @@ def _check(mechanism: Mechanism) -> None:
     for mode, values in mechanism.modes.items():
         if mode.isdecimal():
             raise ModelError(
-                f"{where}: modes.{mode}: a number is that of a mode; name it by a word"
+                f"{where}: modes.{mode}: numbers are the automatic names of modes; use a "
+                "word as the name"
             )
         for name in values:
             if name not in mechanism.angles:
                 raise ModelError(
-                    f"{where}: modes.{mode}.{name}: is a contact pair; a mode is said "
+                    f"{where}: modes.{mode}.{name}: is a contact pair; a mode is described "
                     "by angles of R pairs"
                 )
     # Messages of the next checks begin with a key of the file, such as `loads.NAME`. The

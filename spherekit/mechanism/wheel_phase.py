@@ -120,15 +120,17 @@ def find_contact_start(mechanism: Mechanism, contact: Pair, phase: Angles) -> En
     """
     if isinstance(mechanism.geometry, PoseGeometry):
         raise ModelError(
-            "the reference pose says how the wheels are put together; give the value of "
-            "each shaft there instead"
+            "this mechanism is given by a reference pose, which already says how the "
+            "wheels mesh; leave phase out, and give the value of each shaft in the "
+            "reference pose"
         )
     shafts = [_find_shaft(mechanism, contact, link, phase) for link in contact.links]
     if shafts[0].carrier != shafts[1].carrier:
         raise ModelError(
-            f"the pairs {shafts[0].pair} and {shafts[1].pair} lead to the links "
-            f"{shafts[0].carrier} and {shafts[1].carrier}; they have to join the wheels to "
-            "the one link that carries both; give start instead"
+            f"the pairs {shafts[0].pair} and {shafts[1].pair} join the wheels to different "
+            f"links, {shafts[0].carrier} and {shafts[1].carrier}; name two pairs that join "
+            "the wheels to one link that carries both, or give start (the arc lengths "
+            "along both circles) in place of phase"
         )
     wheels = [Wheel.from_curve(curve) for curve in make_contact_curves(mechanism, contact)]
 

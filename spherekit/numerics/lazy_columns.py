@@ -29,7 +29,10 @@ def _convert_to_array(
 ) -> Array:
     """Return a column as an array. This is the `__array__` protocol of NumPy."""
     if copy is False:
-        raise ValueError("what is put together cannot be read without a copy")
+        raise ValueError(
+            "this array is put together when it is read, so it cannot be read without a "
+            "copy; leave copy=False out"
+        )
     (values,) = read_columns([column])
     return values if dtype is None else values.astype(dtype, copy=False)
 

@@ -387,8 +387,8 @@ def axis_and_angle(first: Floats, second: Floats) -> tuple[Floats, float]:
     # 0.
     if angle * USABLE_DIRECTION <= ORIENTATION_ROUNDING_RAD:
         raise SolveError(
-            "the orientations coincide: every axis will do, none is given; there is "
-            "nothing to turn"
+            "the orientations coincide: no rotation is needed, and every axis would do; "
+            "give two different orientations"
         )
     if np.pi - angle <= ORIENTATION_ROUNDING_RAD:
         raise SolveError(
@@ -608,8 +608,8 @@ def _close_start(
     input_count = output_link.degrees_of_freedom
     if input_count > 3:
         raise SolveError(
-            f"{mechanism_name}: {input_count} inputs turn the output link in more ways "
-            "than there are; lock some of them"
+            f"{mechanism_name}: {input_count} inputs are more than the three freedoms of "
+            "an orientation; lock some of them"
         )
     # A chord is a pair that closes a loop, which gives at most three independent equations.
     least_mobility = variable_count - 3 * len(output_link.closure.tree.chords)

@@ -105,8 +105,8 @@ def mid_plane_form(
     if len(held_legs) < 3 or len(held_legs) < len(legs):
         raise _error(
             grounded,
-            f"the elbows of {len(held_legs)} of {len(legs)} legs with equal arcs are held "
-            "in one plane, but those of all, and of three at least, have to be",
+            f"{len(held_legs)} of {len(legs)} legs with equal arcs have their elbows held "
+            "in one plane; all legs need this, and at least three are required",
         )
     leg_links = {link for links in legs.values() for link in links}
     other_links = set(range(len(grounded.links))) - {0, effector} - leg_links - carriers
@@ -120,8 +120,8 @@ def mid_plane_form(
     if not (gap < PROOF_RESIDUAL_RAD and freedoms == 2):
         raise _error(
             grounded,
-            f"placed as mirror images its pairs stay open by {gap:.3g} rad, and its "
-            f"mobility by rank is {freedoms}, not 2",
+            f"with its halves placed as mirror images, its loops stay open by {gap:.3g} "
+            f"rad, and its mobility by rank is {freedoms}, not 2",
         )
     return form
 

@@ -583,8 +583,9 @@ def _limit_measures(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]
     if not 0.0 <= near < 0.5 * np.pi:
         raise _error(
             mechanism,
-            f"near: {_format_degrees(near)} is not a distance to a singularity; it is at "
-            "least 0 and less than 90 deg, as the angle whose sine is the measure",
+            f"near: {_format_degrees(near)} is not a distance to a singularity; needs an "
+            "angle from 0 to less than 90 deg. Its sine is the measure of type I or II, 0 "
+            "at a singularity",
         )
     if near == 0.0:
         return ()

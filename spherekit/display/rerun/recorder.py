@@ -188,7 +188,7 @@ class RerunRecorder:
     def _open_charts(self) -> Charts:
         """The charts; `ValueError` before `start` and after the end."""
         if self._charts is None or self._is_finished:
-            raise ValueError("log is called after start and before the end")
+            raise ValueError("log: call it after start and before the end of the recording")
         return self._charts
 
     def __enter__(self) -> Self:
