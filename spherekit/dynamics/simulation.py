@@ -135,8 +135,9 @@ class Checks:
         Largest difference between the rate of the kinetic energy and the power of the
         loads, W.
     momentum
-        Largest error of a step in the momenta, relative to the largest momentum. It is the
-        difference of dp/dt from the equation of motion, times the length of the step.
+        Largest error of the momenta that a step adds, relative to the largest momentum. The
+        computed path has one dp/dt, the equation of motion another one. Their difference
+        times the length of the step is the error.
     closure
         Largest closure residual (opening of a loop), rad. Residuals that were removed by
         corrections during the integration are included.
@@ -380,13 +381,15 @@ class Simulation:
         # The error of dp/dt is not computed at the end. There a load may jump, or dp/dt may
         # have no value because the inertia matrix is singular.
         rate_errors[t >= self.end.t] = 0.0
-        # The scale of the momenta is the largest one, but at least that at 1 rad/s: the
-        # largest eigenvalue of R. Otherwise a mechanism at rest would divide by zero.
+        # The largest momentum is the scale of their errors. A mechanism at rest would have
+        # the scale zero. The scale is therefore at least the largest eigenvalue of R, which
+        # is a momentum at the rate 1 rad/s.
         momentum_sizes = np.append(
             np.linalg.norm(momenta, axis=1), dynamics.roots.eigenvalues
         )
         step_lengths = np.append(np.tile(lengths, len(BALANCE_FRACTIONS)), 0.0)
         # An error of dp/dt that lasts for a whole step changes the momenta by this much.
+        # The power is balanced at each time, so its error has no such factor.
         momentum_errors = np.linalg.norm(rate_errors, axis=1) * step_lengths
         # Eigenvalues are NaN where an inertia matrix is not positive.
         largest_momentum = np.nanmax(momentum_sizes)
@@ -442,7 +445,8 @@ class Simulation:
         return path_states, self.equation.evaluate(
             t,
             states=path_states.states,
-            # Frames define the coordinates to which the momenta in the states belong.
+            # Coordinates are weighted sums of the pair variables. `frames` has the weights,
+            # and defines the coordinates to which the momenta in the states belong.
             frame=path_states.frames,
             whole_turns=turn_angles,
             needs_second_order=second,

@@ -481,15 +481,16 @@ def _compute_configuration(
     """
     name = mechanism.name
     if len(q) == 1:
-        # The modes of one input are numbered over its range. If whole turns of the input
-        # have no influence, `compute_modes_at_inputs` removes them, so that the input is in
-        # this range.
+        # The modes of one input are numbered over its range, which a position analysis
+        # has. `compute_modes_at_inputs` moves the input into this range by whole turns. If
+        # wheels make the configuration depend on the turns, it extends the range instead.
         position_analysis, motion = compute_modes_at_inputs(
             position_analysis_of(mechanism), q[None]
         )
     else:
-        # Several inputs have no range, so their whole turns are removed here. They remain
-        # if there are contacts, because these can make a configuration depend on the turns.
+        # The modes of several inputs are computed at these inputs alone, from the
+        # mechanism. Whole turns have no influence on R pairs and are removed. A contact can
+        # make the configuration depend on them, so that they remain.
         inputs = q if mechanism.has_contacts else wrap_to_pi(q)
         position_analysis, motion = compute_modes_at_inputs(mechanism, inputs[None])
     # The motion has one row for each mode, because there is only one sample.

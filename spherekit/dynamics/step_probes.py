@@ -73,7 +73,8 @@ def find_first_errors(probe: ProbeFunction, step_count: int) -> Floats:
     -------
     (step_count,) places between 0 and 1; infinity for steps without such an error.
     """
-    # Two places right beside the ends show whether an extremum is there.
+    # Between three places an extremum shows as a change of sign of the differences between
+    # neighbours. Two further places right beside the ends make this work at the ends, too.
     even_places = np.sort(
         [*np.linspace(0.0, 1.0, EVEN_PROBES), END_DISTANCE, 1.0 - END_DISTANCE]
     )
@@ -148,18 +149,21 @@ def _find_zeros(
 ) -> ProbePlaces:
     """Return the zeros of functions that change their sign between neighbouring values.
 
-    A place is a fraction of an integration step, from 0 to 1.
+    A place is a fraction of an integration step, from 0 to 1. The extrema of a quantity are
+    the zeros of its slope. To find them, `evaluate` is a central difference of the
+    quantity, and `values` are its differences between neighbouring places. A change of sign
+    between two of these differences belongs to three places. The bracket is then from the
+    first to the third.
 
     Parameters
     ----------
     evaluate
         Returns the values (n, functions) for indices of steps (n,) and places (n,).
     values
-        (steps, k + 1, functions) values of the functions in the order of rising places. To
-        find extrema of a quantity, its differences between neighbouring places are passed.
+        (steps, k + 1, functions) values of the functions in the order of rising places.
     low, high
-        (k,) places, the ends of brackets. If the sign changes between values j and j + 1,
-        a zero is between `low[j]` and `high[j]`.
+        (k,) ends of the brackets. If the sign changes between values j and j + 1, a zero is
+        between the places `low[j]` and `high[j]`.
 
     Returns
     -------

@@ -181,7 +181,8 @@ class TaylorRun:
     segments
         Segments of some steps each, in order of time.
     events
-        Time (s), kind and number of the pair variable of each event (-1 without one).
+        For each event its time (s), its kind, and the number of the pair variable to which
+        it belongs. The number is -1 if it belongs to none.
     end
         The reason why the integration ended.
     end_time
@@ -192,7 +193,7 @@ class TaylorRun:
         Largest measure of the independence of the loop-closure equations in the run. The
         measure is zero where these equations depend on each other: there, sets of
         configurations cross. It has no scale of its own, so "nearly zero" means small
-        compared with this largest value. A run that continues this one needs it for that.
+        compared with this largest value. A run that continues this one starts with it.
     """
 
     equation: CompiledEquation
@@ -245,16 +246,16 @@ class RunStart:
     turns
         (variables,) numbers of these whole revolutions.
     momenta
-        (m,) momenta (square root of J) as in the compiled equation. With one degree of
-        freedom the momentum is sqrt(B) u, with the inertia B and the rate u along the
-        configuration curve. The compiled equation computes a tangent of the curve, its
-        homogeneous rates. The momentum is positive if the variables change along it. With
-        several degrees of freedom each momentum is the rate of a coordinate times one
-        constant for all, the root of the total moment of inertia.
+        (m,) momenta (square root of J). With one degree of freedom the momentum is
+        sqrt(B) u, with the inertia B and the rate u along the configuration curve. It is
+        positive in the direction of the tangent that the compiled equation computes
+        (`homogeneous_rates`). With several degrees of freedom each momentum is the rate of
+        a coordinate times one constant for all, the root of the total moment of inertia.
     momentum_unit
-        A momentum (square root of J) of typical size, not zero. The integrator's state
-        contains multiples of it, because step errors are relative to the largest number in
-        the state. If the norm of `momenta` is larger, it replaces this unit.
+        A momentum (square root of J) of typical size, not zero. The integrator's state has
+        the momenta in this unit, or in their norm if that is larger. Their numbers are then
+        at most about 1, like the angles (rad) in the same state. This matters because the
+        errors of a step are relative to the largest number of the state.
     previous_run
         The run that is continued, with other coordinates or a smaller tolerance, if any.
     closure_residual
@@ -373,7 +374,8 @@ class TaylorIntegration:
             # The equation has parameters that differ between intervals: values and slopes
             # of torque tables, and the signs of switch conditions. At a zero of such a
             # condition a load changes abruptly, such as dry friction where a pair stops.
-            # Here they are set for the interval up to the first target.
+            # Here they are set for the interval up to the first target. Later ones are set
+            # by `_integrate_segment`, which also adds to `segments`.
             self._set_switch_signs(targets[0])
             integrator.start(self.start_state, self.time, self._parameters(targets[0]))
             for target in targets:
@@ -573,10 +575,20 @@ class TaylorIntegration:
             later, such as tanh(1000 x) where x passes zero, is not seen by it. The series
             then gives another rate of the momenta than the equation of motion.
 
-            Parameters are the indices (n,) of steps, and the times (n,) since their starts
-            divided by their lengths. Returns errors (n,) relative to the allowed ones, and
-            the arguments x (n, arguments) of all such functions. The caller probes near
-            zeros and extrema of these arguments next.
+            Parameters
+            ----------
+            step
+                (n,) indices of steps.
+            fractions
+                (n,) times since the starts of these steps, divided by their lengths.
+
+            Returns
+            -------
+            errors
+                (n,) as multiples of the allowed error.
+            arguments
+                (n, arguments) values x of all tanh(1000 x) and similar functions in loads.
+                The caller probes near their zeros and extrema next.
             """
             h = fractions * lengths[step]
             states, rates = _evaluate_series(series[step], h)
@@ -593,7 +605,9 @@ class TaylorIntegration:
             # One rate of the momentum for each degree of freedom, then the arguments.
             momentum_rates, arguments = np.split(outputs, [layout.freedoms])
             differences = np.abs(rates[:, layout.momentum_slice] - momentum_rates.T)
-            # The change of the momentum if the difference lasted for the whole step.
+            # The change of the momentum if the difference lasted for the whole step, in the
+            # unit of momenta. In this unit, momenta are at most about 1, so the relative
+            # tolerance of a step is its limit.
             errors = np.max(differences, axis=1) * lengths[step]
             return errors / (MAX_PROBE_ERROR * self.equation.tolerance), arguments.T
 
@@ -644,26 +658,28 @@ class TaylorIntegration:
             values[:], residual = self.project(values)
             self.max_closure_residual = max(self.max_closure_residual, residual)
         self.turns = self.turns + turns
-        # The state has multiples of scales: momenta in multiples of `momentum_unit`
-        # (sqrt(J)), works in multiples of its square (J).
+        # In the state, momenta are multiples of `momentum_unit` (sqrt(J)), and works are
+        # multiples of its square (J).
         works = state[self.layout.work_slice]
         self.work = self.work + works * self.momentum_unit**2
         works[:] = 0.0
-        # If the norm of these multiples exceeds 1, the unit grows by this norm. The unit
-        # never shrinks, so that a mechanism near rest does not lose digits.
+        # Errors of a step are relative to the largest number in the state, so momenta must
+        # not exceed 1, the size of angles in rad. If their norm does, the unit grows by
+        # this norm. The unit never shrinks. Near rest it would be tiny, and works in
+        # multiples of its square would be by far the largest numbers.
         momenta = state[self.layout.momentum_slice]
         size = float(np.linalg.norm(momenta))
         if size > 1.0:
             self.momentum_unit *= size
             momenta /= size
-        # At a zero of its switch condition a load changes abruptly, and the integrator
-        # reverses the parameter with the sign of the condition. These signs are read here,
-        # before all parameters are set again. The parameters also have the values and
-        # slopes of the torque tables up to the target.
+        # At a zero of its switch condition a load changes abruptly, such as dry friction.
+        # A parameter has the sign of the condition, and the integrator reverses it there.
+        # The present signs are read before all parameters are set again. The other
+        # parameters are the values and slopes of the torque tables up to the target.
         self.switch_signs = self._all_parameters(integrator)[
             self.layout.switch_parameters :
         ]
-        # The integrator lacks the parameters after the last one that its equations contain.
+        # The last parameters may occur in no equation. The integrator does not have them.
         parameters = integrator.parameters
         parameters[:] = self._parameters(target)[: len(parameters)]
 

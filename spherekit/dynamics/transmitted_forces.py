@@ -53,6 +53,13 @@ makes determined reactions indeterminate.
 MOMENT_COMPONENTS = 3
 """Components 0, 1, 2 of a wrench are the moment, components 3, 4, 5 the force."""
 
+TANGENT_FORCE = 3
+NORMAL_FORCE = 4
+"""Components of a wrench in pair axes: the forces along x and y.
+
+At a contact, x is the common tangent of the profiles, and y their normal.
+"""
+
 AXIAL_FORCE = 5
 """Component of a wrench in pair axes: the force along the axis of an R pair."""
 
@@ -434,11 +441,10 @@ def links_without_centre(mechanism: Mechanism) -> list[str]:
 def _list_force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
     """Return the pair and component (3, 4 or 5) of each force that is an unknown.
 
-    The equations of moments do not determine these forces. They are the forces of R pairs
-    through the centre O, and the forces of contacts whose distance from O is not known.
-    (With a known distance, the force of a contact follows from its moment.) Components 3,
-    4 and 5 are along x, y and z of the pair. An R pair has no force along its axis z if its
-    bearings let the links slide along it.
+    Components 3, 4 and 5 of a wrench are the forces along x, y and z of the pair. The
+    equations of moments about the centre O do not determine the forces of R pairs through
+    O, and those of contacts whose distance from O is not known. If the distance is known,
+    the force of a contact follows from its moment.
     """
     floating_pairs = set()
     contacts_with_friction = set()
@@ -450,14 +456,16 @@ def _list_force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
     columns = []
     for pair_number, pair in enumerate(mechanism.pairs):
         if pair.kind.has_axis:
-            end = AXIAL_FORCE if pair.name in floating_pairs else AXIAL_FORCE + 1
-            columns += [(pair_number, component) for component in range(3, end)]
+            columns += [(pair_number, TANGENT_FORCE), (pair_number, NORMAL_FORCE)]
+            # Floating bearings let the links slide along the axis z, without any force.
+            if pair.name not in floating_pairs:
+                columns.append((pair_number, AXIAL_FORCE))
         elif pair.distance is None:
-            # Every contact transmits a force along its normal y (component 4). A rolling
-            # contact and one with friction also transmit a force along the tangent x.
-            columns.append((pair_number, 4))
+            # Every contact transmits a force along its normal y. A force along the tangent
+            # x needs rolling without slip, or friction.
+            columns.append((pair_number, NORMAL_FORCE))
             if pair.rolls or pair.name in contacts_with_friction:
-                columns.append((pair_number, 3))
+                columns.append((pair_number, TANGENT_FORCE))
     return columns
 
 
@@ -501,28 +509,28 @@ def compute_reactions(driven: DrivenState, *, forces: bool = False) -> JointReac
     balance = solve_equilibrium(driven, forces)
     equations = balance.equations
     equilibrium = balance.equilibrium
-    # A pair transmits its reactions, and the torque of loads and drives at it.
+    # A pair transmits its reactions, and the torque of loads and drives about its axis.
     wrenches = equations.sum_wrenches(equilibrium.reactions)
     wrenches += equilibrium.torques[..., None] * equations.unit_torque_wrenches
     # Components are open (not determined) if redundant constraints let reactions balance
     # each other, or if it is not known on which side teeth press (`is_settled` is False).
     opened = equations.open_components | ~balance.is_settled[:, None, None]
     wrenches[opened] = np.nan
-    residual = equilibrium.residual
+    # The moment by which equilibrium is missed is the residual of its equations.
+    unbalanced = equilibrium.residual
     if not forces:
         wrenches[..., MOMENT_COMPONENTS:] = np.nan
         opened[..., MOMENT_COMPONENTS:] = False
     # Rows in which a link can be displaced from O.
     is_sliding = np.any(equations.slides, axis=1)
     if np.any(is_sliding):
-        # Moments are determined without the equations of forces.
+        # Moments are still determined. They are computed without the equations of forces.
         moments_only = compute_reactions(driven.rows(is_sliding))
         wrenches[is_sliding] = moments_only.wrenches
         opened[is_sliding] = moments_only.opened
         opened[is_sliding, :, MOMENT_COMPONENTS:] = True
-        # `unbalanced` is the residual of the solution without forces.
-        residual[is_sliding] = moments_only.unbalanced
-    return JointReactions(wrenches, opened, residual, equations.slides)
+        unbalanced[is_sliding] = moments_only.unbalanced
+    return JointReactions(wrenches, opened, unbalanced, slides=equations.slides)
 
 
 @dataclass(frozen=True)

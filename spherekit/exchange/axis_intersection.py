@@ -32,8 +32,8 @@ def find_common_point(points: Floats, axes: Floats, max_distance: float) -> Floa
     P = I - a a^T onto the plane at right angles to each line (point p, unit vector a), it
     solves sum(P) c = sum(P p). While a line misses the point by more than allowed, the
     farthest line is left out and the point is computed again, so a few wrong lines do not
-    move the point. If all lines coincide, the point of the line nearest to the origin is
-    returned.
+    move the point. If there is only one line, or all lines coincide, the point of the line
+    nearest to the origin is returned.
 
     Parameters
     ----------
@@ -55,6 +55,8 @@ def find_common_point(points: Floats, axes: Floats, max_distance: float) -> Floa
         # The smallest eigenvalue is 0 for parallel lines. For lines at small angles to each
         # other it is about n times the square of the angles.
         if np.linalg.eigvalsh(matrix)[0] < PARALLEL_SINE**2 * len(used_lines):
+            # The remaining lines have no point. If lines were left out before, the last
+            # point is returned, and the caller notices which lines miss it.
             break
         projected_points = projections[used_lines] @ points[used_lines, :, None]
         right_side = np.sum(projected_points, axis=0)[:, 0]

@@ -162,10 +162,10 @@ def make_body_inertia(
     about O. If the mass or the centre of mass is not stated, both are chosen such that this
     tensor is right.
 
-    They are also chosen if the stated centre is at O, where the weight does nothing. MuJoCo
-    closes loops wrongly if their bodies have the centre of mass at O, because it weighs the
-    closure constraints by the mobility of centres of mass. A link without mass gets a small
-    inertia.
+    They are also chosen if the stated centre is at O, where the weight does nothing. With
+    centres of mass at O, MuJoCo closes loops wrongly, because it weighs the closure
+    constraints by the mobility of the centres of mass. A link without inertia gets a small
+    one, because MuJoCo refuses bodies without inertia.
 
     Parameters
     ----------
@@ -185,12 +185,15 @@ def make_body_inertia(
     # The tensor about the centre of the sphere O, in ground axes.
     tensor_about_O = rotation @ link_inertia.tensor @ rotation.T
     if not np.any(link_inertia.tensor):
+        # A mass whose tensor about O is zero is a point at O, which has no effect on the
+        # motion. It is replaced, too.
         largest_trace = max(
             np.trace(inertia.tensor) for inertia in link_inertias.by_link.values()
         )
         moment = max(light_ratio * largest_trace, LEAST_INERTIA_KG_M2)
         tensor_about_O = moment * np.eye(3)
         mass = None
+    # Whether the body gets the mass and the centre that the mechanism file states.
     is_stated = False
     if mass is not None and link_inertia.centre is not None:
         gyration_radius = np.sqrt(np.trace(tensor_about_O) / mass)

@@ -210,14 +210,17 @@ def write_cpp(source: Source) -> str:
     type whose values have derivatives with them (automatic differentiation). The number
     type of constants, ``Real``, follows from it by the template `CONSTANT_OF`.
 
-    The parts are those of `write_c`, without declarations.
+    After some definitions of types, the header has constants for its users, functions that
+    C++ does not have (`helpers`), functions that evaluate tables of Chebyshev coefficients,
+    the functions of the formulas, and the function that selects an assembly mode.
     """
     guard = f"{source.name}_HPP"
     used_functions = "\n".join(
         f"using std::{name};" for name in ("atan2", "floor", "pow", *UNARY_FUNCTIONS)
     )
     includes = "#include <cmath>\n#include <type_traits>\n"
-    # Functions that evaluate tables of Chebyshev coefficients. In C they are static.
+    # Functions that evaluate tables of Chebyshev coefficients. In C they are static. In C++
+    # each has a line that defines `Real`, the type of its constants.
     series = _write_series(source, "Scalar", "Real", REAL_TYPE_LINE)
     parts = [
         f"{head_comment(source)}#ifndef {guard}\n#define {guard}\n\n{includes}",
@@ -277,7 +280,8 @@ def _write_series(
 ) -> Iterator[str]:
     """Yield the functions that evaluate the stored series.
 
-    A stored series is a table of Chebyshev coefficients by which a formula is computed. A
+    A stored series is a table of Chebyshev coefficients by which a formula is computed. It
+    has cells, the intervals between `edges` of its variable, with `coefficients` each. A
     closed curve is periodic: its variable is moved into the period. Outside of an open
     curve the results are NaN.
 
@@ -291,6 +295,7 @@ def _write_series(
         Line that defines the type of constants, or nothing.
     """
     literal_format = source.language.literal_format  # such as Real(...) in C++
+    # `fields` has the values of one series that are inserted in the templates, by name.
     for fields in source.series_fields:
         # Lines for a variable outside of the range of the series.
         out_of_range_template = (
@@ -298,7 +303,7 @@ def _write_series(
         )
         edges = nested(fields["edges"], "{}", literal_format)
         coefficients = nested(fields["coefficients"], "{}", literal_format)
-        # The template has the outer braces.
+        # `[1:-1]` removes the outer braces, which the template has already.
         yield C_SERIES_TEMPLATE.format(
             **fields,
             scalar=scalar,
@@ -382,13 +387,15 @@ def _write_function(source: Source, function: SourceFunction, scalar: str) -> st
 def _smooth_mode_head(source: Source, scalar: str) -> str:
     """Return the C head of the function that selects an assembly mode at an input.
 
-    The written function has three parameters: the number ``k`` of the mode, the input ``q``
-    (rad), and an array to which it writes the numbers that select the mode there. In closed
-    form these are the signs of the dyads (two links and three R pairs), and the function
-    returns nothing.
+    Curves of configurations may cross at an input. A mode that follows its smooth curve
+    through the crossing is selected by other numbers beyond it, the mode values. The
+    written function has the number ``k`` of the mode and the input ``q`` (rad) as
+    parameters, and an array to which it writes the mode values.
 
-    Otherwise they are the variables (rad) of all pairs in a known configuration, from which
-    Newton's method starts. The function then returns the input of that configuration.
+    If positions have a closed form, the mode values are the signs of the dyads (two links
+    and three R pairs), and the function returns nothing. Otherwise they are the variables
+    (rad) of all pairs in a known configuration, from which Newton's method starts. The
+    function then returns the input of that configuration.
 
     Parameters
     ----------
@@ -397,8 +404,9 @@ def _smooth_mode_head(source: Source, scalar: str) -> str:
     scalar
         Name of the number type of the array, such as ``double``.
     """
-    # Formulas that are not in closed form have a step of Newton's method.
-    returned_type = "double" if source.formulas.step else "void"
+    # `step` is a step of Newton's method. It is empty if positions have a closed form.
+    has_closed_form = not source.formulas.step
+    returned_type = "void" if has_closed_form else "double"
     return (
         f"{returned_type} {source.smooth_function}"
         f"(int k, double q, {scalar} {source.mode_argument}[])"

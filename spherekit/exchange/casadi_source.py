@@ -151,13 +151,14 @@ def _write_function(source: Source, function: SourceFunction) -> str:
 def _write_smooth_modes(source: Source) -> Iterator[str]:
     """Yield the text of the function that selects an assembly mode, if there is one.
 
-    Some numbers, called ``places`` in the written code, select an assembly mode in the
-    formulas. In closed form they are the sign (+1 or -1) of each dyad (two links and three
-    R pairs). Configuration curves of modes may cross. A mode that follows its smooth curve
-    through a crossing has other signs beyond it. The written function looks up the numbers
-    of a mode at an input.
+    An assembly mode is selected in the formulas by numbers, the mode values. In closed form
+    they are the sign (+1 or -1) of each dyad (two links and three R pairs). Configuration
+    curves of modes may cross. A mode that follows its smooth curve through a crossing has
+    other signs beyond it. The written function looks up the mode values of the interval in
+    which an input is. Its arrays have the axes interval and mode; the array of mode values
+    is called ``places``.
 
-    Without closed form, the numbers are the variables (rad) of all pairs in a known
+    Without closed form, the mode values are the variables (rad) of all pairs in a known
     configuration, from which steps of Newton's method (`formulas.step`) lead to the input.
     The written function then also returns the input of the known configuration.
     """
@@ -171,8 +172,8 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
         moved_template=CASADI_MOVED_INPUT_TEMPLATE,
     )
     # Parts of the text about the input of the known configuration: the array of inputs, the
-    # end of the docstring, and lines before and in the loop over the intervals. They are
-    # empty in closed form.
+    # end of the docstring, the line before the loop over the intervals, and the lines in
+    # it. They are empty in closed form.
     input_lines = ""
     docstring_end = ""
     first_input = ""
@@ -181,8 +182,8 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
     returned = f"{source.mode_argument}_there"
     if source.formulas.step:
         input_lines = f"    inputs = {texts.known_inputs}\n"
-        # The written docstring ends with ", and the input at which it has them". The phrase
-        # shared with NumPy, where functions have arrays of inputs, says "inputs".
+        # The source in NumPy has the same phrase about "inputs", because its functions have
+        # arrays of inputs. Here it becomes ", and the input at which it has them".
         docstring_end = KNOWN_INPUTS_TEXT.replace("inputs", "the input")
         first_input = "known_input = ca.DM(inputs[0][mode])\n    "
         next_input = (

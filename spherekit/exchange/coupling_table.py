@@ -232,15 +232,21 @@ class CouplingTable:
         """Return the interpolated values of a mode in cells of the grid.
 
         A corner of the cell has a stored angle f with its gradient g (the coefficients) and
-        Hessian H (their derivatives) by the inputs. At the distance d, the corner gives the
-        angle f + (2/3) g d + (1/6) d H d, the coefficients g + (1/2) H d, and the
-        derivatives H. The results of all corners are averaged with multilinear weights.
-        With these factors the average is exact for cubic angles. With those of a Taylor
-        series, 1 and 1/2, it would be exact for quadratic ones only (Guessab, Nouisser and
-        Schmeisser, J. Comput. Appl. Math. 196, 2006). Angular velocities (`turning`) are
+        Hessian H (their derivatives) by the inputs. At the distance d from the corner these
+        give
+
+        - the angle f + (2/3) g d + (1/6) d H d,
+        - the coefficients g + (1/2) H d,
+        - the derivatives H.
+
+        The results of all corners are averaged with multilinear weights. With these factors
+        the average is exact for angles that are cubic and coefficients that are quadratic
+        functions of the inputs. With the factors of a Taylor series, 1 and 1/2, it would be
+        exact for quadratic angles only (Guessab, Nouisser and Schmeisser, J. Comput. Appl.
+        Math. 196, 2006). Relative angular velocities of two links (`turning`) are
         interpolated like coefficients.
 
-        Cells whose measured error exceeds the tolerance are not refused here.
+        The caller refuses cells whose measured error exceeds the tolerance.
 
         Parameters
         ----------
