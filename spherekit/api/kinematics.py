@@ -526,8 +526,7 @@ def _prepare_evaluation(
             motion = position_analysis.at(shift_into_range(position_analysis, q))
         else:
             path = q[None] if q.ndim == 1 else q
-            # `independent`: modes are not continued from row to row, because the rows of q
-            # need not be near each other as in a motion.
+            # `independent`: the rows of q may be far apart and are no samples of a motion.
             position_analysis = PositionAnalysis(mechanism, path=path, independent=True)
             motion = position_analysis.motion()
         if assembly_mode is not None:

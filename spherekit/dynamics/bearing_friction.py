@@ -62,10 +62,12 @@ class IndeterminateForces:
     distances
         Names of contacts whose distance from the centre O is not known.
     floating
-        Names of pairs whose bearings would have to let the links slide along the axis.
+        Names of pairs that would have to float: to have bearings that let the link slide
+        along the axis. If too many pairs hold links along their axes, the forces along the
+        axes can balance each other and are not determined.
     enough
-        Whether this information would determine all forces. If not, redundant constraints
-        leave some of the forces undetermined.
+        Whether all of this information together would determine all forces. If not, other
+        redundant constraints leave some of the forces undetermined.
     """
 
     centres: Names = ()
@@ -171,8 +173,10 @@ def diagnose_indeterminate_forces(
 class CarriedLoads:
     """The forces that pairs with friction carry, at n rows.
 
-    Friction depends on the carried forces and changes them. A number called feedback, which
-    is not stored, tells how strongly. If it is below 1, there is exactly one solution.
+    Friction depends on the carried forces and changes them, so it is computed by iteration.
+    The feedback is the largest eigenvalue of a matrix. It bounds by which factor an
+    iteration changes an error of the friction. If it is below 1, the iteration converges to
+    the only solution.
 
     Attributes
     ----------

@@ -144,17 +144,17 @@ class CollocationStep:
         mechanism
             The mechanism with its joint limits.
         turn_angles
-            (variables,) constant angles (rad), multiples of 2 pi. A pair variable over full
-            revolutions is that of the state plus this angle.
+            (variables,) whole revolutions (rad, multiples of 2 pi) that are left out of the
+            variables in the state. Joint limits count them.
         """
         for joint_limit in mechanism.joint_limits:
             variable = variable_of(mechanism, joint_limit.pair)
             for limit, sense in ((joint_limit.low, -1.0), (joint_limit.high, 1.0)):
-                # The variable minus its limit, as a function of time with its slope. The
-                # state has the variable without whole revolutions, so these are subtracted
-                # from the limit. `distance` times `sense` is positive beyond the limit.
+                # The variable minus its limit, as a function of time that returns value and
+                # slope. `distance` times `sense` is positive beyond the limit.
                 limit_of_state = limit - turn_angles[variable]
-                distance = self._function(self.state_series(variable, limit_of_state))
+                distance_series = self.state_series(variable, limit_of_state)
+                distance = self._function(distance_series)
                 zero_times = find_zeros(distance, self.times).places
                 _, slopes = distance(zero_times)
                 outward_times = zero_times[sense * slopes > 0.0]
@@ -193,28 +193,30 @@ class CollocationStep:
             return np.ones(len(values))
         return np.linalg.det(matrices)
 
-    def find_crossing(self, determinants: Floats, largest: float) -> float | None:
+    def find_crossing(self, determinants: Floats, signed_largest: float) -> float | None:
         """Return the time at which curves of configurations cross, if they do in the step.
 
-        Where curves cross, a determinant passes through zero: that of the closure Jacobian
-        with the rates of the variables as further rows.
+        A determinant changes its sign where curves cross. Its matrix has the Jacobian of
+        the loop-closure equations, and below it the rates of the variables.
 
         Parameters
         ----------
         determinants
             (N,) this determinant at the nodes, from `closure_determinants`.
-        largest
-            A reference for size and sign. Its size is that of the largest determinant since
-            the start of the motion. Its sign is that at the end of the previous step.
+        signed_largest
+            Its size is that of the largest determinant from the start of the motion to the
+            end of this step, its sign that of the determinant before this step.
             Determinants smaller than `CROSSING_RATIO` times this size count as zero.
 
         Returns
         -------
         The time (s) of the first zero, or of the first node at which the determinant is
-        small or has the other sign. None if there is no such node.
+        small or has the other sign. None if there is no such node: zeros between two nodes
+        that the determinants at the nodes do not show are not searched.
         """
         # Nodes at which the determinant vanishes or has changed its sign.
-        is_small = determinants * np.sign(largest) < CROSSING_RATIO * abs(largest)
+        unchanged_determinants = determinants * np.sign(signed_largest)
+        is_small = unchanged_determinants < CROSSING_RATIO * abs(signed_largest)
         if not np.any(is_small):
             return None
         # The Legendre series of the polynomial through the determinants at the nodes.

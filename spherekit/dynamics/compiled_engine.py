@@ -108,16 +108,18 @@ class CompiledRuns:
 
     A run is an integration of one compiled equation of motion. A mechanism with m degrees
     of freedom has m coordinates, which are weighted sums of the pair variables, and a
-    momentum for each coordinate. A frame (m, variables) is the weights of these sums.
+    momentum for each coordinate. The weights (m, variables) are called a frame. With one
+    degree of freedom the coordinate is the arc length of the configuration curve. Its frame
+    is the tangent of the curve, which is different in each state.
 
     Attributes
     ----------
     runs
         One run for each choice of coordinates, in order of time.
     momentum_conversions
-        For each run a function that converts its states in place, and returns the frame of
-        each state. The compiled equation has its own sign or unit of the momenta. The
-        function replaces these momenta by those that all simulations use.
+        For each run a function that returns the frame of each state. It also replaces the
+        momenta in the states: those of the compiled equation differ in sign or unit from
+        those that all simulations use.
     compile_seconds
         Time that compiling took, s.
     """
@@ -443,7 +445,8 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
     if run.end in END_BY_RUN_END:
         kind, message = END_BY_RUN_END[run.end]
         return SimulationEnd(kind, run.end_time, message)
-    # The state at the end. Its frame gives the coordinates to which its momenta belong.
+    # The state at the end, with the frame: the weights of the pair variables in the
+    # coordinates to which the momenta belong.
     path_states = path.evaluate(np.array([run.end_time]))
     if run.end == "joint_limit":
         # The joint limit is the last event: its time, kind, and index of the pair variable.
@@ -452,7 +455,8 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
         name = mechanism.pairs[mechanism.variable_owners[variable]].name
         return joint_limit_end(run.end_time, name, float(path_states.values[0, variable]))
     # The state is not finite. If all loads are finite nevertheless, only the Taylor
-    # coefficients of a load are not, for example because an exp inside it overflows.
+    # coefficients of a load are not, for example because an exp inside it overflows. The
+    # load changes too fast for a series.
     if run.end == "not_finite" and _are_loads_finite(
         problem,
         run.end_time,

@@ -194,7 +194,8 @@ def compile_equation(
     step_tolerance = _limit_tolerance(tolerance, coordinates)
     key = _cache_key(mechanism, step_tolerance, compact)
     input_variables = [mechanism.angles[pair] for pair in mechanism.input_pairs]
-    # `compile_now`, which the cache calls if it has no such equation, sets this to False.
+    # Whether an earlier call has compiled the equation. `compile_now`, which the cache
+    # calls if it has no such equation, sets this to False.
     was_compiled = True
 
     def compile_now() -> CompiledEquation:
@@ -205,9 +206,11 @@ def compile_equation(
         derived, they have arbitrary values. So mechanisms that differ only in these numbers
         share one compiled equation.
         """
+        # The equation was not in the cache, as `compile_equation` has assumed.
         nonlocal was_compiled
         was_compiled = False
-        # The configuration `values` is only given with several degrees of freedom.
+        # With several degrees of freedom a configuration is given, `values`, in which the
+        # coordinates determine the rates. With one there is nothing to choose.
         if values is None:
             expressions = derive_single_dof_equation(common_mechanism)
         else:
@@ -253,6 +256,7 @@ def estimate_compile_seconds(
         The mechanism with its loads.
     tolerance
         Error of each step of the integration, relative to the largest element of the state.
+        It is compiled into the equation, which is searched in the cache by it.
     compact
         Whether to use heyoka's compact mode, which compiles faster and runs slower.
     coordinates
@@ -269,8 +273,8 @@ def estimate_compile_seconds(
     pair_rotations(mechanism)
     if not available():
         heyoka()
-    # Look for the equation in the cache, where it is stored for the mechanism without the
-    # numbers of torque tables and joint limits. These are set before each simulation.
+    # Look for the equation in the cache. Mechanisms that differ only in the numbers of
+    # torque tables and joint limits share an equation, so these numbers are removed.
     step_tolerance = _limit_tolerance(tolerance, coordinates)
     common_mechanism = _remove_run_data(mechanism, coordinates)
     if FUNCTION_CACHE.has(common_mechanism, _cache_key(mechanism, step_tolerance, compact)):

@@ -125,9 +125,8 @@ def compute_modes_at_inputs(
         (n, inputs) angles of the inputs with any number of whole turns, rad.
     assembly_mode, search
         The assembly mode to compute, or None for all of them, and whether modes other than
-        that of the reference pose are searched for. They have no effect if a position
-        analysis is given and its range suffices. All modes of this analysis are returned
-        then.
+        that of the reference pose are searched for. A position analysis that is given and
+        whose range suffices is returned with its own modes, whatever these arguments are.
 
     Returns
     -------
@@ -135,10 +134,10 @@ def compute_modes_at_inputs(
     """
     if q.shape[1] > 1:
         assert isinstance(mechanism_or_analysis, Mechanism)
-        # Each row of inputs is a sample.
+        # Each row of inputs is a sample of a path, along which modes are numbered.
         position_analysis = PositionAnalysis(
             mechanism_or_analysis,
-            input_pair=None,
+            input_pair=None,  # the inputs of the mechanism
             assembly_mode=assembly_mode,
             search=search,
             path=q,

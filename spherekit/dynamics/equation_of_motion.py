@@ -386,8 +386,8 @@ class EquationOfMotion:
         roots = InertiaRoots.from_inertia(M)
         # The rates u of the coordinates, from p = R u.
         speed = roots.solve(momenta)
-        # Without `masses` there is one degree of freedom. These forces cancel with another
-        # term in the rate of p then, so they are not needed.
+        # Without `masses` there is one degree of freedom and no friction. The Coriolis
+        # force and the change of R cancel in the rate of p = R u then, so it is not needed.
         coriolis_forces = coriolis(masses.dM, speed) if masses else np.zeros_like(momenta)
         # Only loads, such as springs, depend on whole turns.
         motion = replace(motion, values=motion.values + whole_turns)

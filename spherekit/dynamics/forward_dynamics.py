@@ -185,8 +185,8 @@ def _simulate_and_compare(
     If the error exceeds the tolerance, the more accurate simulation takes the place of the
     first one, and is compared with another one of a still smaller tolerance. The search
     ends when the tolerance can no longer be reduced: its smallest value is
-    `CHECK_MIN_TOLERANCE_RATIO` times the smallest tolerance that users can choose. The
-    returned simulation states the tolerance of the user, with which its error is compared.
+    `CHECK_MIN_TOLERANCE_RATIO` times the smallest tolerance that users can choose. The less
+    accurate one of the last two simulations is returned, because its error is known.
 
     Parameters
     ----------
@@ -211,10 +211,11 @@ def _simulate_and_compare(
         smaller_tolerance = max(CHECK_TOLERANCE_RATIO * step_tolerance, smallest)
         reference = _simulate_problem(problem, smaller_tolerance, engine)
         error = _largest_difference(simulation, reference)
-        # `tolerance` is that of the user, although steps may be made for a smaller one.
+        # The error is judged by the tolerance of the user, although steps may be made for a
+        # smaller one.
         simulation = replace(simulation, error=error, tolerance=tolerance)
-        # `missed` is None if the error is within the tolerance and the power of the loads
-        # equals the rate of the kinetic energy.
+        # `missed` is None if the error is within the tolerance, and if the power of the
+        # loads equals the rate of the kinetic energy up to a multiple of the tolerance.
         if simulation.missed is None or smaller_tolerance <= smallest:
             return simulation
         # The more accurate simulation takes its place, and is compared in its turn.

@@ -60,9 +60,9 @@ def of_parts(parts: Floats, status: SmallIntegers) -> SmallIntegers:
     return np.where(np.isfinite(parts), np.int8(Status.OK), status[:, None])
 
 
-def judged(
+def mask_unknown_entries(
     status: SmallIntegers,
-    masses: Inertia,
+    link_inertias: Inertia,
     forces: Floats,
     torques: Floats,
     rates: Floats,
@@ -72,15 +72,15 @@ def judged(
 
     Entries that are known keep their numbers even if the torques of the row are unknown:
 
-    - Inertia does not depend on loads. It is known in rows in which a load is not finite,
-      or in which the friction is not determined.
+    - Inertia does not depend on loads or friction. It is known in each row with rates,
+      except for numbers that overflow.
     - If one load is not finite, the other loads of the row are known.
 
     Parameters
     ----------
     status
         (n,) status of the rates.
-    masses
+    link_inertias
         Contributions of links to the inertia matrix M (`M_parts`) and to its derivatives
         (`dM_parts`). Its arrays are changed.
     forces
@@ -108,7 +108,7 @@ def judged(
     status[(status == Status.OK) & is_overflow] = Status.OVERFLOW
     # Unknown entries become NaN: inertia without rates, single loads that are not finite,
     # and torques unless the row is OK.
-    for parts in (masses.M_parts, masses.dM_parts):
+    for parts in (link_inertias.M_parts, link_inertias.dM_parts):
         parts[~has_rates] = np.nan
         parts[~np.isfinite(parts)] = np.nan
     has_forces = np.isin(status, (Status.OK, Status.OVERFLOW))
@@ -207,16 +207,18 @@ class InverseSolution(InputMotion):
         A torque M ddq + C dq - Q is a rounding error if it is at most `MAX_ZERO_TORQUE`
         times the sum of the sizes of its terms. M is the inertia matrix, C has products of
         its derivatives dM/dq with rates, and Q are the generalised forces.
+
+        M changes by about its own size when an input moves by 1 rad, so |M| also estimates
+        dM/dq. The sum of the first two terms then is at most |M| a, with
+        a = |ddq| + |dq| max |dq|.
         """
         speeds = np.abs(self.input_rates)
+        # Sizes that overflow are infinite. The torque then counts as 0 if it is finite.
         with np.errstate(over="ignore"):
-            # M changes by about its own size when an input moves by 1 rad, so that |M|
-            # estimates dM/dq. The size of C dq is then |M| |dq| max |dq|, and that of
-            # M ddq + C dq is |M| times this sum of accelerations.
             accelerations = np.max(speeds, axis=1)[:, None] * speeds
             accelerations += np.abs(self.input_accelerations)
-            # Sums over the parts of M by links and of Q by loads. The letters are: n rows,
-            # k masses, i and j inputs.
+            # Sums over the parts of M by links (n, links, inputs, inputs) and of Q by loads
+            # (n, inputs, loads). The letters are: n rows, k links, i and j inputs.
             term_sizes = np.einsum("nkij,nj->ni", np.abs(self.M_parts), accelerations)
             term_sizes += np.sum(np.abs(self.Q_parts), axis=2)
             is_rounding = np.abs(self.torques) <= MAX_ZERO_TORQUE * term_sizes
@@ -518,9 +520,9 @@ def balancing(
         total_forces = np.sum(forces, axis=2)
         torques = driving_torques(masses.M, masses.dM, total_forces, timing.dq, timing.ddq)
     # This also replaces unknown entries of the arrays by NaN.
-    status = judged(
+    status = mask_unknown_entries(
         rate_status,
-        masses=masses,
+        link_inertias=masses,
         forces=forces,
         torques=torques,
         rates=timing.dq,

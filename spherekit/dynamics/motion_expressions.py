@@ -63,8 +63,9 @@ class EquationLayout:
         """Assign positions in the state and among the parameters.
 
         They depend on the pair variables, inputs, loads and joint limits of `mechanism`.
-        The state is integrated: all pair variables, a momentum for each degree of freedom,
-        and the work of each load. Parameters are constant during an integration step.
+        The state is integrated: all pair variables, a generalised momentum for each degree
+        of freedom, and the work of each load. Parameters are constant during an integration
+        step. They can be changed without compiling the equation again.
         """
         self.variable_count = len(mechanism.variable_names)
         self.freedoms = len(mechanism.inputs)
@@ -80,10 +81,11 @@ class EquationLayout:
             load.name for load in mechanism.loads if isinstance(load, TorqueTable)
         ]
         # The parameters are numbered from 0, in this order:
-        # - the whole turns by which each variable is reduced,
-        # - the unit of momentum and its reciprocal,
-        # - the limit below which the loop-closure equations count as dependent. It can be
-        #   changed without compiling the equation again,
+        # - the whole turns that are left out of each variable, on which loads and joint
+        #   limits may depend,
+        # - the unit of momentum, which depends on the start of the motion, and its
+        #   reciprocal, so that the equation has no division,
+        # - the limit below which the loop-closure equations count as dependent,
         # - a lower and an upper value per joint limit,
         # - the time at which the current interval of the torque tables begins, and a value
         #   and a slope per table,

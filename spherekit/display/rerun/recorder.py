@@ -215,14 +215,14 @@ class RerunRecorder:
         """Begin the recording: timelines, layout, and the scenes that do not move."""
         sight = facing(head.focus)  # eye, target and upward direction
         layout, timeline_note = self._make_layout(head, sight)
+        # Each assembly mode (one way to assemble the mechanism) has a page: number, title.
         layout.pages.update(head.assembly_modes.items())
         # The property "logged" exists if not all samples are recorded. It is a text such as
         # "one of 5 successive samples".
         if "logged" in head.properties:
             timeline_note += f" This recording has {head.properties['logged']}."
         self._charts = Charts(layout, self._outputs)
-        # Samples of several inputs can form the rows of a grid. This is the number of
-        # samples in each row, or None.
+        # Number of samples in a row of a grid of several inputs; None if there is no grid.
         self._grid_row_length = head.row
         # `Names` places names so that they do not cover each other from this eye. The key
         # None stands for everything that all pages show.
@@ -233,7 +233,7 @@ class RerunRecorder:
             self.root,
             [(ENTITY_ITSELF, rr.ViewCoordinates.RIGHT_HAND_Z_UP), *entities.draw_sphere()],
         )
-        # These scenes show the mechanism and no results of analyses (findings).
+        # These scenes show the ground and texts, and no results of analyses (findings).
         for scene in map(convert_to_degrees, head.scenes):
             names = self._names_of_new_links(scene)
             for primitive in scene.primitives:
@@ -243,6 +243,7 @@ class RerunRecorder:
                     has_findings=False,
                     names=names.get(primitive.path, ()),
                 )
+        # A recording with nothing to look at yet gets no text about it.
         if head.scenes or layout.pages:
             notes = NOTES.format(
                 name=self.name, timeline=timeline_note, compared=MAX_COMPARED_CURVES
@@ -371,9 +372,9 @@ class RerunRecorder:
     ) -> None:
         """Log the rows of all primitives (things that are drawn) of a scene.
 
-        Some primitives leave a curve: pole axes and traced directions on the sphere, and
-        the marks of plots without other curves. Their rows are also stored, and the curve
-        is drawn at the end of the recording.
+        Some primitives leave a curve, the path of a moving point: pole axes and traced
+        directions on the sphere, and points in plots without other curves. Their rows are
+        also stored, since the curve is drawn at the end of the recording.
 
         Parameters
         ----------
@@ -391,24 +392,27 @@ class RerunRecorder:
         for primitive in scene.primitives:
             # The name of the primitive in the tree of the recording. A primitive can
             # consist of several parts, whose names begin with it.
-            path = layout.path(scene.page, primitive)
+            name_in_tree = layout.path(scene.page, primitive)
             for suffix, columns in entities.moving_columns(
                 primitive, labels.get(primitive.path)
             ):
-                self._outputs.log_rows(below(path, suffix), timelines, columns, row_count)
-            rows = entities.rows_for_path(primitive)
-            if rows is not None:
-                _, blocks = self._path_rows.setdefault(path, (primitive, []))
-                blocks.append(np.array(rows))
+                self._outputs.log_rows(
+                    below(name_in_tree, suffix), timelines, columns, row_count
+                )
+            # Positions of the point that leaves a curve; None if there is no such point.
+            curve_rows = entities.rows_for_path(primitive)
+            if curve_rows is not None:
+                _, blocks = self._path_rows.setdefault(name_in_tree, (primitive, []))
+                blocks.append(np.array(curve_rows))
 
     def _log_failures(
         self, scene: Scene, timelines: list[rr.TimeColumn], row_count: int
     ) -> bool:
         """Log a label at the rows without a configuration, where a link is NaN.
 
-        The label is an entity of its own in the view of the sphere. When it is logged for
-        the first time on a page (the drawings of an assembly mode or an analysis), it is
-        added to the layout of the window, which then has to be sent again.
+        The label is an entity of its own in the view of the sphere. A page has the drawings
+        of an assembly mode or an analysis. When the label is logged there for the first
+        time, it is added to the layout of the window, which then has to be sent again.
 
         Parameters
         ----------
@@ -429,11 +433,14 @@ class RerunRecorder:
         layout = self._open_charts.layout
         is_failed = np.zeros(row_count, bool)
         for body in bodies:
+            # The ground does not move and has no quaternions.
             if body.quaternions is not None:
                 is_failed |= ~all_finite(body.quaternions, 1)
         path = f"{layout.base(scene.page)}/status"
+        # `ENTITY_ITSELF`, the empty path, puts the label at `path` itself.
         is_new = self._outputs.log_first(path, [(ENTITY_ITSELF, entities.failure_label())])
         if is_new:
+            # The view of the sphere shows the entities of this list.
             layout.sphere_view_paths.append((scene.page, path))
         columns = entities.failure_columns(is_failed)
         self._outputs.log_rows(path, timelines, columns, row_count)
@@ -564,8 +571,8 @@ class RerunRecorder:
         primitive
             Something to draw. It is identified by its page and its own path.
         has_findings
-            Whether it shows results of an analysis, and not only the motion. Plots that do
-            come first on a page.
+            Whether it shows results of an analysis, and not only the motion. A page has the
+            plots with such results before the others.
         names
             The texts to draw on a link, with their positions.
 
@@ -596,8 +603,8 @@ class RerunRecorder:
         path
             Path of the primitive in the recording.
         has_findings
-            Whether it shows results of an analysis, and not only the motion. Plots that do
-            come first on a page.
+            Whether it shows results of an analysis, and not only the motion. A page has the
+            plots with such results before the others.
         """
         layout = self._open_charts.layout
         if page is not None:

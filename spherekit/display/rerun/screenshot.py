@@ -342,12 +342,15 @@ def _cursor_position(
     timeline
         Name of the timeline.
     tick
-        The time on it: a sample number, ticks of the input, or ns.
+        The time on it: a sample number, the input in units of the timeline, or ns.
     """
-    # Timelines of the input, with their ticks per degree.
-    input_timelines = [
-        (name, scale) for name in timelines if (scale := ticks_per_degree(name))
-    ]
+    # Times are whole numbers, so timelines of the input count in parts of a degree (ticks).
+    # For other timelines the number of ticks per degree is None.
+    input_timelines = []
+    for name in timelines:
+        scale = ticks_per_degree(name)
+        if scale is not None:
+            input_timelines.append((name, scale))
     if sample is None and input_deg is not None:
         if not input_timelines:
             raise OutputError(f"{recording} has no input timeline; name a sample")
