@@ -60,9 +60,9 @@ def of_parts(parts: Floats, status: SmallIntegers) -> SmallIntegers:
     return np.where(np.isfinite(parts), np.int8(Status.OK), status[:, None])
 
 
-def mask_unknown_entries(
+def judged(
     status: SmallIntegers,
-    link_inertias: Inertia,
+    masses: Inertia,
     forces: Floats,
     torques: Floats,
     rates: Floats,
@@ -80,7 +80,7 @@ def mask_unknown_entries(
     ----------
     status
         (n,) status of the rates.
-    link_inertias
+    masses
         Contributions of links to the inertia matrix M (`M_parts`) and to its derivatives
         (`dM_parts`). Its arrays are changed.
     forces
@@ -108,7 +108,7 @@ def mask_unknown_entries(
     status[(status == Status.OK) & is_overflow] = Status.OVERFLOW
     # Unknown entries become NaN: inertia without rates, single loads that are not finite,
     # and torques unless the row is OK.
-    for parts in (link_inertias.M_parts, link_inertias.dM_parts):
+    for parts in (masses.M_parts, masses.dM_parts):
         parts[~has_rates] = np.nan
         parts[~np.isfinite(parts)] = np.nan
     has_forces = np.isin(status, (Status.OK, Status.OVERFLOW))
@@ -520,9 +520,9 @@ def balancing(
         total_forces = np.sum(forces, axis=2)
         torques = driving_torques(masses.M, masses.dM, total_forces, timing.dq, timing.ddq)
     # This also replaces unknown entries of the arrays by NaN.
-    status = mask_unknown_entries(
+    status = judged(
         rate_status,
-        link_inertias=masses,
+        masses=masses,
         forces=forces,
         torques=torques,
         rates=timing.dq,
