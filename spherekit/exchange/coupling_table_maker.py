@@ -165,16 +165,19 @@ def _check_any_sure(table: CouplingTable) -> None:
 def _choose_node_counts(
     mechanism: Mechanism, samples: int | Sequence[int] | None
 ) -> tuple[int, ...]:
-    """Return the number of nodes along each input of the first grid.
+    """Return the number of nodes along each input, on the first grid that is tried.
 
     Parameters
     ----------
+    mechanism
+        The mechanism with its inputs.
     samples
-        The requested numbers, or one for all inputs. By default `FIRST_NODE_COUNTS` for
-        this number of inputs.
+        The requested numbers, or one for all inputs. Without a request, a small default
+        number is returned, and the caller refines the grid as needed.
     """
     input_count = len(mechanism.inputs)
     if samples is None:
+        # The default depends on the number of inputs: one, two, or more.
         default = FIRST_NODE_COUNTS[min(input_count, len(FIRST_NODE_COUNTS)) - 1]
         return (default,) * input_count
     counts = tuple(samples) if isinstance(samples, Sequence) else (samples,) * input_count

@@ -170,9 +170,10 @@ class ModeTable(NamedTuple):
     largest_difference
         Largest difference (rad) of a pair variable between the formulas and the mechanism.
     smooth
-        The signs of dyads by which the modes are computed, if these change: at a crossing
-        of curves of configurations each mode follows its own smooth curve. The order is
-        that of `modes`. It is None if each mode keeps its signs.
+        The mode values by intervals of the input, if a mode has different values in
+        different intervals. In closed form, mode values are the signs of the dyads (groups
+        of two links). They change where curves of configurations cross and the mode follows
+        a smooth curve through the crossing. None if each mode keeps its values.
     """
 
     modes: tuple[Mode, ...]
@@ -214,19 +215,22 @@ class SeriesTable(NamedTuple):
     def evaluate(self, variable_values: Floats) -> Floats:
         """Evaluate the stored functions at some values of their variable.
 
-        A closed curve is periodic, so its variable is first moved into one period.
+        The series are piecewise: the range of their variable is divided into cells. An
+        example is the coordinates of a contact profile, whose variable is the arc length.
 
         Parameters
         ----------
         variable_values
-            (n,) values of the variable.
+            (n,) values of the variable in the formulas.
 
         Returns
         -------
-        (terms, n) values of the functions, NaN outside of the cells.
+        (terms, n) values of the functions, NaN outside of the range.
         """
-        edges = self.series.edges
+        edges = self.series.edges  # of the cells, rising
+        # The variable of the series begins to count at another point of the curve.
         position = variable_values + self.start
+        # Functions along a closed curve are periodic.
         if self.closed:
             position = edges[0] + np.mod(position - edges[0], self.length)
         # (n, terms): a row for each value of the variable

@@ -288,11 +288,11 @@ def _find_results(
 ) -> dict[str, Expr]:
     """Return quantities as expressions, by their names.
 
-    Most expressions are those of `design_expressions`. Names like "closure_2" are known
-    here only. This one tells whether the second dyad (two links with three R pairs) can be
-    assembled. Its value is the square of the triple product of the axes of the three pairs,
-    as it follows from the arcs between these axes. The square is negative if no triangle
-    has these arcs.
+    Most expressions are those of `design_expressions`. The quantity "closure_2" belongs to
+    the second dyad, which is two links with three R pairs. The axes of the pairs are the
+    corners of a spherical triangle with known arcs. The quantity is the square of the
+    triple product of the axes, computed from these arcs. It is negative if no triangle has
+    such arcs, so that the dyad cannot be assembled.
 
     Parameters
     ----------

@@ -449,10 +449,11 @@ def _find_bevel_equations(
 ) -> Iterator[BevelEquation]:
     """Yield the equations of bevel gears that follow from the couplings of joints.
 
-    Each two links are tried. The path of hinges between them has to have two axes, which
-    are the axes of both gears on their carrier. If u x + v y = 0 is a linear combination of
-    the couplings, for the rates x and y of the rotations about both axes, bevel gears on
-    the two links have the same equation.
+    A coupling is a linear equation between the rates of joints. Each two links are tried.
+    The hinges between them must have two axes in all, which are then the axes of both gears
+    on their carrier. Let x and y be the rates of the rotations about these axes. If the
+    couplings imply an equation u x + v y = 0, bevel gears on the two links have the same
+    equation.
 
     Parameters
     ----------
@@ -471,6 +472,7 @@ def _find_bevel_equations(
         for row, coaxial_hinges in enumerate(axes):
             for hinge, sense in coaxial_hinges.hinges:
                 rotations[row, hinge] = sense
+        # u and v, or None if the couplings imply no equation of x and y.
         factors = _find_implied_factors(rotations, equations)
         if factors is None:
             continue
@@ -480,8 +482,9 @@ def _find_bevel_equations(
             axes=(axes[0].axis, axes[1].axis),
             factors=(factors[0], factors[1]),
         )
-        # A gear whose pitch circle is a point cannot roll. The radius of a circle is an
-        # angle (rad). For angles so small the limit of their sine is the same number.
+        # A gear whose pitch circle is a point cannot roll. The radius (rad) is the angle
+        # between the axis of the gear and the line of contact. If it is so small that both
+        # count as one axis, the circle counts as a point.
         circles = bevel_equation.construct_gears().circles
         if min(circle.radius for circle in circles) > SAME_WHEEL_AXIS_SINE:
             yield bevel_equation

@@ -63,15 +63,17 @@ class ImportedDynamics:
     def mass_tables(self) -> dict[str, Table]:
         """Return the masses of the moving links, as tables of a mechanism file.
 
-        A table has the inertia tensor of a link about the centre of the sphere, and mostly
-        also its mass and centre of mass. The tables are sorted by the names of links, and
-        links without inertia have none. The inertia of a link is that of its bodies.
-        MuJoCo can add a moment of inertia about a hinge (its armature), such as that of a
-        motor's rotor. The link that turns in this hinge then has the tensor of the rotor
-        too, or no other.
+        The result has a table by the name of each link with inertia. The table has the
+        inertia tensor about the centre of the sphere. It also has mass and centre of mass
+        if the model states them.
+
+        The inertia of a link is the sum over its bodies. MuJoCo can add a moment of inertia
+        about a hinge (its armature), such as that of a motor's rotor. It is added to the
+        tensor of the link that turns in this hinge. If no body of the link has mass, it is
+        the whole tensor.
         """
         tables: dict[str, Table] = {}
-        # (3, 3) tensor of the rotor of each link that has one.
+        # (3, 3) tensor of the rotor, by number of the link that has one.
         rotors = self._find_rotors()
         for link in self._linkage.links[1:]:
             bodies = self._find_bodies_with_mass(link)
@@ -96,11 +98,12 @@ class ImportedDynamics:
     def _add_up_bodies(self, link: int, bodies: list[int], rotor: Floats | None) -> Table:
         """Return the table of the mass of a link, the sum over its bodies.
 
-        The inertia tensor is about the centre of the sphere. A mechanism file may state the
-        tensor of a link without its mass. When such a file is exported as a MuJoCo model,
-        the export chooses the mass of the body, and marks it as weightless ("gravcomp").
-        Mass and centre of mass are therefore omitted if all bodies of the link are
-        weightless and no gravity acts.
+        The inertia tensor is about the centre of the sphere.
+
+        A mechanism file may state the tensor of a link without its mass. When spherekit
+        exports such a file as a MuJoCo model, it invents a mass and marks the body as
+        weightless ("gravcomp"). Mass and centre of mass are therefore omitted if all bodies
+        of the link are weightless and no gravity acts.
 
         Parameters
         ----------
@@ -134,13 +137,13 @@ class ImportedDynamics:
         has_gravity = self._linkage.foreign_model.gravity is not None
         has_chosen_masses = np.all(is_compensated) and not has_gravity
         if not has_chosen_masses:
-            # Coordinates of the centre of mass are rounded relative to this length, which
-            # is not zero if the centre of mass is at the centre of the sphere.
-            gyration_radius = np.sqrt(np.trace(tensor) / total_mass)
-            # The weight of a body at the centre of the sphere has no moment. A body with
-            # compensated weight is therefore counted there.
+            # A weightless body has no moment of weight, like one at the centre of the
+            # sphere. It therefore counts with the arm zero. The tensor is not changed.
             centre = masses * ~is_compensated @ arms / total_mass
-            table["mass"] = shorten(total_mass, total_mass)
+            # `shorten` removes digits that are rounding, relative to the second argument.
+            # For coordinates this is a length of the body. The centre itself can be zero.
+            gyration_radius = np.sqrt(np.trace(tensor) / total_mass)
+            table["mass"] = shorten(total_mass, scale=total_mass)
             table["centre"] = [shorten(x, gyration_radius) for x in centre]
             if np.any(is_compensated):
                 self.mass_comments[self._linkage.link_name(link)] = (

@@ -189,9 +189,10 @@ def find_outputs(linkage: ImportedLinkage) -> Table:
 def _find_last_links(linkage: ImportedLinkage) -> list[int]:
     """Return the numbers of the links at the ends of chains, which become outputs.
 
-    They are the links with a single pair, except those that a gear turns, such as the wheel
-    of a motor. The farthest of the links with a single pair is always among them. Without
-    such links all chains are closed, and the links farthest from the ground are returned.
+    - If there are links with a single pair, they are returned. Links at a joint that gears
+      turn, such as the wheel of a motor, are left out, unless they are the farthest of all
+      these links from the ground.
+    - Otherwise all chains are closed. The links farthest from the ground are returned.
     """
     ends = [pair.links for pair in linkage.pairs]
     # Distance from the ground as a number of pairs.
@@ -205,10 +206,11 @@ def _find_last_links(linkage: ImportedLinkage) -> list[int]:
     ]
     candidates = links_with_one_pair or linkage.links
     farthest = max(distance[link] for link in candidates)
-    # Links at both ends of a joint that a coupling (gears) mentions.
+    # A coupling is an equation of gears, with a factor for the rate of each of its joints.
     coupled_joints: set[int] = set()
     for coupling in linkage.foreign_model.couplings:
         coupled_joints |= coupling.factors.keys()
+    # Links on both sides of such a joint.
     geared_links: set[int] = set()
     for pair in linkage.pairs:
         if pair.joint in coupled_joints:

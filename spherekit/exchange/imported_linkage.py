@@ -132,7 +132,7 @@ class ImportedLinkage:
         self.centre, self.centre_distance = self._find_centre(max_distance)
         # A ball joint is given by three hinges. It constrains nothing if its links turn
         # about the centre anyway, because other pairs connect them.
-        self._removed_hinges = self._remove_free_ball_joints()
+        self._removed_hinges = self._find_redundant_ball_hinges()
         self.pairs: list[ImportedPair] = []
         self._add_joint_pairs()
         self._add_loop_pairs()
@@ -334,14 +334,15 @@ class ImportedLinkage:
 
     # Pairs
 
-    def _remove_free_ball_joints(self) -> set[int]:
-        """Return the numbers of the hinges of ball joints that constrain nothing.
+    def _find_redundant_ball_hinges(self) -> set[int]:
+        """Return the numbers of the hinges of ball joints that are to be left out.
 
-        A ball joint was replaced by three hinges of one body. Two links of a spherical
-        mechanism turn freely about the centre, with a ball joint between them or without.
-        If other pairs connect its links, a ball joint is therefore left out. Its three
-        hinges would double the number of assembly modes: with given orientations of both
-        links they can be placed in two ways.
+        A ball joint at the centre of a spherical mechanism constrains nothing. It is needed
+        only if its two links are not connected by other pairs. Each ball joint was replaced
+        by three hinges. These can reach an orientation of one link relative to the other in
+        two ways, so that they would double the number of assembly modes.
+
+        A note is added for each ball joint, whether it is left out or not.
         """
         # In MuJoCo's model each body except the world (0) has a parent, `body_parentid`, to
         # which its joints connect it. `jnt_bodyid` has the body of each joint.
@@ -351,7 +352,7 @@ class ImportedLinkage:
             for ball, hinges in self.foreign_model.hinges_by_ball.items()
         }
         # Links that are connected without ball joints: bodies to their parents, and links
-        # that are held together at loop points away from the centre.
+        # that the model holds together at common points (loop points).
         bodies_on_balls = {int(body) for body in body_by_ball.values()}
         connected_links = [
             (self.link_by_body[mj_model.body_parentid[body]], self.link_by_body[body])
@@ -360,8 +361,8 @@ class ImportedLinkage:
         ]
         for links, loop_points in self.loop_points.items():
             radii = [np.linalg.norm(point.point - self.centre) for point in loop_points]
-            # A point at the centre constrains nothing. The centre is known with the error
-            # `centre_distance`: axes of the model miss it by up to this distance (m).
+            # A common point at the centre constrains nothing. The centre is known with the
+            # error `centre_distance`: axes of the model miss it by up to this distance (m).
             if max(radii) > self.centre_distance:
                 connected_links.append(links)
         # A ball joint is kept if its links would otherwise not be connected at all.

@@ -124,14 +124,15 @@ def write_javascript(source: Source) -> str:
 def _write_function(source: Source, function: SourceFunction) -> str:
     """Return the text of a function that writes its results to an array.
 
-    Usually this is the array ``result``, which the function returns. If positions have no
-    closed form, there also is a function for one step of Newton's method. It has a closure
-    residual (by how much the loops are open). It overwrites its argument ``variables`` with
-    the variables of all pairs after the step, and returns the residual.
+    - The function of the formulas writes to the array ``result`` and returns it.
+    - If positions have no closed form, another function makes one step of Newton's method.
+      It writes the variables of all pairs after the step to its argument ``variables``. It
+      returns the closure residual, by which the loops were open before the step.
     """
     parameters = ", ".join(source.arguments)
-    if function.closure_residual:
-        # Without a closed form this argument is called ``variables``.
+    if function.closure_residual:  # the step of Newton's method
+        # The name of this argument is ``variables`` for a step of Newton's method. (It is
+        # ``mode`` in closed form.)
         target = source.mode_argument
     else:
         target = "result"

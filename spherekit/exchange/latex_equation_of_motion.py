@@ -395,9 +395,9 @@ class EquationOfMotion:
     def _write_load_name(self, name: str) -> tuple[Expr, Expr]:
         """Return the expression for a name in the formula of a load, twice.
 
-        `convert_to_graph` takes two values for each name: the full one, and one for sines
-        and cosines, in which an angle may be reduced by whole revolutions to lose fewer
-        digits. A printed formula is not evaluated, so both are the same expression.
+        `convert_to_graph` takes two expressions for each name. The second one is used in
+        sines and cosines, where evaluated angles are reduced by whole revolutions to lose
+        fewer digits. A printed formula is not evaluated, so both are the same.
 
         Parameters
         ----------
@@ -418,8 +418,9 @@ class EquationOfMotion:
         derivatives = [
             self._coefficients.pair_coefficient(k, pair) for k in self._input_indices
         ]
-        # The first argument of a symbol, as a node of the graph, is its name in LaTeX.
-        rate_name = angle.arguments[0].replace(r"\theta", r"\dot{\theta}")
+        # The rate has the LaTeX name of the angle with a dot.
+        angle_name = angle.arguments[0]
+        rate_name = angle_name.replace(r"\theta", r"\dot{\theta}")
         rate = self._formula_list.write(
             make_symbol(rate_name), dot(derivatives, self._positions.input_rates)
         )

@@ -62,7 +62,10 @@ class LatexFormulas:
     def __init__(
         self, mechanism: Mechanism, ground_axes: Floats, free_sizes: Collection[Any]
     ) -> None:
-        """Write all formulas: positions, poles and coefficients, and then torques.
+        """Write all formulas: positions, poles and velocity coefficients, then torques.
+
+        A pole is the axis of the relative rotation of two links. Its velocity coefficient
+        is their relative angular velocity per unit rate of an input.
 
         Parameters
         ----------
@@ -72,8 +75,8 @@ class LatexFormulas:
         ground_axes
             (3, 3) matrix whose columns are the axes i, j, k of the ground.
         free_sizes
-            Numbers of the file that are printed as symbols whatever their values, so that
-            users can insert other values. Their form is explained at the class.
+            Keys of numbers of the file, such as ("zeros", name of a pair), that are printed
+            as symbols whatever their values. Users can then insert other values.
         """
         self.mechanism = mechanism
         assembly = plan_assembly(mechanism)
@@ -92,7 +95,8 @@ class LatexFormulas:
             self.formula_list, mechanism, assembly, ground_axes, free_sizes
         )
         self.pole_plans: Sequence[Plan] = [
-            plan(mechanism, None, name) for name in input_names
+            plan(mechanism, poles=None, input_pair=name)  # all poles
+            for name in input_names
         ]
         coefficients = CoefficientFormulas(
             self.formula_list,

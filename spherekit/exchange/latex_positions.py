@@ -384,12 +384,12 @@ class PositionFormulas:
     def _place_driven_link(self, pair: int, parent: int, child: int) -> None:
         """Write the frame of a link that an input joins to a link with a known frame.
 
-        At the axis of the pair each of its two links has a tangent: that of the arc from
-        this axis to the first other axis of the link. Between the tangents t1 and t2 of the
-        first and second link there are two rotations about the axis:
+        In each of its links, the pair has a reference arc. It leads from the axis of the
+        pair to the first axis that the file lists for this link, other than that of the
+        pair. Let t1 and t2 be the tangents of the reference arcs of the first and second
+        link at the axis of the pair. Two rotations about this axis lead from t1 to t2:
 
-        1. The zero of the pair is the angle between t1 and t2 at which the pair variable is
-           0. Rotated by it, t1 becomes the zero direction z.
+        1. Rotated by a fixed angle, the zero of the pair, t1 becomes the zero direction z.
         2. Rotated by the input angle, z becomes t2.
 
         Parameters
@@ -404,10 +404,11 @@ class PositionFormulas:
         rotation = AngleExpression(
             input_angle, function("cos", input_angle), function("sin", input_angle)
         )
-        if self._mechanism.ends[pair][0] == parent:  # the child is the second link
-            right_side = self._rotate_about_pair(
-                pair, self._write_zero_direction(pair), rotation
-            )
+        if self._mechanism.ends[pair][0] == parent:
+            # The parent is the first link of the pair: t1 leads to z, and z to t2, the
+            # tangent of the child. `_write_zero_direction` does the first step.
+            zero_direction = self._write_zero_direction(pair)
+            right_side = self._rotate_about_pair(pair, zero_direction, rotation)
         else:
             # The parent is the second link of the pair. Both rotations are inverted by the
             # sense -1.0: t2 leads to z, and z leads to t1, the tangent of the child.
@@ -430,9 +431,9 @@ class PositionFormulas:
                 child, first_vector=axis.vector, tangent=tangent, axis=child_axes[1]
             )
         else:
-            # The pair has another axis of the child. From it an arc of the length axis.arc,
-            # with `tangent` at its start, leads to the first axis. At the first axis
-            # `back_tangent` is the tangent of this arc in the reverse direction.
+            # The axis u of the pair is not the first axis k of the child. The arc a from u
+            # to k begins with the tangent t, so k = cos(a) u + sin(a) t. At k the tangent
+            # of the arc back to u is sin(a) u - cos(a) t.
             first_vector = axis.arc.cosine * axis.vector + axis.arc.sine * tangent
             back_tangent = axis.arc.sine * axis.vector - axis.arc.cosine * tangent
             self._write_frame(child, first_vector, back_tangent, axis)
@@ -506,9 +507,10 @@ class PositionFormulas:
     def _find_dyad_side(self, group: Group, outer: int, middle: int) -> DyadSide:
         """Return the link of a dyad between an outer pair and the middle pair.
 
-        A dyad is two links that the middle one of three pairs joins. The two axes of the
-        link are in the order in which the file lists all its axes. So the second one is
-        never the first axis of the link, from which all sizes are measured.
+        A dyad is two links that the middle one of three pairs joins. The result has the
+        link and its axes at these two pairs, in the order in which the file lists all axes
+        of the link. All arcs of a link are measured from the first axis in the file.
+        Formulas are therefore simpler if the first axis of the result is this axis.
 
         Parameters
         ----------
@@ -516,7 +518,7 @@ class PositionFormulas:
             Positions of the two pairs in `group.pairs`.
         """
         # Body 0 is everything that is placed, bodies 1 and 2 are the links of the dyad. An
-        # outer pair joins body 0 to body 1 or 2.
+        # outer pair joins body 0 to body 1 or 2, which is the larger number.
         body = max(group.ends[outer])
         link = group.bodies[body][0]  # a body is a tuple of links, here of one
         axes = [
@@ -551,12 +553,12 @@ class PositionFormulas:
         )
 
     def _place_by_two_axes(self, side: DyadSide) -> None:
-        """Write the frame of a link of a dyad, whose axes u and v in the dyad are known.
+        """Write the frame of a link of a dyad, two of whose axes, u and v, are known.
 
-        The frame begins with the first axis k of the link, which may be u. Otherwise k
-        follows from its scalar products with u and v, and from its triple product. Each
-        axis is at an arc a from k, and the arc of v is turned about k from that of u by an
-        angle b. With u . v = c,
+        The link has these axes at the pairs of the dyad, and may have others. The frame
+        needs the first axis k of the link. If k is not u, it follows from u and v. Let a_u
+        and a_v be the arcs from k to u and v, b the angle at k from the first arc to the
+        second, and c = u . v. Then
 
             k = ((cos a_u - c cos a_v) u + (cos a_v - c cos a_u) v
                  + sin a_u sin a_v sin b (u x v)) / (1 - c^2).
@@ -564,7 +566,7 @@ class PositionFormulas:
         Raises
         ------
         EngineError
-            If v is at an arc of 0 or 180 degrees from k, and so shows no tangent at k.
+            If the arc from k to v is 0 or 180 degrees. It then has no tangent at k.
         """
         link = side.link
         axis_u = side.first_axis
@@ -576,16 +578,22 @@ class PositionFormulas:
         k = first_axis.vector
         first_vector: Expr = axis_u.vector
         if axis_u is not first_axis:
-            cosine = self._write_arc_cosine(side)
+            cosine_uv = self._write_arc_cosine(side)  # c
             triple_product = (
                 axis_u.arc.sine * axis_v.arc.sine * axis_v.turn.subtract(axis_u.turn).sine
             )
-            upright = triple_product * cross_product(axis_u.vector, axis_v.vector)
-            share_u = (axis_u.arc.cosine - cosine * axis_v.arc.cosine) * axis_u.vector
-            share_v = (axis_v.arc.cosine - cosine * axis_u.arc.cosine) * axis_v.vector
-            first_vector = (share_u + share_v + upright) / (1.0 - cosine * cosine)
-        # v = cos(arc) k + sin(arc) tangent, solved for the tangent at k. Below the formula
-        # of k is written before that of the tangent.
+            normal_part = triple_product * cross_product(axis_u.vector, axis_v.vector)
+            part_along_u = (
+                axis_u.arc.cosine - cosine_uv * axis_v.arc.cosine
+            ) * axis_u.vector
+            part_along_v = (
+                axis_v.arc.cosine - cosine_uv * axis_u.arc.cosine
+            ) * axis_v.vector
+            first_vector = (part_along_u + part_along_v + normal_part) / (
+                1.0 - cosine_uv * cosine_uv
+            )
+        # v = cos(a_v) k + sin(a_v) tangent, solved for the tangent at k. It contains the
+        # symbol k, whose formula `_write_frame` writes first.
         tangent = (axis_v.vector - axis_v.arc.cosine * k) / axis_v.arc.sine
         self._write_frame(link, first_vector, tangent, axis_v)
 
@@ -607,9 +615,9 @@ class PositionFormulas:
         link
             Number of the link.
         first_vector
-            Expression of the unit vector along the first axis. If the symbol k has no
-            formula yet, this becomes its formula. It has one if another link with the same
-            pair was placed before.
+            Expression of the unit vector along the first axis. It becomes the formula of
+            the symbol k, unless k has one. (The other link at this axis may have been
+            placed before.)
         tangent
             The unit tangent at k of the arc from k to `axis`.
         axis
@@ -626,8 +634,8 @@ class PositionFormulas:
             # Axes always have a formula of their own, also if `first_vector` is only a
             # symbol. (Other symbols that equal a single symbol have none.)
             formula_list.write(k, first_vector, always=True)
-        # The tangent occurs twice in the formula of j below, and gets a symbol for it,
-        # unless the sine is zero.
+        # The formula of j contains the tangent twice, or once if the sine is zero. What
+        # occurs twice gets a symbol.
         if axis.turn.sine != 0.0:
             tangent = formula_list.write_indexed(r"\mathbf{d}", label, tangent)
         # j is the tangent towards `axis`, rotated back about k by `axis.turn`.
@@ -640,6 +648,7 @@ class PositionFormulas:
             i = formula_list.write_indexed(r"\mathbf{i}", label, cross_product(j, k))
         self.link_frames[link] = [i, j, k]
         for link_axis in self._axes_by_link[link]:
+            # An axis at the arc a is cos(a) k + sin(a) times the tangent of its arc at k.
             if link_axis.vector not in formula_list.formulas:
                 along_k = link_axis.arc.cosine * k
                 across_k = link_axis.arc.sine * self._tangent_at_first_axis(link, link_axis)

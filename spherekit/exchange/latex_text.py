@@ -111,8 +111,9 @@ def _print_number(value: float) -> LatexText:
 def _print_operation(node: ExpressionNode, arguments: list[LatexText]) -> LatexText:
     """Return a node of an expression as LaTeX.
 
-    The result also has the binding (whether it needs brackets in a larger expression) and
-    the rank (its position in a product).
+    The result also has two properties for larger expressions. The binding tells where it
+    needs brackets: a symbol nowhere, a product and a sum in what binds more tightly. The
+    rank is its position among the factors of a product: scalars come before vectors.
 
     Parameters
     ----------
@@ -124,6 +125,8 @@ def _print_operation(node: ExpressionNode, arguments: list[LatexText]) -> LatexT
     operation = node.operation
     if operation == "variable":
         return _print_symbol(node.arguments[0])
+    # Fractions, roots, absolute values and the like enclose their arguments, which need no
+    # brackets therefore.
     if operation in _TEMPLATE_BY_OPERATION:
         # A vector divided by a number remains a vector; all other results are scalars.
         rank = arguments[0].rank if operation == "/" else FactorRank.SCALAR
@@ -131,6 +134,7 @@ def _print_operation(node: ExpressionNode, arguments: list[LatexText]) -> LatexT
         text = template.format(*(argument.text for argument in arguments))
         return LatexText(text, Binding.SYMBOL, rank)
     if operation in _SIGN_BY_VECTOR_PRODUCT:
+        # All factors but symbols get brackets.
         a, b = (argument.bracketed_beyond(Binding.SYMBOL) for argument in arguments)
         rank = FactorRank.VECTOR if operation == "cross" else FactorRank.SCALAR
         text = f"{a} {_SIGN_BY_VECTOR_PRODUCT[operation]} {b}"
@@ -190,18 +194,19 @@ def _print_product(node: ExpressionNode, arguments: list[LatexText]) -> LatexTex
         base = first_text.bracketed_beyond(Binding.SYMBOL)
         if "^" in first_text.text:  # LaTeX refuses two exponents on one symbol
             base = rf"\left({first_text.text}\right)"
-        return LatexText(f"{base}^{{2}}", Binding.SYMBOL)
+        # A square is a scalar, and has its place among the first factors.
+        return LatexText(f"{base}^{{2}}", Binding.SYMBOL, FactorRank.SCALAR)
     factors = sorted(arguments, key=lambda factor: factor.rank)
     factor_texts: list[str] = []
     for factor in factors:
-        # A factor can be a product itself. A product of scalars, which contains thin
-        # spaces, needs no brackets. A vector product, such as "a \times b", needs them.
+        # A factor can be a product itself. Such a product needs no brackets if its factors
+        # are separated by thin spaces. A vector product, such as "a \times b", needs them.
         is_spaced_product = r" \, " in factor.text
         loosest = Binding.PRODUCT if is_spaced_product else Binding.SYMBOL
         factor_texts.append(factor.bracketed_beyond(loosest))
     if isinstance(first_argument, float):
-        # A number has the smallest rank and comes first, as before sorting. It gets no
-        # brackets even if it is negative.
+        # A number comes first, also after sorting, because it has the smallest rank. It
+        # needs no brackets there even if it is negative.
         factor_texts[0] = factors[0].text
     binding = Binding.SUM if factor_texts[0].startswith("-") else Binding.PRODUCT
     # The product has the rank of its last factor: a scalar times a vector is a vector.

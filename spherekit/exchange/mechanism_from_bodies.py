@@ -98,19 +98,19 @@ class ImportedFile:
         """
         linkage = self._linkage
         # The model has couplings: fixed ratios of the angles of two hinges. Inputs are
-        # chosen so that they determine the rates of all hinges, by the loops and couplings.
-        # Couplings become gears, some of which need an added link, an idler wheel. Idler
-        # wheels are added after the inputs are chosen. No coupling contains their angles,
-        # so each would seem to need an input.
+        # chosen so that loops and couplings determine the rates of all other hinges.
+        # Couplings become gears, some of which need an added link, an idler wheel. The
+        # couplings do not determine its angle. It is therefore added after the inputs are
+        # chosen, which would otherwise include its hinge.
         inputs = choose_inputs(linkage)
         gear_train = self._find_gears()
         linkage.add_idler_wheels(gear_train.idlers)
         contacts = self._contact_tables(gear_train.gears)
         masses: dict[str, Table] = {}
         links: Table = {linkage.link_name(link): {} for link in linkage.links}
-        # MuJoCo moves no body without mass. If spherekit wrote the model from a mechanism
-        # without masses, it made some up, and put servos at the inputs. None of them
-        # belongs to the mechanism.
+        # MuJoCo moves no body without mass. When spherekit exports a mechanism without
+        # masses, it invents masses and adds servos at the inputs. Such a model is imported
+        # without both.
         if self._foreign_model.has_made_up_masses:
             linkage.notes.append(
                 "the masses, which the file says are made up, and its servos were left out"
