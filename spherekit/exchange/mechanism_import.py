@@ -101,12 +101,15 @@ def _format_lines(name: str, imported_file: ImportedFile) -> Iterator[str]:
     """
     for comment in imported_file.heading:
         yield f"# {toml_comment(comment)}"
+    # The first link of an imported file is the ground.
     ground = next(iter(imported_file.content["links"]))
     yield assignment_text("format", FORMAT)
     yield assignment_text("name", name)
     yield assignment_text("angle_unit", "deg")
     yield assignment_text("ground", ground)
     for table_name, content in imported_file.content.items():
+        # The table of the source (citation) has keys with values. All other tables have
+        # named items, each with a table of its own.
         if table_name == "source":
             yield from table_lines((table_name,), content)
             continue

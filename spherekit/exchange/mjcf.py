@@ -188,21 +188,20 @@ class MujocoModel:
     def _choose_radius(self) -> float:
         """Return the radius (m) of the sphere on which links are drawn.
 
-        It is the distance of the farthest centre of mass that the mechanism file states, or
-        1 m if it states none.
+        Axes and arcs of a spherical mechanism have no size in metres. Centres of mass have,
+        so the sphere gets the distance of the farthest one that the mechanism file states.
+        It is 1 m if the file states none.
         """
-        # A file without masses. In other files some bodies can still lack a mass or a
-        # centre (`is_stated` is False).
+        # MuJoCo moves no body without mass. If the file has no masses, they are made up.
         if self._rigid_bodies.has_made_up_masses:
             return 1.0
-        farthest_centre = max(
-            (
-                np.linalg.norm(body.centre)
-                for body in self._rigid_bodies.bodies
-                if body.is_stated
-            ),
-            default=0,
-        )
+        # In other files, some bodies can still lack a mass or a centre.
+        centre_distances = [
+            np.linalg.norm(body.centre)
+            for body in self._rigid_bodies.bodies
+            if body.is_stated
+        ]
+        farthest_centre = max(centre_distances, default=0)
         # Whole millimetres, unless the mechanism is smaller than one.
         return float(np.round(farthest_centre, 3) or farthest_centre or 1.0)
 
@@ -273,7 +272,11 @@ class MujocoModel:
 
     @cached_property
     def text(self) -> str:
-        """The model as MJCF."""
+        """The model as MJCF.
+
+        A template with empty parts is filled with bodies, constraints that close loops,
+        actuators and sensors. Parts that remain empty are removed.
+        """
         mechanism = self._mechanism
         rigid_bodies = self._rigid_bodies
         root = self._fill_template()
@@ -289,11 +292,13 @@ class MujocoModel:
         _set_rotation(ground, rigid_bodies.rotations[0])
         self._add_appearance(ground, mechanism.ground)
         self._add_bodies(ground, mechanism.ground)
-        # A force or moment whose direction is constant in ground axes refers to a site
-        # (``refsite``) with these axes.
+        # A force or moment whose direction is constant in ground axes refers to a site, a
+        # marked point with axes, of the world. In `attributes` the site has the name of the
+        # load. Here it gets its own name.
         for _, attributes in self._loads.actuator_loads:
             if "refsite" in attributes:
-                site_name = self._names.axes_sites[attributes["refsite"]]
+                load_name = attributes["refsite"]
+                site_name = self._names.axes_sites[load_name]
                 size = _format_drawn(INVISIBLE_SITE_RATIO * self._radius)
                 _add(part_by_tag["worldbody"], "site", name=site_name, size=size)
         self._add_loops(part_by_tag["tendon"], part_by_tag["equality"])
@@ -309,8 +314,8 @@ class MujocoModel:
                 refname=self._names.bodies[output.relative_to],
             )
         if rigid_bodies.has_made_up_masses:
-            # A model without masses of its own has servos instead of motors. A key frame
-            # has the angles of the inputs, at which the servos keep the pose.
+            # With made-up masses, torques mean nothing. Inputs then have servos for their
+            # angles instead of motors. A key frame has the angles that keep the pose.
             value_by_pair = {hinge.pair: hinge.value for hinge in rigid_bodies.hinges}
             controls = [value_by_pair[pair] for pair in mechanism.input_pairs]
             _add(part_by_tag["keyframe"], "key", name="pose", ctrl=controls)
@@ -379,9 +384,11 @@ class MujocoModel:
     def _add_bodies(self, parent_element: Element, parent: str) -> None:
         """Add the bodies that hinges join to a body, and then the bodies on these bodies.
 
-        A link can have a second body (twin). A pair that closes a loop, and at which a load
-        acts, is the joint of this twin; `_add_loops` welds both bodies together. They share
-        the inertia of the link (`_add_inertia`). Twins are added last, without shapes.
+        A pair that closes a loop is a constraint of MuJoCo, not a joint. Springs and torques
+        act only at joints. So if such a load acts at the pair, the link gets a second body
+        (twin), of which the pair is the joint. `_add_loops` welds both bodies of the link
+        together. Each of them gets a part of the inertia (`_add_inertia`). Twins are not
+        drawn.
 
         Parameters
         ----------
@@ -447,8 +454,9 @@ class MujocoModel:
         rotation = self._rotation_of(inertia.link)
         tensor = share * (rotation.T @ inertia.tensor @ rotation)
         # A body has no principal moment larger than the sum of the other two. The excess is
-        # the largest moment m less that sum: m - (trace - m). If all moments grow by the
-        # thickness, the sum of two grows by twice as much, and the excess vanishes.
+        # the largest moment m less that sum: m - (trace - m). If the same amount is added
+        # to all moments, m grows once and the sum twice, so the excess falls by the amount.
+        # The amount (`thickness`) is the excess and a share of the trace for rounding.
         excess = 2.0 * np.linalg.eigvalsh(tensor)[-1] - np.trace(tensor)
         thickness = TENSOR_THICKNESS * np.trace(tensor) + max(excess, 0.0)
         tensor = tensor + thickness * np.eye(3)
@@ -462,8 +470,10 @@ class MujocoModel:
             fullinertia=elements,
         )
         if not inertia.is_stated:
-            # The file states only the tensor of this link, or no mass. The chosen mass and
-            # centre must have no weight, so MuJoCo compensates gravity at this body.
+            # The file states only the tensor of this link, or no mass. Mass and centre were
+            # chosen so that the tensor about the centre of the sphere is right. Their
+            # weight would be a load that the mechanism does not have, so MuJoCo compensates
+            # gravity at this body.
             body.set("gravcomp", "1")
 
     def _add_appearance(self, body: Element, link: str) -> None:
@@ -525,10 +535,11 @@ class MujocoModel:
         """Add the constraints that close loops, and those of rolling contacts.
 
         A pair that closes a loop is a constraint: one point of its axis coincides in both
-        links. With the centre of the sphere, which all links share, this fixes the axis. If
-        a load acts at the pair, the pair is the joint of a second body (twin) of the link
-        instead, and the twin is welded to the first body. In a rolling contact a sum of
-        joint angles is constant.
+        links. With the centre of the sphere, which all links share, this fixes the axis.
+
+        In MuJoCo, springs and torques act only at joints. If such a load acts at the pair,
+        the pair is therefore the joint of a second body (twin) of the link, which is welded
+        to the first body. In a rolling contact a sum of joint angles is constant.
 
         Parameters
         ----------

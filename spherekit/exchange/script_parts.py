@@ -57,21 +57,21 @@ class SmoothModeTexts:
     """Source code for the function that selects an assembly mode at a given input.
 
     An assembly mode is one of the ways to assemble the mechanism. In formulas it is
-    selected by numbers, the mode values. In closed form they are the signs of
-    its dyads (two links and three R pairs). Otherwise they are the pair variables (rad) of
-    a known configuration, from which Newton's method starts. If a mode follows a smooth
-    curve of configurations, the mode values are constant in intervals of the input.
+    selected by numbers, the mode values. In closed form they are the signs of its dyads
+    (two links and three R pairs). Otherwise they are the pair variables (rad) of a known
+    configuration, from which Newton's method starts. If a mode follows a smooth curve of
+    configurations, the mode values are constant in intervals of the input.
 
     Attributes
     ----------
     fields
-        Values of the fields of the template of this function. The arrays ``starts`` (input
-        at which each interval begins), ``places`` and ``inputs`` are text in the
-        programming language.
+        Values of the fields of the template of this function. Three of them are arrays, as
+        text in the programming language: ``starts`` (the input at which each interval
+        begins), ``places`` (the mode values) and ``inputs``.
     known_inputs
-        The text of ``inputs``. It is an array (intervals, modes): the input (rad) of the
-        known configuration. Newton's method follows the mode from there, so the generated
-        function needs it if there is no closed form.
+        The array ``inputs`` once more, for callers that need it alone. It has the axes
+        (intervals, modes): the input (rad) of the known configuration. Newton's method
+        follows the mode from there, if there is no closed form.
     shift_lines
         Lines that move an input by whole periods into the range of the mechanism. Empty if
         configurations do not repeat after a period.

@@ -72,8 +72,8 @@ def check_sizes_change_no_constants(varied: VariedMechanism) -> None:
     too. The message for the user names all refused sizes.
 
     An exception is a mechanism whose contacts of circles are all replaced by links between
-    the centres (`varied.equivalent_linkage`). These links follow every size, and nothing is
-    refused.
+    the centres (`varied.equivalent_linkage`). The formulas then contain the sizes of these
+    links, which are functions of all numbers of the file, so no size is refused.
 
     Parameters
     ----------
@@ -91,9 +91,11 @@ def check_sizes_change_no_constants(varied: VariedMechanism) -> None:
     values_before = _profile_numbers(mechanism)
     fixed_keys = []
     for variable in varied.variables:
-        # The slot tells which arc, angle, axis or direction a variable is; it is None for
-        # all other numbers. `ACTIONS` are the tables of masses and loads in the file.
-        is_fixed = variable.slot is None and variable.path[0] not in ACTIONS
+        # `slot` tells which arc, angle, axis or direction a variable is. It is None for all
+        # other numbers. `path[0]` is the table of the file, and `ACTIONS` are the tables of
+        # masses and loads.
+        is_mass_or_load = variable.path[0] in ACTIONS
+        is_fixed = variable.slot is None and not is_mass_or_load
         # The size is changed a little, to see whether the contact profiles change with it.
         # A size for which no change is possible (None) is refused.
         if mechanism.has_contacts and not is_fixed:

@@ -87,12 +87,13 @@ def _argument_lines(source: Source) -> Iterator[str]:
 
 
 def _mode_lines(source: Source, position: int, mode: Mode) -> Iterator[str]:
-    """Yield the lines on an assembly mode: its number, name, mode values and a known input.
+    """Yield the lines on an assembly mode: its number, name, mode values and inputs.
 
     Mode values are the numbers that the source takes to select the mode: the signs of its
-    dyads, or the pair variables (rad) from which Newton's method starts. If modes follow
-    smooth curves through crossings, the mode values may change with the input. A further
-    line then gives the mode values of each interval of the input.
+    dyads, or the pair variables (rad) from which Newton's method starts. The inputs are
+    those of one configuration with these values. If modes follow smooth curves through
+    crossings, the mode values may change with the input. A further line then gives the mode
+    values of each interval of the input.
 
     Parameters
     ----------
@@ -101,7 +102,7 @@ def _mode_lines(source: Source, position: int, mode: Mode) -> Iterator[str]:
     position
         Position of the mode in the table of modes.
     mode
-        The mode, with the inputs (rad) at which its mode values are known.
+        The mode.
     """
     value_text = ", ".join(f"{value:.9g}" for value in mode.values) or "none"
     input_text = ", ".join(f"{q:.6g}" for q in mode.at)
@@ -129,8 +130,10 @@ def _method_sentences(source: Source) -> str:
 
     Positions are computed by steps of Newton's method, or in closed form. In closed form,
     an assembly mode is selected by the signs of its dyads (two links and three R pairs). A
-    mode that keeps its signs for all inputs gets a sentence on this here. For modes that
-    follow smooth curves, whose signs can change, `_smooth_mode_sentences` has it.
+    sign tells on which side the middle pair is, if the dyad is not in line. A mode that
+    keeps its signs for all inputs gets a sentence on this here: where a dyad gets in line,
+    the mechanism itself may change to another mode. For modes that follow smooth curves,
+    whose signs can change, `_smooth_mode_sentences` has the sentence.
     """
     # `step` has the expressions of a step of Newton's method. It is empty in closed form.
     # The function of the step returns the closure residual, by how much loops are open.
@@ -174,7 +177,8 @@ def _smooth_mode_sentences(source: Source) -> str:
         return f"A mode is a smooth curve. No curves cross {range_text}."
     if not smooth_modes.crossings:
         return f"A mode is a smooth curve as far as crossings are known.{unknown}"
-    # Inputs (rad) of the crossings. Adding zero turns -0.0 into 0.0.
+    # Inputs (rad) of the crossings. Rounding makes those that are zero up to rounding
+    # errors zero. Adding zero turns -0.0 into 0.0.
     crossings = listing(f"{q + 0.0:.6g}" for q in np.round(smooth_modes.crossings, 12))
     # `step` has the expressions of a step of Newton's method. It is empty in closed form.
     if source.formulas.step:
@@ -184,6 +188,7 @@ def _smooth_mode_sentences(source: Source) -> str:
             "pass no crossing, where Newton's method may go on along either curve."
         )
     else:
+        # The distance is `mode_table.UNKNOWN_AT_CROSSING_RAD`.
         use = (
             f"{source.smooth_function} gives the sides of the dyads of a mode at an input. "
             "They change at crossings, and are NaN within 1e-6 rad of these."

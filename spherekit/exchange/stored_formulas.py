@@ -93,8 +93,8 @@ def profile_table(
     with dk/ds contains d2k/ds2, so this ninth function is added. All are piecewise
     Chebyshev series.
 
-    One of the pair variables is an arc length along the profile. It is s apart from a
-    constant, the value of s at which the variable is zero.
+    The variable of the contact is an arc length along the profile. It is s less a constant,
+    the value of s at which the variable is zero (`start`).
 
     Parameters
     ----------
@@ -105,8 +105,7 @@ def profile_table(
     """
     profile_series = profile.series
     series = profile_series.series
-    # The contact profile has the number of its pair variable, and the arc length `start` at
-    # which this variable is zero.
+    # The curve, with the number of its pair variable (`variable`) and `start`.
     contact_profile = profile.track
     # Axes of the coefficients: cells, orders, functions. The last function is dk/ds, so its
     # derivative is d2k/ds2. It has one order less, so a highest coefficient of zero is
@@ -114,7 +113,7 @@ def profile_table(
     last_derivative = series.derivative.coefficients[:, :, -1:]
     padded_derivative = np.pad(last_derivative, ((0, 0), (0, 1), (0, 0)))
     coefficients = np.concatenate([series.coefficients, padded_derivative], axis=2)
-    # The symbols of all these functions in the formulas, d2k/ds2 last.
+    # The symbols of these nine functions in the formulas, d2k/ds2 last.
     function_symbols: Any = (*profile.column_symbols, profile.last_derivative)
     return SeriesTable(
         terms=function_symbols,

@@ -586,6 +586,8 @@ class _MechanismReader:
             profiles = self.cones(path, item)
         else:
             profiles = self.profiles(path, item)
+        # The other fields of the contact, such as its type (Cr or Cs) and its two links,
+        # are in its table.
         return construct_element(Pair, item, {"name": name, "profiles": profiles})
 
     def cones(self, path: KeyPath, item: Table) -> tuple[Profile, ...]:

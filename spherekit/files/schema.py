@@ -120,8 +120,8 @@ def check_numbers(document: Document, numbers: Mapping[KeyPath, float]) -> None:
         table, name, *_ = map(str, path)
         entries.setdefault(table, {})[name] = document.data[table][name]
     are_finite = all(math.isfinite(number) for number in numbers.values())
-    # `entries` lacks the other tables of a document. Errors that are not at a changed
-    # number are due to that, and are ignored.
+    # The validator locates an error of a number at this number. Errors at other locations
+    # occur because `entries` lacks the other tables of a document. They are ignored.
     errors = validator().iter_errors(entries)
     has_error = any(tuple(error.absolute_path) in numbers for error in errors)
     if not are_finite or has_error:

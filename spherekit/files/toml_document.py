@@ -162,15 +162,15 @@ _pipe_contents: dict[int, bytes] = {}
 def read_pipe(path: Path, max_bytes: int = -1) -> bytes | None:
     """Return the content of a pipe that the shell has opened; None for other files.
 
-    Examples are ``/dev/stdin`` and ``/dev/fd/63``. A pipe can be read only once. Its
-    content is therefore stored for further calls.
+    Examples are ``/dev/stdin`` and ``/dev/fd/63``. A pipe can be read only once. The first
+    call therefore stores the content, and later calls return the stored one.
 
     Parameters
     ----------
     path
         The path of a file or a pipe.
     max_bytes
-        Largest number of bytes that are read; -1 for all.
+        Largest number of bytes that the first call reads; -1 for all.
 
     Raises
     ------
@@ -182,8 +182,11 @@ def read_pipe(path: Path, max_bytes: int = -1) -> bytes | None:
     if not stat.S_ISFIFO(status.st_mode) or not is_shell_path:
         return None
     with path.open("rb") as stream:
-        # A pipe that was read before gives no bytes; the stored content is returned.
-        return _pipe_contents.setdefault(status.st_ino, stream.read(max_bytes))
+        # A pipe that was read before gives no bytes.
+        content = stream.read(max_bytes)
+    # The inode number identifies the pipe. `setdefault` returns the stored content, or
+    # stores the content that was read now.
+    return _pipe_contents.setdefault(status.st_ino, content)
 
 
 def read_text(path: Path) -> str:

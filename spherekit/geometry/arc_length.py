@@ -105,8 +105,11 @@ class ArcLength:
         def deviation(s: Floats) -> Floats:
             """Return u minus s times the mean slope, (n, 1), at arc lengths s (n,).
 
-            A panel is a range of the parameter u on which the speed is a Legendre series.
-            `edges` are the parameters, and `starts` the arc lengths, at the ends of panels.
+            u is the parameter of the curve. Only its deviation from the mean slope is
+            interpolated, since it is zero if the speed ds/du is constant.
+
+            A panel is a range of u on which the speed is a Legendre series. `edges` are the
+            parameters, and `starts` the arc lengths, at the ends of panels.
             """
             # On the panel that contains s, find the position x from -1 to 1 at which the
             # arc length from the start of the panel has the target value.
