@@ -384,11 +384,11 @@ class MujocoModel:
     def _add_bodies(self, parent_element: Element, parent: str) -> None:
         """Add the bodies that hinges join to a body, and then the bodies on these bodies.
 
-        A pair that closes a loop is a constraint of MuJoCo, not a joint. Springs and torques
-        act only at joints. So if such a load acts at the pair, the link gets a second body
-        (twin), of which the pair is the joint. `_add_loops` welds both bodies of the link
-        together. Each of them gets a part of the inertia (`_add_inertia`). Twins are not
-        drawn.
+        A pair that closes a loop is a constraint of MuJoCo, not a joint. Springs and
+        torques act only at joints. So if such a load acts at the pair, the link gets a
+        second body (twin), of which the pair is the joint. `_add_loops` welds both bodies
+        of the link together. Each of them gets a part of the inertia (`_add_inertia`).
+        Twins are not drawn.
 
         Parameters
         ----------
