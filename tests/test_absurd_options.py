@@ -290,7 +290,7 @@ def test_a_repeated_warning_of_numpy_is_printed_once_in_one_sentence(
         ),
         (
             ["certify", "four_bar", "--range", "10", "12", "--clear-of", "300"],
-            ["--clear-of 300: nothing is proven there", "10 to 12"],
+            ["--clear-of 300: outside the range that is proven", "10 to 12"],
         ),
     ],
 )

@@ -286,7 +286,7 @@ def test_command_and_default(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_a_page_that_takes_newton_steps_refuses_crossings(tmp_path):
-    with pytest.raises(EngineError, match="curves cross at 0 deg.*Newton's steps"):
+    with pytest.raises(EngineError, match="curves cross at 0 deg.*Newton's method"):
         sk.page(six_bar_with_a_flat_loop(), tmp_path / "x.html", vary=[], crossings="pass")
 
 

@@ -470,11 +470,11 @@ def test_a_part_that_does_not_appear_in_the_folder_is_missed(
     """
     monkeypatch.setattr(dask_cluster, "VISIBLE_SECONDS", 0.1)
     sweep = undisturbed.sweep
-    with pytest.raises(OutputError, match="computed part 2, and it does not appear here"):
+    with pytest.raises(OutputError, match="computed part 2, but its file is not in"):
         dask_cluster._take_part(
             files=None, folder=str(tmp_path), sweep=sweep, part_number=2
         )
-    with pytest.raises(OutputError, match="part 2 was computed, and is not in"):
+    with pytest.raises(OutputError, match="part 2 was computed, but is no longer in"):
         sweep.move_part(str(tmp_path), tmp_path / "designs", 2)
 
     def write_first_part_only(sweep, folder, numbers):
@@ -484,5 +484,5 @@ def test_a_part_that_does_not_appear_in_the_folder_is_missed(
     from spherekit.designs.sweep_parts import run_sweep
 
     # `elsewhere` is the function that has parts computed by other machines.
-    with pytest.raises(OutputError, match=r"2 parts of 3 are missing in the end \(1, 2\)"):
+    with pytest.raises(OutputError, match=r"2 of 3 parts are missing \(1, 2\)"):
         run_sweep(sweep, tmp_path / "designs", elsewhere=write_first_part_only)

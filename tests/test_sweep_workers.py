@@ -211,7 +211,7 @@ def test_a_sweep_that_cannot_be_sent_is_refused_in_a_sentence(tmp_path, monkeypa
     """A lock in its state cannot be pickled."""
     state = {"lock": threading.Lock()}
     monkeypatch.setattr("spherekit.designs.sweep.Sweep.__getstate__", lambda _: state)
-    with pytest.raises(DesignError, match="cannot be sent.*keep locks.*--workers 1"):
+    with pytest.raises(DesignError, match="cannot be sent.*keep thread locks.*--workers 1"):
         sweep_with_tables(tmp_path)
 
 
@@ -356,9 +356,9 @@ def test_a_part_that_ends_every_process_ends_the_sweep_with_a_message(
         sweep_with_tables(tmp_path / "designs")
     assert str(refusal.value) == (
         "four_bar: part 1 (designs 16 to 31): the system ended each of 3 processes that "
-        "computed it (signal 9, SIGKILL), perhaps for want of memory; parts that are "
-        "written stay, and the same command continues; ask for fewer samples, or for "
-        "--workers 1 in less memory"
+        "computed it (signal 9, SIGKILL), perhaps because memory ran out; parts that are "
+        "written are kept. Ask for fewer samples, or for --workers 1, which needs less "
+        "memory, and run the same command again to continue"
     )
     assert len(list(mark.iterdir())) == 3
     # This file had made the processes end themselves.

@@ -478,7 +478,7 @@ def test_a_folder_takes_only_the_sweep_that_it_holds(tmp_path):
     with pytest.raises(OutputError, match="of another sweep.*samples: "):
         sweep(samples=6, folder=tmp_path)
     (tmp_path / DEFINITION_FILE).unlink()
-    with pytest.raises(OutputError, match="does not say of what"):
+    with pytest.raises(OutputError, match="does not say which sweep"):
         sweep(samples=5, folder=tmp_path)
 
 

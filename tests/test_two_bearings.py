@@ -52,4 +52,4 @@ def test_sensitivities_are_refused_where_no_size_may_deviate(path, capsys):
     """The loop through both bearings only closes for exact sizes."""
     assert main(["run", path, "-a", "sensitivity", "--samples", "5"]) == 1
     printed = capsys.readouterr().err
-    assert "closes with its sizes as they are and with none that deviate" in printed
+    assert "close only with the exact sizes of the file" in printed

@@ -419,7 +419,7 @@ def test_wrong_uses_of_verify_are_refused(capsys):
     assert system_exit.value.code == 2
     with pytest.raises(SystemExit):
         main(["run", "--verify", "four_bar"])
-    assert "write the file before --verify" in capsys.readouterr().err
+    assert "put it before --verify" in capsys.readouterr().err
 
 
 def test_an_analysis_that_fails_when_computed_again_does_not_lose_the_run():

@@ -189,8 +189,8 @@ def export(
     for name in stated_names:
         if kind not in KINDS_OF_ARGUMENT[name]:
             raise OutputError(
-                f"export: {name} does nothing but for "
-                f"{listing(KINDS_OF_ARGUMENT[name])}; this is {kind}"
+                f"export: {name} has an effect only for "
+                f"{listing(KINDS_OF_ARGUMENT[name])}, but this is {kind}; leave {name} out"
             )
     if kind in SOURCES:
         return _export_source(mechanism, target, kind, input_pair, assembly_mode, options)
@@ -354,8 +354,8 @@ def _export_functions(
     has_several_inputs = len(mechanism.inputs) > 1
     if is_source and has_several_inputs:
         raise OutputError(
-            f"{target}: a stored model of several inputs has no source; export the "
-            "formulas (--to c), or the archive *.npz"
+            f"{target}: a stored model with several inputs cannot be written as source "
+            "code; export the formulas (--to c), or save the model as an archive *.npz"
         )
     # What the model leaves out or does not cover.
     notes = []

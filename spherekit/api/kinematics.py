@@ -334,8 +334,8 @@ class Kinematics:
         name = _pole_text(self.mechanism, pole)
         if name not in self.poles:
             raise SolveError(
-                f"{self.mechanism.name}: pole {name} was not asked for; evaluated are "
-                f"{listing(self.poles)}: name it in poles"
+                f"{self.mechanism.name}: pole {name} was not evaluated; add it to the "
+                f"argument poles. Evaluated poles: {listing(self.poles) or 'none'}"
             )
         return pole
 
@@ -365,8 +365,8 @@ class Kinematics:
         if name is None and len(inputs) == 1:
             return 0
         raise SolveError(
-            f"{self.mechanism.name}: moving is {name!r}: say which input moves; inputs: "
-            f"{listing(inputs)}"
+            f"{self.mechanism.name}: moving: found {name!r}, needs the name of the input "
+            f"that moves; inputs: {listing(inputs)}"
         )
 
 

@@ -189,7 +189,8 @@ def sweep_of(
         if not analysis_merits and not tables:
             raise DesignError(
                 f"{analysis.name} has no figures of merit of its own for "
-                f"{study.mechanism.name}; say what is wanted by reduce, or ask for tables"
+                f"{study.mechanism.name}; give them with the argument reduce, or ask for "
+                "tables"
             )
         for merit in analysis_merits:
             merits[merit.name] = merit
@@ -198,7 +199,8 @@ def sweep_of(
         merits[merit.name] = merit
     if tables and not analyses:
         raise DesignError(
-            f"{study.mechanism.name}: tables are those of analyses: say of which"
+            f"{study.mechanism.name}: tables come from analyses; name the analyses whose "
+            "tables are wanted"
         )
 
     # Figures of merit that are read from the tables of an analysis need a run of each

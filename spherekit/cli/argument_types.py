@@ -37,8 +37,8 @@ def row_count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         # "run --verify four_bar" reads the file as the number of rows.
         raise ArgumentTypeError(
-            f"needs a whole number of at least 1, such as 16, not {text!r}; write the "
-            "file before --verify"
+            f"needs a whole number of at least 1, such as 16, not {text!r}; if this is the "
+            "name of the file, put it before --verify"
         )
     return int(text)
 

@@ -180,14 +180,20 @@ def execute(options: Namespace) -> int:
     if is_at_inputs and options.range:
         raise AnalysisError("--at and --range are two questions; give one of them")
     if options.poles and not is_at_inputs:
-        raise AnalysisError("--poles are those of modes at inputs; give --at Q too")
+        raise AnalysisError(
+            "--poles asks for the poles of assembly modes at given input values; give "
+            "the values too, with --at Q"
+        )
     if options.clear_of and (is_at_inputs or input_count > 1):
         raise AnalysisError("--clear-of is for the range of one input, and not for --at")
     is_map = input_count > 1 and not is_at_inputs
     if not is_map and (options.cell is not None or options.figure):
+        contradiction = f"{mechanism.name} has {counted(input_count, 'input')}"
+        if is_at_inputs:
+            contradiction = "not for --at"
         raise AnalysisError(
-            "--cell and --figure are for ranges of several inputs; "
-            f"{mechanism.name} has {input_count}, or --at is given"
+            f"--cell and --figure are for ranges of several inputs, and {contradiction}; "
+            "leave --cell and --figure out"
         )
     for target in (options.out, options.figure):
         if target:
@@ -290,7 +296,7 @@ def _decimal_text(option: str, text: str) -> str:
             return f"{number:f}"
     raise AnalysisError(
         f"{option}: {text!r} is not a decimal number from -{MAX_INPUT} to {MAX_INPUT}; "
-        "write 40 or 12.5"
+        "write it as in 40 or 12.5"
     )
 
 
@@ -416,8 +422,8 @@ def _certify_range(
         is_in_range = float(low) <= float(position) <= float(high)
         if not (curves.is_full_cycle or is_in_range):
             raise AnalysisError(
-                f"--clear-of {clear_of}: nothing is proven there; give an input from {low} "
-                f"to {high}, or another --range"
+                f"--clear-of {clear_of}: outside the range that is proven; give an input "
+                f"from {low} to {high}, or another --range"
             )
         # The functions above set the precision of their balls (numbers with error bounds)
         # themselves. The angle below is the only ball that is computed here.
@@ -458,8 +464,9 @@ def _certify_map(
     # ``--range`` has no place for a second input, so the ranges of the file are used.
     if len(names) > 2 or options.range:
         raise AnalysisError(
-            f"{mechanism.name} has {len(names)} inputs; ranges are proven of one input, or "
-            "of two over those of the file: give values of all with --at"
+            f"{mechanism.name} has {len(names)} inputs; a range can be proven for one "
+            "input, or for two over the ranges in the file. With two inputs leave --range "
+            "out, with more give a value of each with --at"
         )
     largest_side = DEFAULT_CELL_RAD if options.cell is None else options.cell  # of a box
     if not MIN_CELL_RAD <= largest_side <= MAX_CELL_RAD:

@@ -83,7 +83,9 @@ def execute(options: Namespace) -> int:
 
     is_analysis = options.what == "analysis"
     if is_analysis and (options.kind or options.like):
-        raise OutputError("--kind and --like are of mechanisms; leave them out")
+        raise OutputError(
+            "--kind and --like apply only to mechanisms, not to analyses; leave them out"
+        )
     if is_analysis:
         path = Path(options.name)
         name = path.name

@@ -497,7 +497,10 @@ def _setting_for_tolerance(
     # A study with the state at t = 0 is a simulation. Only simulations have ``--engine``.
     is_simulation = study.start is not None
     if options.tol is None and options.trade:
-        raise AnalysisError("--trade: say for which tolerance to choose, with --tol T")
+        raise AnalysisError(
+            "--trade: needs the tolerance for which the settings are chosen; give it with "
+            "--tol T"
+        )
     if options.trade and is_simulation and options.engine != "auto":
         raise AnalysisError(
             f"--engine {options.engine}: the trade chooses it; leave one of --engine and "

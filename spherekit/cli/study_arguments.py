@@ -261,7 +261,7 @@ def laws_of(law_texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
         pair, _, kind = pair_and_kind.rpartition("=")  # the pair is empty if left out
         if kind not in LAW_KINDS:
             raise AnalysisError(
-                f'--law: no law is "{kind}"{choices(kind, LAW_KINDS, "Laws")}'
+                f'--law: "{kind}" is not a law{choices(kind, LAW_KINDS, "Laws")}'
             )
         # Parameters are written with the keys of files, such as `from` for the field start.
         key_of_field = {field: key for key, field in KEYS[LAW_KINDS[kind]].items()}

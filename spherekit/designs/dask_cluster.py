@@ -334,8 +334,9 @@ def _read_answer(
         # part need not be the cause, since it may only have waited there for its turn.
         raise DesignError(
             f"{name}: every worker of {address} that held part {part_number} has ended, "
-            "perhaps for want of memory; parts that are written stay, and the same command "
-            "continues; give workers more memory, or ask for fewer samples"
+            "perhaps because memory ran out; parts that are written are kept. Give workers "
+            "more memory, or ask for fewer samples, and run the same command again to "
+            "continue"
         ) from None
     except (ImportError, AttributeError) as fault:
         # Unpickling raises ImportError for a missing module, and AttributeError ("Can't get
@@ -386,9 +387,9 @@ def _take_part(
     while not sweep.files_of(folder, part_number):
         if files is not None or time.monotonic() > deadline:
             raise OutputError(
-                f"{folder}: a worker has computed part {part_number}, and it does not "
-                "appear here; choose a folder that all machines see, or one that workers "
-                "do not see at all: their parts are then sent"
+                f"{folder}: a worker has computed part {part_number}, but its file is not "
+                "in this folder; choose a folder that all machines share, or one to which "
+                "no worker can write: workers then send their parts to this machine"
             )
         time.sleep(POLL_SECONDS)
 
@@ -442,7 +443,8 @@ class PartComputer:
         if version_difference:
             raise DesignError(
                 f"{self.sweep.mechanism.name}: a worker of the cluster ({gethostname()}) "
-                f"has other versions ({version_difference}); a data set is made by one"
+                f"has other versions ({version_difference}); all parts of a data set must "
+                "be made with the same versions, so install these on every machine"
             )
         # A worker may have several threads, which share one sweep. The lock lets one thread
         # compute at a time: the first part compiles functions that all others use.

@@ -844,8 +844,9 @@ class DesignEvaluator:
             # are evaluated at any inputs, without tracking.
             inputs = listing(f"{angle:.6g}" for angle in point)
             raise DesignError(
-                f"{self.mechanism.name}: at inputs {inputs} rad: with several inputs "
-                "and groups beyond dyads figures are those at samples; choose one"
+                f"{self.mechanism.name}: inputs {inputs} rad are not a sample; with "
+                "several inputs and groups other than dyads, figures of merit are known "
+                "only at samples. Choose the inputs of a sample"
             )
         point_samples = np.argmin(distances, axis=0)
         return input_grid, np.append(np.arange(len(input_grid)), point_samples)

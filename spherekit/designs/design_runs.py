@@ -521,8 +521,8 @@ class DesignRuns:
             q = rows[present_columns].to_numpy(dtype=float)
         if merit.point and len(merit.point) != q.shape[1]:
             raise DesignError(
-                f"{merit.name}: at needs {counted(q.shape[1], 'input')}, not "
-                f"{len(merit.point)}"
+                f"{merit.name}: at(EXPRESSION, Q): Q needs "
+                f"{counted(q.shape[1], 'input')}, found {len(merit.point)}"
             )
         # "argmin" and "argmax" return the value of an input where the expression is
         # smallest or largest. With several inputs the user names the pair of one input,
@@ -588,7 +588,8 @@ def _column_units(merit: FigureOfMerit, analyses: Analyses, study: Study) -> Uni
     # quantities without naming a table, as in ``max(theta_41)``.
     if analysis == MOTION:
         raise DesignError(
-            f"{merit.name}: {analysis}.{table} is of no analysis; name a table of one"
+            f"{merit.name}: {analysis}.{table}: {analysis} is not an analysis; write "
+            "ANALYSIS.TABLE, or, for quantities of the motion, the expression alone"
         )
     (chosen,) = (candidate for candidate in analyses if candidate.name == analysis)
     # The columns of a table can depend on the inputs of the mechanism: one for each input.

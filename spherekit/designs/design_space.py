@@ -170,15 +170,16 @@ class DesignSpace:
             for variation in variations:
                 if variation.values is None:
                     raise DesignError(
-                        f"{variation.key}: a grid needs how many values, "
+                        f"{variation.key}: a grid needs the number of values too, such as "
                         f"{variation.key}={variation.low:g}:{variation.high:g}:11; "
                         "or give --designs N"
                     )
             count = math.prod(len(variation.values or ()) for variation in variations)
             if seed != 0:
                 raise DesignError(
-                    f"seed: found {seed}; a grid has no random numbers, so a seed does "
-                    "nothing there: leave it out, or give how many designs"
+                    f"seed: found {seed}; a grid has no random numbers, so a seed has no "
+                    "effect. Leave it out, or take sobol, latin or random with a number of "
+                    "designs"
                 )
         if count is None or count < 1:
             raise DesignError(f"{scheme}: give how many designs, at least 1")

@@ -101,8 +101,8 @@ class DesignSamples:
         mechanism = driven_at(study.mechanism)
         if study.start is not None:
             raise DesignError(
-                f"{study.name}: designs are compared at samples of inputs, not along "
-                "simulations; drive them"
+                f"{study.name}: designs are compared at samples of the inputs, not along "
+                "a simulation; leave the start out, so that the inputs are driven"
             )
         # An error is raised if time laws, duration and samples contradict each other.
         check_time(study)

@@ -299,8 +299,9 @@ class DesignProfiles:
             )
             if slopes is None:
                 raise DesignError(
-                    f"{self.document.name}: the file allows no other {variable.key}; vary "
-                    "a number that may change on its own"
+                    f"{self.document.name}: {variable.key} cannot be varied alone, because "
+                    "the file allows no other value of it while all other numbers stay; "
+                    "vary a number that can change on its own"
                 )
             for index, profile_slopes in enumerate(np.split(slopes, ends[:-1])):
                 if np.any(profile_slopes):

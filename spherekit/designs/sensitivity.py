@@ -125,8 +125,8 @@ class Sensitivity:
         )
         if not self.keys:
             raise DesignError(
-                f"{mechanism.name}: no link of it has sizes, for none has two axes; name "
-                "numbers of the file"
+                f"{mechanism.name}: no link has two axes, so there are no link sizes by "
+                "which to take derivatives; name numbers of the file instead"
             )
         self.variables = tuple(self._make_variable(key) for key in self.keys)
         # Locations, in the file, of the sizes that the user has named.
@@ -143,16 +143,16 @@ class Sensitivity:
             plan_assembly(mechanism)
         except CountError as counted:
             raise DesignError(
-                f"{mechanism.name}: some of its constraints are redundant, so that it "
-                "closes with its sizes as they are and with none that deviate; leave "
-                f"redundant pairs out of a copy of the file ({counted})"
+                f"{mechanism.name}: some of its constraints are redundant, so its loops "
+                "close only with the exact sizes of the file and not with sizes that "
+                f"deviate; leave redundant pairs out of a copy of the file ({counted})"
             ) from None
         possible = row_quantities(mechanism)
         for name in self.quantities:
             if name not in possible:
                 raise DesignError(
-                    f'{mechanism.name}: "{name}" is no quantity of its configurations'
-                    f"{nearest(name, possible) or ';'} such are theta_PAIR, rate_PAIR and "
+                    f'{mechanism.name}: "{name}" is not a quantity of its configurations'
+                    f"{nearest(name, possible) or ';'} examples: theta_PAIR, rate_PAIR and "
                     "velocity_coefficient_LINK_OTHER"
                 )
 
@@ -211,9 +211,9 @@ class Sensitivity:
         # position or a direction of an axis. It is None for other numbers.
         if variable.slot is None and not is_contact_number:
             raise DesignError(
-                f"{self.mechanism.name}: {key} is no size: derivatives are by arcs, "
-                "angles, zeros and axes of R pairs, by numbers of profiles, and of masses "
-                "and loads"
+                f"{self.mechanism.name}: {key} is not a size; derivatives can be taken by "
+                "arcs, angles, zeros and axes of R pairs, and by numbers of profiles, "
+                "masses and loads"
             )
         return variable
 
@@ -278,9 +278,9 @@ class Sensitivity:
         )
         if not varied_mechanism.can_vary:
             raise DesignError(
-                f"{self.mechanism.name}: with other {listing(self.keys)} there is no such "
-                "mechanism: its profiles would not touch in the reference pose; vary "
-                "sizes of links"
+                f"{self.mechanism.name}: {listing(self.keys)} cannot be varied, because "
+                "with other values the profiles would not touch in the reference pose; "
+                "vary sizes of links instead"
             )
         return varied_mechanism, varied_mechanism.make_expressions(closed_form=False)
 
@@ -304,7 +304,11 @@ class Sensitivity:
             varied_mechanism.nominal_values, self.mechanism
         )
         if design is None:
-            raise DesignError(f"{self.mechanism.name}: its file states no such mechanism")
+            raise DesignError(
+                f"{self.mechanism.name}: with the numbers of its file there is no valid "
+                "mechanism, so there are no derivatives; check the file with `spherekit "
+                "validate`"
+            )
         return design
 
     @property
@@ -345,8 +349,9 @@ class Sensitivity:
         for key in singly:
             if key not in self.keys:
                 raise DesignError(
-                    f"{self.mechanism.name}: a deviation of {key}, by which nothing is "
-                    f"asked{choices(key, self.keys, 'it is by')}"
+                    f"{self.mechanism.name}: a deviation is given for {key}, but no "
+                    f"derivative by {key} was asked for"
+                    f"{choices(key, self.keys, 'derivatives are asked for by')}"
                 )
         deviations = np.where(self._is_mass_or_load, 0.0, size)
         for key, deviation in singly.items():

@@ -7,6 +7,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.errors import DesignError
+from spherekit.wording import counted, listing
 
 Distribution = Literal["normal", "uniform"]
 
@@ -58,8 +59,10 @@ class SizeDeviations:
         is_possible = np.all(np.isfinite(sizes) & (sizes >= 0.0)) and np.any(sizes > 0.0)
         if not is_possible or self.count < 0:
             raise DesignError(
-                "a deviation is a positive number, of some sizes perhaps 0, and the number "
-                "of draws not < 0"
+                f"deviations: found {listing(f'{x:.6g}' for x in sizes)} (rad or SI units) "
+                f"and {counted(self.count, 'draw')}; each deviation must be a finite "
+                "positive number or 0, at least one must be above 0, and the number of "
+                "draws must be at least 0"
             )
 
     @property

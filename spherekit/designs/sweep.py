@@ -568,8 +568,9 @@ class Sweep:
         # All notes that identify the part must be among those of the file.
         if not self.part_notes(number).items() <= notes.items():
             raise OutputError(
-                f"{path}: is not part {number} of this sweep: another program or another "
-                "sweep has written it; move it away, and the same command makes the part"
+                f"{path}: the file is not part {number} of this sweep; another program or "
+                "another sweep has written it. Move the file away, and run the same "
+                "command again to compute the part"
             )
         return notes
 
@@ -662,8 +663,9 @@ class Sweep:
         paths = self.files_of(work_folder, number)
         if not paths:
             raise OutputError(
-                f"{folder}: part {number} was computed, and is not in {work_folder}: "
-                "something has removed it; the same command makes it again"
+                f"{folder}: part {number} was computed, but is no longer in {work_folder}; "
+                "another program or person has removed it. Run the same command again to "
+                "compute it"
             )
         # The table of designs is moved last, because its presence shows that the part is
         # complete.

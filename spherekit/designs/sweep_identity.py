@@ -75,21 +75,21 @@ def working_folder(folder: Path, definition: Facts) -> Iterator[str]:
     unexpected = [*links, *foreign_files]
     if unexpected:
         raise OutputError(
-            f"{folder}: {listing(unexpected)} in it is a link or no file of sweeps; "
-            "choose another folder, or move it away"
+            f"{folder}: holds {listing(unexpected)}, which is a symbolic link or not a "
+            "file of a sweep; choose another folder, or move it away"
         )
     stored_definition: Facts = {}
     if definition_path.exists():
         stored_definition = _read_definition(definition_path)
     if stored_definition != definition:
         if any(path for pattern in PART_PATTERNS for path in folder.glob(pattern)):
-            difference = f"{DEFINITION_FILE} does not say of what"
+            difference = f"{DEFINITION_FILE} does not say which sweep"
             if stored_definition:
                 difference = differences(stored_definition, definition)
             raise OutputError(
-                f"{folder}: holds parts of another sweep, or made by other code "
-                f"({difference}), and a data set is of one; go on with that, choose "
-                "another folder, or remove this one"
+                f"{folder}: holds parts of another sweep, or parts made by other code "
+                f"({difference}); one data set cannot mix them. Continue the sweep that is "
+                "there, choose another folder, or remove this folder"
             )
         write_text(definition_path, json.dumps(definition, indent=2) + "\n")
     # A command that was interrupted may have left its working folder.

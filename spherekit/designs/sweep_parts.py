@@ -405,9 +405,10 @@ class _Progress:
         absent = [number for number in missing if number not in self._done_parts]
         if absent:
             raise OutputError(
-                f"{self.parts_folder}: {counted(len(absent), 'part')} of "
-                f"{sweep.part_count} are missing in the end "
-                f"({listing(map(str, absent), 8)}); the same command makes them"
+                f"{self.parts_folder}: the sweep is over, but "
+                f"{len(absent)} of {counted(sweep.part_count, 'part')} are missing "
+                f"({listing(map(str, absent), 8)}); run the same command again to compute "
+                "them"
             )
 
     def _count(self, number: int, size: int) -> None:

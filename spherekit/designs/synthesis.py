@@ -279,17 +279,18 @@ def _require_gradients(specification: Specification) -> DesignEvaluator:
     evaluator = sweep.evaluator
     if not isinstance(evaluator, DesignEvaluator) or not evaluator.has_gradients:
         raise DesignError(
-            f"{sweep.mechanism.name}: synthesis follows gradients by numbers that kernels "
-            "have as inputs, and there is no kernel of these designs: where profiles are "
-            "no circles, sizes of links and numbers under pairs.PAIR.profiles vary; with "
-            "others, constraints that repeat each other, or groups of more than 7 bodies "
-            "or 64 solutions, sweep it instead"
+            f"{sweep.mechanism.name}: synthesis cannot compute gradients for these "
+            "designs; sweep them instead. Where profiles are not circles, gradients exist "
+            "only by sizes of links and by numbers under pairs.PAIR.profiles. Gradients do "
+            "not exist with redundant constraints, with groups of more than 7 bodies or 64 "
+            'solutions, or with crossings "pass"'
         )
     if evaluator.has_unsigned_modes and len(specification.minimise) > 1:
         raise DesignError(
-            f"{sweep.mechanism.name}: fronts of several objectives are of modes that have "
-            "signs, and some of its groups are no dyads; minimise one, and bound the "
-            "others by conditions"
+            f"{sweep.mechanism.name}: a Pareto front of several objectives needs assembly "
+            "modes that are named by signs, that is, groups that are all dyads, and "
+            "profiles that are circles; minimise one objective, and bound the others by "
+            "conditions"
         )
     return evaluator
 

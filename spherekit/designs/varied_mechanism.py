@@ -289,8 +289,9 @@ class VariedMechanism:
         if linkage is not None:
             if self.varies_outputs:
                 raise DesignError(
-                    f"{self.mechanism.name}: outputs point elsewhere in designs whose "
-                    "contacts stay; vary one or the other"
+                    f"{self.mechanism.name}: its contacts are computed as links in their "
+                    "place, and then directions of outputs cannot vary; vary either "
+                    "outputs or contacts"
                 )
             # Numbers of contacts are angles; each becomes a symbol.
             name_of_number = {k: f"turned_{k}" for k in self.varied_contact_numbers}

@@ -122,9 +122,10 @@ def compute_in_processes(
                     raise DesignError(
                         f"{_describe_part(sweep, number)}: the system ended each of "
                         f"{MAX_DEATHS_AMONG_OTHERS + 1} processes that computed it "
-                        f"({event.cause}), perhaps for want of memory; parts that are "
-                        "written stay, and the same command continues; ask for fewer "
-                        "samples, or for --workers 1 in less memory"
+                        f"({event.cause}), perhaps because memory ran out; parts that are "
+                        "written are kept. Ask for fewer samples, or for --workers 1, "
+                        "which needs less memory, and run the same command again to "
+                        "continue"
                     )
                 yield event
 
@@ -190,8 +191,8 @@ def _sweep_message(sweep: Sweep) -> bytes:
     except Exception as fault:
         raise DesignError(
             f"{sweep.mechanism.name}: the sweep cannot be sent to worker processes "
-            f"({type(fault).__name__}: {fault}); keep locks, connections and the like out "
-            f"of analyses, or ask for one process: {SINGLE_PROCESS_HINT}"
+            f"({type(fault).__name__}: {fault}); keep thread locks, open connections and "
+            f"the like out of analyses, or ask for one process: {SINGLE_PROCESS_HINT}"
         ) from None
 
 
@@ -276,13 +277,13 @@ class _WorkerProcess:
             return
         # The status is negative if a signal of the system ended the worker, for example
         # for want of memory. Otherwise the worker failed by itself, and Python has printed
-        # its error on the same screen: "its own words".
+        # its error on the same screen.
         exit_status = self.end()
         if exit_status >= 0:
             raise DesignError(
                 f"{self._name}: a worker process ended as it started (exit status "
-                f"{exit_status}, {self._python!r}), and its own words are "
-                f"above; {SINGLE_PROCESS_HINT}"
+                f"{exit_status}, {self._python!r}); its error message is above. Without "
+                f"worker processes: {SINGLE_PROCESS_HINT}"
             )
 
     def compute(self, number: int) -> Computed | None:

@@ -251,7 +251,8 @@ class PageMaker:
                 unknown_arguments.append(argument.name)
         if unknown_arguments:
             raise EngineError(
-                f"a page does not know of {listing(unknown_arguments)}, which loads follow"
+                f"loads depend on {listing(unknown_arguments)}, which a page does not "
+                "know; leave these loads out"
             )
         return page_formulas
 
@@ -284,10 +285,10 @@ class PageMaker:
             return
         inputs = listing(dict.fromkeys(map(degrees_text, smooth_modes.crossings)))
         raise EngineError(
-            f"{self._mechanism.name}: curves cross at {inputs} deg, and positions have "
-            "no closed form: a page follows modes by Newton's steps, which end there; "
-            'leave crossings at "end", or export a source, which has a start on each '
-            "side of a crossing"
+            f"{self._mechanism.name}: configuration curves cross at {inputs} deg, and "
+            "positions have no closed form. A page then follows modes by Newton's method, "
+            'which cannot pass a crossing; leave crossings at "end", or export source '
+            "code, which has a start on each side of a crossing"
         )
 
     def _make_row_formulas(self) -> Formulas:

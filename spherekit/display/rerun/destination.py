@@ -311,7 +311,7 @@ def viewer_at(stream: rr.RecordingStream, url: str) -> LiveOutput:
             host, port = None, None
         if not host or not port or not parts.scheme.startswith("rerun"):
             raise OutputError(
-                f'"{url}" is not the address of a viewer; it looks like '
+                f'"{url}" is not the address of a viewer; such an address looks like '
                 "rerun+http://127.0.0.1:9876/proxy"
             )
         if not _speaks_http2(host, port):

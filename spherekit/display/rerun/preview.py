@@ -113,9 +113,9 @@ def _assemble(mechanism: Mechanism) -> tuple[PositionAnalysis, Motion, str]:
     assembled = motion.rows(~motion.failed)
     if not len(assembled):
         raise SolveError(
-            f"{mechanism.name}: no configuration closes at {TRIED_INPUTS} places in the "
-            "ranges of its inputs, so there is nothing to show; change the ranges or the "
-            "sizes"
+            f"{mechanism.name}: its loops close at none of the {TRIED_INPUTS} values tried "
+            "in the ranges of its inputs, so there is nothing to show; change the ranges "
+            "or the sizes"
         )
     # The rows of one sample are its configurations, one for each mode that exists there.
     first_sample = assembled.rows(assembled.sample == assembled.sample[0])
