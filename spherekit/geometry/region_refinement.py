@@ -121,8 +121,8 @@ class RegionRefinement:
         self.points, self.triangles = icosahedron(spacing)
         self.values = evaluate(self.points)
         # For each triangle: its class, which says whether the border crosses it; its
-        # longest edge (rad); and whether several margins may be positive or negative in it.
-        # If so, one margin may cut off a part of the region beyond the border of another.
+        # longest edge (rad); and whether the signs of several margins are uncertain in it.
+        # The border may then have a corner, where two margins are zero.
         count = len(self.triangles)
         self.classes = np.full(count, UNCLASSIFIED)
         self.longest_edges = np.zeros(count)
@@ -138,7 +138,9 @@ class RegionRefinement:
         self._crossing_margins = no_index
         self._crossing_points = no_point
         # The border, as segments in triangles. There are none yet, so all arrays are empty.
-        # `_find_border` adds segments later.
+        # `_find_border` adds segments later. `is_leading` is False for the second segment
+        # of a triangle, behind a corner. `is_searched` is False for segments that are taken
+        # to be straight.
         self.segments = BorderSegments.find(
             evaluate,
             ends=(no_point, no_point),
@@ -235,9 +237,10 @@ class RegionRefinement:
         """Return a triangulation of the region alone, up to its border.
 
         Triangles of the mesh with all vertices inside are taken as they are. In a triangle
-        that the border crosses, the border is a segment: a curve with several nodes. Two
-        neighbouring nodes and a vertex inside, the apex, make a triangle of a fan. If two
-        vertices are inside, an extra triangle joins both to the first node.
+        that the border crosses, the border is a segment: a curve with several nodes. A
+        vertex inside, the apex, is joined to all nodes, which makes a fan of triangles. If
+        two vertices are inside, the part of the region beside the fan is an extra triangle
+        with both vertices and the first node.
 
         Returns
         -------
@@ -251,10 +254,12 @@ class RegionRefinement:
         nodes, segment = self.segments.node_points(np.arange(len(division.apex)))
         points = np.concatenate([self.points, nodes])
         number = np.arange(len(self.points), len(points))
+        # `segment` counts the segments from 0, and is larger at the first node of the next.
         is_first_node = np.diff(segment, prepend=-1) > 0
-        # A fan triangle for each node but the last one of its segment.
+        is_last_node = np.diff(segment, append=len(division.apex)) > 0
+        # A fan triangle from each node to the next one of its segment.
         fan = np.stack([division.apex[segment], number, number + 1], axis=1)
-        fan = fan[:-1][~is_first_node[1:]]
+        fan = fan[~is_last_node]
         first_node = number[is_first_node]  # of each segment
         extra = np.stack([division.apex, division.other_inside, first_node], axis=1)
         extra = extra[division.has_extra_triangle]
@@ -299,11 +304,12 @@ class RegionRefinement:
         # counter-clockwise.
         odd, second, third = self._odd_vertex_first(self.segments.triangle)
         has_one_inside = inside_count[self.segments.triangle] == 1
-        # The border runs with the region on its left. If the odd vertex is outside, the
-        # border starts on the edge from `third` to it and stops on the edge to `second`.
-        # With the apex `second`, the extra triangle is (second, third, start).
-        # If the border has a corner, only the first of two segments (the leading one)
-        # starts on an edge. A border without a corner is one leading segment.
+        # One vertex inside: it is `odd`, and the fan about it is the whole region. Two
+        # vertices inside, `second` and `third`: the border has the region on its left, so
+        # it starts on the edge from `third` to `odd` and stops on that from `odd` to
+        # `second`. The fan about `second` leaves out the triangle of second, third and the
+        # start. If the border has a corner, it consists of two segments in this triangle,
+        # and only the first (leading) one starts on an edge.
         has_extra_triangle = ~has_one_inside & self.segments.is_leading
         return TriangleDivision(
             inside_count=inside_count,
@@ -442,8 +448,13 @@ class RegionRefinement:
         inside, outside = np.where(self.is_inside[first], [first, second], [second, first])
         keys = inside << 32 | outside
         new_keys = np.setdiff1d(keys, self._crossing_keys)
+        new_inside = new_keys >> 32
+        new_outside = new_keys & (2**32 - 1)
+        # The border is where the smallest margin is zero. Margins are functions of the
+        # direction that are at least 0 in the region. `margins` are the numbers of those
+        # that vanish.
         points, margins = find_crossings(
-            self.evaluate, self.points[new_keys >> 32], self.points[new_keys & (2**32 - 1)]
+            self.evaluate, self.points[new_inside], self.points[new_outside]
         )
         self._crossing_keys = np.append(self._crossing_keys, new_keys)
         self._crossing_points = np.concatenate([self._crossing_points, points])

@@ -199,12 +199,13 @@ def log_rate(vector: Floats, w: Floats) -> Floats:
 
 
 def log_rate_change(vector: Floats, rate: Floats, w: Floats) -> Floats:
-    """Return the derivatives of `log_rate` by time while only the rotation vector changes.
+    """Return second derivatives of rotation vectors by time at constant angular velocity.
 
-    `log_rate` is d' = w - d x w / 2 + c d x (d x w), with the rotation vector d, the
-    angular velocity w and c = (1 - (a / 2) cot(a / 2)) / a^2, where a is the length of d.
-    If w is constant, the derivative of d' is
-    -d' x w / 2 + dc/dt d x (d x w) + c (d' x (d x w) + d x (d' x w)).
+    The first derivative of the rotation vector d is d' = w - d x w / 2 + c d x (d x w)
+    (`log_rate`), with the angular velocity w and c = (1 - (a / 2) cot(a / 2)) / a^2, where
+    a is the length of d. If w is constant, the second derivative is -d' x w / 2 + dc/dt d x
+    (d x w) + c (d' x (d x w) + d x (d' x w)). If w changes, `log_rate(d, w')` has to be
+    added, because d' is linear in w.
 
     Parameters
     ----------
@@ -217,7 +218,9 @@ def log_rate_change(vector: Floats, rate: Floats, w: Floats) -> Floats:
     -------
     (n, 3) derivatives, rad/s^2.
     """
-    square = _square(vector)  # a^2, on which c depends
+    # c is a function of a^2: `_SECOND_ORDER_FACTOR` is c, `_SECOND_ORDER_SLOPE` is
+    # dc/d(a^2), and dc/dt is this slope times the rate of a^2.
+    square = _square(vector)
     square_rate = 2.0 * np.sum(vector * rate, axis=1, keepdims=True)
     first_product = cross(vector, w)
     first_product_rate = cross(rate, w)

@@ -139,7 +139,7 @@ class EliminantRoots:
 
 @dataclass(frozen=True)
 class RemainingForms:
-    """Forms that remain of n systems after r values of the first angle were inserted.
+    """Equations in one angle that remain after values of the first angle were inserted.
 
     A system has two equations in the angles x and z, or three in x, y and z. They are
     linear in the cosine and sine of each angle. If all angles but one have values, a form
@@ -147,23 +147,26 @@ class RemainingForms:
     be complex, so all numbers are complex.
 
     In a system of three, the first equation contains x and y only. At a value of x it is a
-    form in y. The other two are forms in z at each zero of y. A system of two has no angle
-    y, and the arrays ``second_...`` are placeholders filled with 1.
+    form in y with two zeros. At each of them the other two equations are forms in z. A
+    system of two has no angle y: it has forms in z only, and the arrays ``second_...`` are
+    filled with 1.
 
-    The forms serve to evaluate the eliminant: the polynomial in x that remains when the
-    other angles are eliminated. It is zero at the first angles of solutions.
+    From the forms follows the eliminant: the polynomial in x that remains when the other
+    angles are eliminated. It is zero at the first angles of solutions. It is the product of
+    the resultants of the forms in z, at each zero of y, and of a power of `second_weights`,
+    their common denominator.
 
     Attributes
     ----------
     last_forms
-        (n, r, s, 2, 3) forms of the last two equations in z, at the s = 2 zeros of y. For
-        systems of two equations s is 1.
+        (n, r, s, 2, 3) forms of the last two equations in z, for n systems and r values of
+        x. The third axis has the s = 2 zeros of y, or one entry if there is no angle y.
     second_zeros
         (n, r, s, 3) values (1, cos y, sin y) at the zeros of y.
     second_forms
         (n, r, 3) form in y of the first equation.
     second_weights
-        (n, r) c1^2 + c2^2 of that form. A power of it is a factor of the eliminant.
+        (n, r) c1^2 + c2^2 of that form: the denominator of cos y and sin y at its zeros.
     """
 
     last_forms: Complexes
@@ -176,12 +179,13 @@ class RemainingForms:
 class NewtonResult:
     """Angles to which Newton's method leads, with their quality.
 
-    A system has t equations that are linear in the cosine and sine of each of t angles.
+    A system has t equations in t angles. Each term of an equation is a product with at most
+    one factor, a cosine or a sine, of each angle.
 
     Attributes
     ----------
     angles
-        (n, m, t) angles (rad) of n systems with t unknowns, from m starts.
+        (n, m, t) angles (rad) of n systems with t unknowns, from m starts each.
     residual
         (n, m) residual relative to the size of the equations.
     is_flat
@@ -222,8 +226,9 @@ def eliminant_degree(incidence: Bools) -> int:
     A system has t = 1, 2 or 3 equations in as many angles x, y, z. Each equation is linear
     in the cosine and sine of each angle that it contains. The eliminant is the
     trigonometric polynomial in x that remains when the other angles are eliminated by
-    resultants. The resultant of two equations is zero if they have a common zero in the
-    eliminated angle. It has degree 2 in the coefficients of each equation.
+    resultants. The resultant is an expression in the coefficients of two equations in one
+    angle. It is zero if they have a common zero. Its terms are products with two
+    coefficients of each equation, so it has degree 2 in the coefficients of each.
 
     Parameters
     ----------
@@ -232,9 +237,9 @@ def eliminant_degree(incidence: Bools) -> int:
 
     Returns
     -------
-    The degree, half the number of complex solutions. It is 0 if the angles cannot be
-    eliminated: the last two equations must contain the last angle, and the first of three
-    equations must contain the second angle but not the third.
+    The degree, half the number of complex solutions. It is 0 if this method does not apply.
+    It applies if the last two equations contain the last angle, and if the first of three
+    equations contains the second angle but not the third.
     """
     if len(incidence) == 1:
         return int(incidence[0, 0])
@@ -253,9 +258,9 @@ def eliminant_degree(incidence: Bools) -> int:
     # Elimination of z from the last two equations gives their resultant R(x, y). It has
     # degree p in cos y and sin y: 2 for each of both equations that contains y.
     #
-    # The first equation has two zeros y1(x) and y2(x), at which R is inserted. The cosine
-    # and sine of y1 and y2 have the denominator a1^2 + a2^2. So R(x, y1) R(x, y2) has the
-    # denominator (a1^2 + a2^2)^p, and the eliminant is the product of both.
+    # The first equation has two zeros y1(x) and y2(x). Their cosines and sines have the
+    # denominator a1^2 + a2^2. The product R(x, y1) R(x, y2) is therefore a fraction with
+    # the denominator (a1^2 + a2^2)^p. Multiplied by this factor, it is the eliminant.
     #
     # This factor has degree 2 p in the coefficients a, which have degree 1 or 0 in x. Each
     # R has degree 2 in x for each of the last two equations that contains x.
@@ -640,8 +645,8 @@ def _reduce_to_forms(equations: Numbers, first_angles: Numbers) -> RemainingForm
     factors = angle_factors(first_angles).astype(complex)
     remaining = np.einsum("nkx...,nrx->nrk...", equations, factors)
     if equations.shape[1] == 2:
-        # Two equations have no second angle: the results for it are ones, which change
-        # nothing as factors.
+        # Two equations have no second angle. The results for it are not used, or are
+        # factors, so they are ones.
         ones = np.ones((*first_angles.shape, 1, 3), dtype=complex)
         return RemainingForms(
             last_forms=remaining[:, :, None],
@@ -651,7 +656,8 @@ def _reduce_to_forms(equations: Numbers, first_angles: Numbers) -> RemainingForm
         )
     # The first equation does not contain z, so only its factor of 1 is not zero.
     second_forms = remaining[:, :, 0, :, 0]
-    # The zeros (1, cos y, sin y), and c1^2 + c2^2 of each form as its weight.
+    # (n, r, s, 3) the zeros (1, cos y, sin y), and (n, r) c1^2 + c2^2 of each form, the
+    # denominator of these cosines and sines.
     second_zeros, second_weights = _form_zeros(second_forms)
     last_forms = np.einsum("nrkyz,nrsy->nrskz", remaining[:, :, 1:], second_zeros)
     return RemainingForms(
@@ -831,8 +837,11 @@ def _run_newton(equations: Numbers, angles: Complexes) -> NewtonResult:
         length = np.max(np.abs(change), axis=2, initial=0.0, keepdims=True)
         shortening = np.minimum(1.0, MAX_STEP_RAD / np.maximum(length, 1e-300))
         angles = angles + change * shortening
+        # A step that was shortened is longer than the tolerance in any case.
         largest_change = np.nanmax(length, initial=0.0)
-    # Hadamard's bound: the determinant is at most the product of the column lengths.
+    # A solution may be multiple if the Jacobian is almost singular there: if its
+    # determinant is small compared with its largest possible value, the product of the
+    # lengths of the columns (Hadamard's bound).
     bound = np.prod(np.linalg.norm(jacobians, axis=2), axis=2)
     is_flat = determinants < FLAT_JACOBIAN_RATIO * bound
     return NewtonResult(angles, _relative_residual(equations, angles), is_flat)

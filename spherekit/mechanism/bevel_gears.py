@@ -45,7 +45,7 @@ class GearCarrier(NamedTuple):
     link
         Name of the carrier.
     shafts
-        The R pair at the carrier of each gear.
+        For each gear the R pair that joins it to the carrier.
     shaft_angle
         Angle (rad) between the two axes, 0 to pi.
     """

@@ -115,8 +115,9 @@ def redescribe(
                     changes[name] = tuple(link_names.get(link, link) for link in links)
                 case "profiles", (_, _) as profiles:
                     # A contact pair has a profile on each of its two links, in the axes of
-                    # that link. The third argument is the pair, `part`: the default
-                    # function ignores it, but the caller may give one that uses it.
+                    # that link. `rotate_pair_profile` is an argument of `redescribe`. It
+                    # gets the pair too, because some ways to describe a profile in other
+                    # axes depend on it.
                     changes[name] = tuple(
                         rotate_pair_profile(profile, rotations[link], part)
                         if link in rotations

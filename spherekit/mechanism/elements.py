@@ -36,7 +36,8 @@ def check_table_rows(
     min_rows
         Smallest number of rows.
     hint
-        Text that the message on a short table ends with. It says how fewer rows suffice.
+        Text at the end of the message on a table with too few rows. It says under which
+        condition fewer rows are enough.
 
     Raises
     ------

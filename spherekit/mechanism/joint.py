@@ -236,7 +236,8 @@ class Joint(ABC):
     ) -> Floats:
         """Return the time derivatives (n, m, variables, 3) of the velocity vectors.
 
-        The velocity vector of a variable is the angular velocity of the second link
+        The classes of pairs implement it for m pairs of their kind in n configurations. The
+        velocity vector of a variable is the angular velocity of the second link
         relative to the first per unit rate of this variable. It turns with the links, and
         changes with the curvatures of the profiles at a contact.
 

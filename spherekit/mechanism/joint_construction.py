@@ -90,8 +90,9 @@ def make_joints_in_pose(
             pose_variables.append(pose.values.get(pair.name, 0.0) if pose else 0.0)
             continue
         curves = make_contact_curves(mechanism, pair)
-        # Arc lengths along both profiles at the contact: those of the file if the mechanism
-        # is given by sizes. In a reference pose the profiles show where they touch.
+        # Arc lengths along both profiles at the contact. In a reference pose the profiles
+        # show where they touch. Otherwise the file states where a rolling contact is when
+        # its variable is zero.
         start = pair.start
         if pose:
             start = find_contact_lengths(mechanism, pair, curves, profile_gap)
@@ -101,7 +102,8 @@ def make_joints_in_pose(
             joints.append(Rolling(*curves, start))
             pose_variables.append(0.0)
         else:
-            # A sliding contact. The arc lengths along both profiles are the variables.
+            # A sliding contact. Its two variables are the arc lengths along both profiles,
+            # so it needs no start. In a reference pose they have the values at the contact.
             joints.append(Sliding(*curves))
             pose_variables += start
     return tuple(joints), np.array(pose_variables) if pose else None

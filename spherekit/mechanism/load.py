@@ -37,13 +37,16 @@ Axes = Literal["ground", "link"]
 class LinkMoment:
     """A moment, or a force at a point, that acts on a link.
 
+    It belongs to a `LoadComponent`, which has the magnitude: a function of angles, their
+    rates and time. Magnitude times `direction` is the moment or the force.
+
     Attributes
     ----------
     link
         Name of the link.
     direction
-        (3,) the moment per unit magnitude of its load component. With an arm it is a force
-        instead, whose moment about the centre of the sphere acts on the link.
+        (3,) direction of the moment. If `arm` is given, it is that of a force at this
+        point, whose moment about the centre of the sphere acts on the link.
     axes
         Axes of the components of `direction`: "ground" or "link".
     arm
@@ -299,8 +302,9 @@ class BearingFriction(Load):
     def supported_loads(self, moments: Floats, forces: Floats | None = None) -> Floats:
         """Return the loads on the bearings of the pair, or on the contact.
 
-        The friction torque (N m) at the pair is the sum of the sizes of these vectors,
-        times the `friction_coefficient`. Each kind of friction has its own implementation.
+        The friction torque (N m) at the pair is the sum of the lengths of these vectors,
+        times the `friction_coefficient`. This coefficient is a length (m) for bearings and
+        a plain number for a contact. Each kind of friction implements this method.
 
         Parameters
         ----------
@@ -308,7 +312,7 @@ class BearingFriction(Load):
             (..., 3) moment about the centre (N m) that the pair transmits, in pair axes.
         forces
             (..., 3) force through the centre (N) that it transmits, in pair axes. None if
-            only the moment counts.
+            it is unknown or has no influence.
 
         Returns
         -------

@@ -223,7 +223,10 @@ def load_names(pairs: Collection[str]) -> Names:
 
 
 def parse(text: str, names: Iterable[str]) -> Expression:
-    """Parse an expression.
+    """Parse an expression of a load, such as ``0.5 - 2*sin(theta_41)``.
+
+    An expression consists of numbers, `pi`, names, the operations ``+ - * / **``,
+    parentheses and some functions, such as `sin` and `max`.
 
     Parameters
     ----------
@@ -235,8 +238,9 @@ def parse(text: str, names: Iterable[str]) -> Expression:
     Raises
     ------
     ModelError
-        If it contains anything outside the grammar. The message starts with the column.
+        If it contains anything else. The message starts with the column.
     """
+    # `_parse` caches its results, for which names have to be a tuple.
     return _parse(text, tuple(names))
 
 

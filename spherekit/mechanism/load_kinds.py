@@ -103,6 +103,7 @@ class Gravity(Load):
         `ModelError` is raised if no moving link has an inertia, or if one has a tensor of
         inertia without mass and centre of mass.
         """
+        # The base class checks the fields, here the acceleration.
         super().check(key, mechanism)
         moving = [mass for mass in mechanism.masses if mass.link != mechanism.ground]
         if not moving:
@@ -145,7 +146,7 @@ class Gravity(Load):
 class PointForce(Load):
     """A force on a link, at a point that is fixed in the link.
 
-    The reaction acts on the ground.
+    It acts between the ground and the link: the opposite force acts on the ground.
 
     Attributes
     ----------
@@ -168,8 +169,8 @@ class PointForce(Load):
     field_kinds = MappingProxyType(
         {"link": "link", "point": "vector", "force": "texts", "axes": "axes"}
     )
-    # Unit of the velocity of the point per unit rate of an angle, on which the force works.
-    # Forces (N) times this velocity (m) are generalised forces (N m).
+    # Unit of the velocity of the point per unit rate of an angle. The force (N) times this
+    # velocity (m) is a generalised force (N m).
     velocity_unit = "m"
 
     name: str
