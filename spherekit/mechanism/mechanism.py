@@ -294,8 +294,8 @@ class Mechanism:
         pairs
             Names of the driven pairs; without any, the inputs remain.
         ranges
-            First and last value of the variable, by input. Pairs that are not input yet
-            have a range of one turn otherwise.
+            First and last value of the variable, by input. An input without a new range
+            keeps the range that it has. A pair that was no input gets one turn.
         angle_unit
             Unit of the ranges, ``"deg"`` or ``"rad"``.
 
@@ -329,13 +329,13 @@ class Mechanism:
         # Pairs without a range are driven through one turn.
         one_turn_inputs = (Input(self.pair(name).name, 0.0, ONE_TURN_RAD) for name in names)
         inputs = tuple(input_by_pair.get(item.pair, item) for item in one_turn_inputs)
-        # A default input that becomes a declared one needs a new mechanism, although both
-        # compare as equal.
+        # The same mechanism is returned if nothing changes. If all inputs are default ones,
+        # a new mechanism declares them. Inputs compare as equal whether declared or not.
         if declared_names and inputs == self.inputs:
             return self
-        # A named assembly mode is given by values of all declared inputs. It is therefore
-        # dropped if other pairs are driven. Without declared inputs it does not depend on
-        # them.
+        # A named assembly mode is given by angles of some pairs, among them all declared
+        # inputs. If other pairs are driven, their angles can be missing, so the names are
+        # dropped. If no inputs were declared, the names are kept.
         keeps_modes = not declared_names or declared_names == set(names)
         return replace(self, inputs=inputs, modes=self.modes if keeps_modes else {})
 
@@ -730,6 +730,9 @@ def _check_pair(where: str, pair: Pair) -> None:
 def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> None:
     """Check that the arcs, angles and zeros of a mechanism fit its pairs.
 
+    Arcs and angles locate the axes of pairs in their links. The zero of an R pair is its
+    angle (rad) at which its variable reads zero.
+
     Parameters
     ----------
     where
@@ -761,7 +764,9 @@ def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> No
                 f"{key}.axes: has [{listing(sizes.axes)}], but the R pairs on this link "
                 f"are [{listing(r_pairs)}]; list each of them once"
             )
-        # Arcs are from 0 to pi, or any finite number in a link with signed arcs.
+        # Arcs are from 0 to pi. A link with signed arcs may have any finite arc: a negative
+        # one leads from the first axis in the opposite direction, and one above pi
+        # continues beyond the opposite point.
         for index, arc in enumerate(sizes.arcs):
             may_be_signed = sizes.signed and math.isfinite(arc)
             if not (0.0 <= arc <= math.pi or may_be_signed):

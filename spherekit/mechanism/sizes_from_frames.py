@@ -21,10 +21,11 @@ def sizes_from_frames(
     """Return the sizes with which R pairs have given frames in the axes of their links.
 
     Sizes are arcs from the first axis of a link to the others, and angles (azimuths) about
-    the first axis, counter-clockwise from the second one. The first axis of a link defines
-    its z axis and the second one the half-plane x = 0, y > 0. In order that the link axes
-    stay as they are, z and y themselves become the first two axes, which carry no pair.
-    Each pair also has a zero: the angle in its first link from which its variable counts.
+    the first axis, counter-clockwise from the second one. By definition, the first axis of
+    a link is its z axis, and the second one is in the half-plane x = 0, y > 0. To keep the
+    coordinate axes of the given frames, each link gets two axes without a pair, z and y, in
+    front of the axes of its pairs. Each pair also has a zero: the angle in its first link
+    from which its variable counts.
 
     Parameters
     ----------
@@ -34,7 +35,8 @@ def sizes_from_frames(
         Frames of R pairs in their first and in their second links. The z column is the axis
         of the pair, and the x column the direction of the variable's zero.
     known_sizes
-        Sizes of the links that have their sizes already.
+        Sizes of the links that have their sizes already. They are not checked against the
+        frames.
     """
     axes_by_link: dict[str, dict[str, Floats]] = {}
     for pair in pairs:
@@ -48,7 +50,8 @@ def sizes_from_frames(
         link_axes = (f"{link}_z", f"{link}_y")
         arcs = [0.5 * np.pi]
         angles = []
-        for x, y, z in axes.values():
+        for axis in axes.values():
+            x, y, z = axis  # its components in link axes
             arcs.append(float(np.arctan2(np.hypot(x, y), z)))
             # The azimuth about z, counter-clockwise from y: -x is a quarter turn from y.
             angles.append(float(np.arctan2(-x, y)))

@@ -62,10 +62,11 @@ class Wheel(NamedTuple):
         )
 
     def arc_length(self, direction: Floats) -> float:
-        """Return the arc length (rad) at which the circle has the azimuth of a direction.
+        """Return the arc length (rad) of the point of the circle nearest to a direction.
 
-        `direction` is a vector (3,) in link axes. The result is the length next to the
-        `zero_direction`, within half a circumference, less `start`.
+        `direction` is a vector (3,) in link axes. The length is measured along the circle
+        from the `zero_direction`, positive counter-clockwise and at most half a
+        circumference. `start` is subtracted from it.
         """
         side = cross(self.centre, self.zero_direction)
         azimuth = np.arctan2(side @ direction, self.zero_direction @ direction)
@@ -240,12 +241,12 @@ def find_wheel_contact(
         for wheel, rotation in zip(wheels, orientations, strict=True)
     )
     # The contact point is on the great circle through both centres, at the distance of the
-    # first radius from the first centre. By the definition of `Wheel.centre` the normals of
-    # both curves point to the centres, and at the contact both normals are equal. One
-    # circle therefore touches the other from inside. (In an external contact the second is
-    # described by the opposite centre and the radius pi - radius.) So the contact is on the
-    # side of the second centre if the first circle is the larger one, otherwise on the
-    # other side. Circles with equal radii only touch if they have the same centre.
+    # first radius from the first centre. The normal of each circle points to its centre. At
+    # the contact both normals are equal, so one circle touches the other from inside. (If
+    # they touch from outside, the second one is described by the opposite centre and the
+    # radius pi - radius.) The contact is therefore on the side of the second centre if the
+    # first circle is the larger one, and on the opposite side if it is the smaller one.
+    # Circles with equal radii only touch if they have the same centre.
     # `across` is the part of the second centre perpendicular to the first.
     across = second_centre - (first_centre @ second_centre) * first_centre
     size = np.linalg.norm(across)

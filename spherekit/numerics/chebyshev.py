@@ -246,14 +246,16 @@ def fit_cells(
     x = bounds[:, None, 0] + half_widths[:, None] * (1.0 + reduced)
     samples = function(x.reshape(-1, variables)).reshape(len(bounds), len(reduced), -1)
 
-    # The axes become: cell, node along each variable, function. Variable by variable,
-    # values at the nodes become coefficients.
+    # The axes become: cell, node along each variable, function. In `grid` the last variable
+    # varies fastest, as in the reshaped array. Variable by variable, values at the nodes
+    # become coefficients.
     series = samples[:, : len(grid)].reshape(len(bounds), *[degree + 1] * variables, -1)
     for axis in range(1, variables + 1):
         transformed = np.tensordot(series, fitting_matrix(degree), (axis, 1))
         series = np.moveaxis(transformed, -1, axis)
 
-    # The values of the series at the check positions, compared with the samples there.
+    # The values of the series at the check positions, compared with the samples there. A
+    # value is the sum of coefficients times products of one polynomial per variable.
     flat_series = series.reshape(len(bounds), len(grid), -1)
     products = multiply_variables(evaluate_polynomials(check_positions, degree))
     return CellFits(
@@ -290,13 +292,13 @@ def evaluate_cells(
     # The positions are sorted by cell, so that each cell takes one matrix product.
     order = np.argsort(cell_of, kind="stable")
     values = np.full((len(x), coefficients.shape[-1]), np.nan)
-    # Positions in no cell (-1) come first, before the start of cell 0. As an index, -1 is
-    # the last cell, but what is computed for them is not used.
+    # Positions in no cell (-1) come first and stay NaN. They also get polynomials, those of
+    # the last cell, which has the index -1 in Python. These are not used.
     cell_of = cell_of[order]
     low, high = bounds[cell_of].swapaxes(0, 1)
     reduced = (2.0 * x[order] - low - high) / (high - low)
-    # Clips the arguments to [-1, 1].
-    polynomials = evaluate_polynomials(reduced, coefficients.shape[1] - 1)
+    # `evaluate_polynomials` clips the reduced positions to [-1, 1].
+    polynomials = evaluate_polynomials(reduced, degree=coefficients.shape[1] - 1)
     # The sorted positions from one start to the next are those in one cell.
     cell_starts = np.searchsorted(cell_of, np.arange(len(coefficients) + 1))
     for cell, (start, stop) in enumerate(pairwise(cell_starts.tolist())):
@@ -378,11 +380,13 @@ def find_real_zeros(series: Floats, limit: float = 1.0) -> Floats:
     with imaginary parts below `MAX_IMAGINARY_PART`. Their real parts are returned. `limit`
     is 1, or a little more, so that zeros are not lost that rounding moves beyond an end.
     """
-    # Tiny last coefficients would lead to large spurious eigenvalues.
+    # Tiny last coefficients would lead to large spurious eigenvalues. Those of the size of
+    # the rounding error (1e-15) are removed.
     largest_coefficient = float(np.max(np.abs(series), initial=0.0))
     series = trim_series(series, 1e-15 * largest_coefficient)
     # No polynomial T_k exceeds 1 in [-1, 1]. If the first term is larger than all others
-    # together, the series has no zero there. This check takes `limit` as 1.
+    # together, the series has no zero there. A zero just beyond an end is then not returned
+    # either.
     if len(series) < 2 or abs(series[0]) > np.sum(np.abs(series[1:])):
         return np.zeros(0)
     roots = chebyshev.chebroots(series)

@@ -52,22 +52,23 @@ def find_local_minima(
         (k,) positions of the minima in rising order, and the values there.
     """
     # All cells are sampled at `FRACTIONS` of their width, from 0 to 1. The end of a cell is
-    # the start of the next one, so the last fraction is left out. Three successive samples
-    # with the smallest in the middle are a bracket of a minimum. Comparisons with NaN are
-    # false.
-    inner = grid[:-1] + np.diff(grid) * FRACTIONS[:-1]
-    x = np.append(inner.T.ravel(), grid[-1])
+    # the start of the next one, so the last fraction is left out.
+    inner = grid[:-1] + np.diff(grid) * FRACTIONS[:-1]  # (fractions, cells)
+    x = np.append(inner.T.ravel(), grid[-1])  # in rising order
     y = function(x)
     before = y[:-2]
     center = y[1:-1]
     after = y[2:]
+    # Three successive samples with the smallest in the middle are a bracket of a minimum.
+    # Comparisons with NaN are false.
     is_minimum = (center < before) & (center <= after) & (center <= limit)
-    # Rounding errors of a constant function are no minima. A minimum must be deeper.
+    # Rounding errors of a constant function are no minima. They are relative to its value,
+    # and a minimum must be deeper.
     is_minimum &= np.minimum(before, after) - center > MIN_DEPTH_RATIO * center
     (index,) = np.nonzero(is_minimum)
     # `index` counts `before`, so the neighbours of a minimum are the samples at `index` and
-    # `index + 2`. Near a minimum the value changes with the square of the distance, and a
-    # narrower bracket than this would only show rounding errors.
+    # `index + 2`. Brackets narrower than `width` would only show rounding errors, because
+    # the value changes with the square of the distance from a minimum.
     positions = minimize_in_brackets(
         function,
         low=x[index],

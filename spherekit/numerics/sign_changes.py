@@ -339,8 +339,8 @@ def _enclose_touching_extrema(series: Floats, touching: Floats, error: float) ->
 def _merge_intervals(intervals: Floats) -> Floats:
     """Return intervals (d, 2) in rising order, with those that touch merged.
 
-    The ends of intervals that touch can differ by rounding. A gap that is small compared
-    with the length of the next interval therefore counts as touching.
+    The ends of intervals that touch can differ by rounding. A gap therefore counts as
+    touching if it is at most `MERGE_RATIO` times the length of the interval after it.
     """
     starts, stops = intervals[np.argsort(intervals[:, 0])].T
     # The largest end of all intervals up to each one.

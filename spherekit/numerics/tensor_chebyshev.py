@@ -248,9 +248,11 @@ class CellSums:
         `cell` is its number, as `TensorChebyshev.find_cell` returns it. A position outside
         the cell gets the value at its edge.
         """
-        # The coefficients have one axis of orders per variable. Each pass sums over the
-        # first remaining axis, by a dot product with T_k = cos(k angle), where cos(angle)
-        # is the reduced position, limited to [-1, 1].
+        # The coefficients have one axis of orders per variable, and the axis of the sums
+        # last. Each pass sums over the first remaining axis of orders, by a dot product
+        # with T_k = cos(k angle). Here cos(angle) is the reduced position, limited to [-1,
+        # 1]. Local names and functions of `math` save time, which matters for a single
+        # value.
         sums = self._coefficients[cell]
         orders = self._orders
         cos = np.cos

@@ -52,8 +52,8 @@ class Zeros:
     def merge(places: Floats, double: Bools, gap: float) -> "Zeros":
         """Return zeros in rising order, each only once.
 
-        A zero that is closer than `gap` to the one before it is left out, whether or not it
-        is double.
+        A zero that is closer than `gap` to the one before it is left out. This also applies
+        if the one before it is itself left out, and whether or not they are double.
         """
         order = np.argsort(places, kind="stable")
         places = places[order]
@@ -64,17 +64,18 @@ class Zeros:
     def merge_seam(self, period: float) -> "Zeros":
         """Return the zeros of a periodic function in [0, period).
 
-        A zero at the seam may have been found at 0, at the period, or at both. It is
-        reported once, at 0 or at the position next to 0 at which it was found.
+        Both ends of the range, the seam, are the same point. A zero there may have been
+        found near 0, near the period, or near both, but is reported only once. It keeps its
+        position if it was found near 0, and is moved to 0 otherwise.
         """
         seam_width = SAME_ZERO_RATIO * period
-        # A zero within `seam_width` of 0, if there is one. Zeros as near to the period are
-        # moved to its position, and `merge` leaves all but one of them out.
         first = np.min(self.places, initial=seam_width)
         has_zero_at_start = first < seam_width
-        position_at_start = first if has_zero_at_start else 0.0
+        seam_position = first if has_zero_at_start else 0.0
+        # Zeros near the period are moved to the seam position. If several zeros are there
+        # now, `merge` leaves all but one of them out.
         is_at_end = self.places > period - seam_width
-        places = np.where(is_at_end, position_at_start, self.places)
+        places = np.where(is_at_end, seam_position, self.places)
         return Zeros.merge(places, self.double, seam_width)
 
 
@@ -219,7 +220,7 @@ def _add_end_zeros(
     grid, values, slopes
         (n,) positions, values and derivatives of the function.
     floor
-        Values up to this size count as zero at an end, and at an extremum.
+        A value at an end, or at an extremum near it, counts as zero up to this size.
     """
     ends = grid[[0, -1]]
     end_slopes = np.abs(slopes[[0, -1]])
@@ -228,10 +229,10 @@ def _add_end_zeros(
     # The extremum of the parabola through an end differs from its end value by
     # slope^2 / (2 curvature). If that is below the floor, the zero is double.
     is_touching = is_zero & (end_slopes**2 <= 2.0 * floor * curvature)
-    # Spurious zeros can be where the parabola is below the floor. With the slope s at the
-    # end and the curvature c, both without sign, this range is longest if the parabola
-    # first passes its extremum. It then is c t^2 / 2 - s t at the distance t, and reaches
-    # the floor at t = (s + sqrt(s^2 + 2 floor c)) / c.
+    # Spurious zeros can be where the parabola is below the floor. Let s be the size of its
+    # slope at the end, and c that of its curvature. The range below the floor is longest if
+    # the slope leads downwards at first. At the distance t from the end the parabola is
+    # then c t^2 / 2 - s t. It reaches the floor at t = (s + sqrt(s^2 + 2 floor c)) / c.
     max_spurious_distance = end_slopes + np.sqrt(end_slopes**2 + 2.0 * floor * curvature)
     max_spurious_distance /= np.maximum(curvature, np.finfo(float).tiny)
     distance = np.abs(places[:, None] - ends)

@@ -47,9 +47,10 @@ class DyadPlacement:
     parity
         1 or -1. For given axes a and c of the near and far pair, the middle axis b has two
         possible positions, with opposite signs of b . (a x c). An assembly mode of the
-        mechanism chooses one of them by a sign, that of the triple product of the three
-        axes in another order. The product of `parity` and this sign is the sign of
-        b . (a x c).
+        mechanism chooses one by the sign of the triple product of the same axes, in the
+        order of the pairs in the mechanism. `parity` is -1 if this order is an odd
+        permutation of b, a, c. The product of `parity` and the sign of the mode is the sign
+        of b . (a x c).
     arcs
         Angles (rad) between the axes of the near link and between those of the far link.
     """
@@ -335,8 +336,9 @@ class DyadChain:
         p = self.axis_in(outer_pair, link)
         q = self.axis_in(middle_pair, link)
         basis = np.stack([p, q, np.cross(p, q)], axis=1)
-        # p and q of a link without an arc are parallel. The basis is then singular, and
-        # least squares give the weights of the nearest vector, which is along p.
+        # p and q of a link without an arc are parallel. They then do not determine the
+        # rotation of the link about them, and only the part of the vector along p follows
+        # from them. Least squares give the weights of this part.
         return np.linalg.lstsq(basis, np.array(vector))[0]
 
     def is_coaxial(self, pair: int, other_pair: int, link: int) -> bool:
@@ -348,10 +350,12 @@ def input_rates(numerators: Floats, denominators: Floats) -> tuple[Floats, Float
     """Return rates of the inputs per angular velocity of the output, and type I measures.
 
     If the output has the angular velocity w, the rate of an input is
-    ``numerator . w / denominator``, with a vector and a number that are finite also at
-    singular configurations. The output is singular of type I if an input can move while the
-    output rests. The measure of this is ``|denominator| / |numerator|``, with the length of
-    the vector. It is 0 at the singularity.
+    ``numerator . w / denominator``. The caller has eliminated the rates of all other pairs
+    from the loop equations. The vector `numerator` and the number `denominator` that
+    remain are finite also at singular configurations.
+
+    The output is singular of type I if an input can move while the output rests. The
+    measure of this is ``|denominator| / |numerator|``, which is 0 at the singularity.
 
     Parameters
     ----------
@@ -366,8 +370,8 @@ def input_rates(numerators: Floats, denominators: Floats) -> tuple[Floats, Float
         (n, inputs, 3) rates per unit angular velocity; infinite where an input is at a
         singularity of type I.
     type_1
-        (n, inputs) speed at which the output turns about the numerator per unit rate of
-        the input.
+        (n, inputs) the measure: the angular velocity of the output about the direction of
+        the numerator, per unit rate of the input.
     """
     with np.errstate(all="ignore"):
         rates = numerators / denominators[..., None]

@@ -104,9 +104,9 @@ class DyadKinematics(ClosedKinematics):
         """The reach of every dyad: the least and the largest angle of its outer axes.
 
         The outer axes are those of the near and far pair, which join the two links of the
-        dyad to other links. One of these can be a virtual link, which is added to hold the
-        output in its pose. The outer pair is then replaced by the real pair of the output
-        link with the same axis, if there is one.
+        dyad to other links. To hold the output in its pose, virtual links and pairs are
+        added to the mechanism, and a dyad can end at a virtual pair. The reach then names
+        the real pair of the output link with the same axis instead, if there is one.
         """
         return tuple(
             LegSpan(
@@ -114,8 +114,9 @@ class DyadKinematics(ClosedKinematics):
                 second_pair=self._find_real_pair(dyad.far_pair),
                 shortest=dyad.shortest,
                 longest=dyad.longest,
-                # At the smallest angle of the outer axes, one link of a dyad lies over the
-                # other one. That needs space, so the width of links limits every dyad.
+                # At the smallest angle of the outer axes, one link of the dyad lies over
+                # the other one (it is folded). Users may demand a larger angle there,
+                # because links have a width.
                 can_fold=True,
             )
             for dyad in self.dyads
@@ -326,12 +327,14 @@ class _GearedMode:
         train = kinematics.train
         mechanism = kinematics.mechanism
         values = np.empty((len(self.inputs), len(mechanism.pairs)))
-        # A pair can have several sources, which agree up to rounding. Later assignments
-        # replace earlier ones.
+        # A pair can have several sources, which agree up to rounding. The last assignment
+        # counts, so that all pairs without wheels are from one source.
         values[:, driven_pairs(mechanism)] = wrap(self.inputs)
+        # Wheels make angles and rolled arc lengths linear functions of the inputs. Their
+        # slopes are the ratios; `offsets` and `lengths` are their values at inputs of zero.
+        # `followers` are R pairs, `contacts` those of two wheels.
         follower_angles = self.inputs @ train.ratios.T + train.offsets
         values[:, train.followers] = wrap(follower_angles)
-        # `lengths` are the arc lengths at inputs of zero.
         values[:, train.contacts] = self.inputs @ train.length_ratios.T + train.lengths
         # The pairs of the mechanism without wheels, by their numbers in both mechanisms.
         for pair, wheelless_number in kinematics.wheelless_number.items():
@@ -380,15 +383,17 @@ class _GearedMode:
 def geared_kinematics(mechanism: Mechanism, output: Output) -> GearedKinematics | None:
     """Return the closed form of an output that wheels drive, None if it has none.
 
-    There is one under three conditions:
+    The wheels and the links that only support wheels are removed. Among the remaining pairs
+    are *entry pairs*: they are inputs, or the wheels drive them. The closed form gives the
+    angles of the entry pairs from the pose of the output, and the wheels give the inputs
+    from these angles. There are four conditions:
 
-    1. All pairs are R pairs or contacts of wheels. If the wheels and the links that only
-       support wheels are removed, as many *entry pairs* remain as there are inputs: pairs
-       that are inputs or are driven by the wheels, and whose angles are independent linear
+    1. All pairs are R pairs or contacts of wheels.
+    2. There are as many entry pairs as inputs, and their angles are independent linear
        functions of the inputs.
-    2. No pair that was removed with the wheels has joint limits.
-    3. The mechanism without the wheels consists of dyads (two links and three R pairs) if
-       the output is held.
+    3. No pair that was removed with the wheels has joint limits.
+    4. If the output is held in a pose, the mechanism without the wheels consists of dyads
+       (two links and three R pairs).
     """
     driven = list(driven_pairs(mechanism))
     train = find_gear_train(mechanism, driven)
@@ -396,17 +401,18 @@ def geared_kinematics(mechanism: Mechanism, output: Output) -> GearedKinematics 
     # 1. All pairs that are no R pairs have to be contacts of the wheels.
     if train is None or len(r_pairs) + len(train.contacts) < len(mechanism.pairs):
         return None
-    # The pairs of the links between ground and output, without those that support wheels.
+    # 2. The remaining pairs are those of the links between ground and output.
     pairs_without_wheels = _find_carrying_pairs(mechanism, output, r_pairs)
     entry_pairs = _choose_entry_pairs(train, driven, pairs_without_wheels)
     if entry_pairs is None:
         return None
-    # 2. Joint limits of wheels would not be taken into account.
+    # 3. Joint limits of removed pairs would not be taken into account.
     limited_pairs = {mechanism.pair_number[limit.pair] for limit in mechanism.joint_limits}
     if not limited_pairs <= pairs_without_wheels:
         return None
-    # 3. The mechanism without the wheels is driven at the entry pairs. Names of assembly
-    # modes are those of the whole mechanism, so they are left out.
+    # 4. The inputs of the mechanism without the wheels are the entry pairs. Their angles
+    # follow from the pose. Names of assembly modes are those of the whole mechanism, so
+    # they are left out.
     entry_inputs = tuple(
         Input(mechanism.pairs[pair].name, 0.0, TURN) for pair in entry_pairs
     )
