@@ -45,7 +45,10 @@ AUDIT_STEPS = 16
 
 
 def chord_frames(start: Floats, end: Floats) -> Floats:
-    """Return the frames of chords, which are arcs of great circles.
+    """Return the frames of chords.
+
+    On the unit sphere, the chord of a curve is the arc of the great circle between its
+    ends.
 
     Parameters
     ----------
@@ -206,18 +209,18 @@ class BorderSegments(ArrayRows):
         triangle
             (n,) number of the triangle that contains the segment.
         crossings
-            Numbers of the points at which the border enters (n,) and leaves (n,) its
-            triangle through an edge.
+            Two arrays (n,): at which of all crossings of the border with edges of the mesh
+            it enters the triangle of a segment, and at which it leaves it.
         is_leading
-            (n,) False for a segment that begins at a corner of the border in the triangle.
-            The leading segment of the same triangle ends at this corner.
+            (n,) whether a segment begins at an edge of its triangle. If the border has a
+            corner within a triangle, a leading segment ends there and another one begins.
         is_searched
             (n,) segments whose border is searched. The others are their chords.
         """
         # Begin with chords, which have order 1, and no height and no area beside them. A
         # segment is sound if its border was found. This is assumed of all that are
         # searched, until the search at the nodes of the next order fails. The segment then
-        # stays its chord.
+        # stays its chord. `ORDERS` begins with 1 and 4.
         n = len(margin)
         start, stop = crossings
         segments = BorderSegments(
@@ -250,11 +253,12 @@ class BorderSegments(ArrayRows):
     def _measure(
         self, evaluate: MarginEvaluator, selected: Indices, order: int, height: Floats
     ) -> None:
-        """Set the heights, the areas and their errors of some segments at a new order.
+        """Compute and store heights, areas and errors of some segments at a new order.
 
-        A segment is a piece of the border of a region. Its height over the chord, the arc
-        of a great circle between its ends, is a polynomial along the chord, whose degree is
-        the order. It is given by its values at Chebyshev nodes.
+        A segment is a piece of the border of a region. Its chord is the arc of the great
+        circle between its ends. The height of the border over the chord is a polynomial
+        along the chord, given by its values at Chebyshev nodes. The order of the segment is
+        the degree of this polynomial.
 
         Parameters
         ----------
@@ -283,26 +287,25 @@ class BorderSegments(ArrayRows):
         def integrate(steps: int) -> Floats:
             """Return the areas (k,) from the heights at `steps` + 1 of the nodes.
 
-            The area between chord and border is the integral of sin(height) over the chord:
-            on the unit sphere, a strip at the angle a from the chord is narrower than the
-            chord by the factor cos(a), whose integral from 0 to the height is the sine.
-            The area counts as negative where the border is to the left of the chord, which
-            takes area away from the region.
+            The element of area at the angle a from the chord is cos(a) da ds, with the arc
+            length s along the chord. Its integral over a, from 0 to the height, is
+            sin(height) ds. The region is to the left of its border. Where the border is to
+            the left of the chord (height above 0), it takes area away from the region.
             """
             # The nodes of half the order are every second node of this order.
             node_spacing = order // steps
             sines = np.sin(height[:, ::node_spacing])
-            # The weights are those of a parameter from -1 to 1 along the chord.
+            # The weights are for a parameter u from -1 to 1, and ds = (length / 2) du.
             return -0.5 * length * (sines @ integration_weights(steps))
 
         # The error is the change of the area if half of the nodes are left out, plus
-        # rounding. Beside a very short chord the border was not searched. Its height is
-        # taken to be at most the length of the chord, and so the area at most its square.
+        # rounding of the heights. Beside a very short chord the border was not searched.
+        # Its height is taken to be at most the length of the chord, and so the area at
+        # most its square.
         coarse_area = integrate(order // 2)
         area = integrate(order)
-        self.error[selected] = (
-            np.abs(area - coarse_area) + EPS * length + ~is_long * length**2
-        )
+        truncation = np.abs(area - coarse_area)
+        self.error[selected] = truncation + EPS * length + ~is_long * length**2
         self.area[selected] = area
         self.order[selected] = order
         self.height[selected, : order + 1] = height
@@ -499,9 +502,9 @@ def find_nearest_point(
     (3,) unit vector.
     """
     # A segment is nearby if it may contain a point that is nearer than the nearest end of
-    # all segments. Each point of a segment has a distance from one of its ends that is less
-    # than the length of the chord. By the triangle inequality, no point is nearer than the
-    # distance of the nearer end minus this length.
+    # all segments. The height of a border is at most 0.4 of its chord, so each of its
+    # points is nearer to one end of the chord than the length of the chord. By the triangle
+    # inequality, its distance is at least that of the nearer end minus this length.
     end_distance = np.min(arc(segments.ends, direction), axis=1)
     nearby = segments.rows(end_distance - segments.length <= np.min(end_distance))
     # `is_sound` tells whether the border was found.
@@ -511,10 +514,13 @@ def find_nearest_point(
     # Candidates: all ends, and the points of segments where the cosine of the distance has
     # the slope 0. It is a Chebyshev series in u, which is -1 and 1 at the ends of a chord.
     candidates = [nearby.ends.reshape(-1, 3)]
-    for segment in np.flatnonzero(nearby.is_sound)[:, None]:
+    for number in np.flatnonzero(nearby.is_sound):
+        # The methods take arrays of numbers.
+        segment = np.array([number])
         points, _ = nearby.node_points(segment)
         cosine = np.vecdot(points, direction)
-        u = find_real_zeros(chebyshev.chebder(coefficient_matrix(ORDERS[-1]) @ cosine))
+        cosine_series = coefficient_matrix(ORDERS[-1]) @ cosine
+        u = find_real_zeros(chebyshev.chebder(cosine_series))
         height = nearby.height[segment] @ interpolation_matrix(ORDERS[-1], u).T
         (extremal_points,) = nearby._points_at(segment, u, height)
         candidates.append(extremal_points)

@@ -129,13 +129,13 @@ class PathVariation:
 def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
     """Return the smooth curve through moving points, with its derivative.
 
-    The points depend on a design variable. A number and its derivative by this variable are
-    the real part and the scaled imaginary part of one complex number (complex step).
+    The points depend on a design variable. A number a and its derivative a' by this
+    variable are stored as one complex number a + i h a' with a tiny step h (complex step).
 
-    The parameter of the spline is to be nearly its arc length. The knots, which are the
-    parameters of the points, depend on the spline in turn. The spline is therefore fitted
-    several times. The knots of the first fit are the sums of the arcs between points. Those
-    of every other fit are the arc lengths of the points on the fit before it.
+    The curve is a spline, whose knots are the parameters of the points. They are to be
+    nearly arc lengths, which depend on the spline in turn. So the spline is fitted several
+    times. The knots of the first fit are the sums of the arcs between points. Those of
+    every other fit are the arc lengths of the points on the fit before it.
 
     Parameters
     ----------
@@ -151,9 +151,8 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
 
     # Derivatives, by the design variable, of the differences between successive knots.
     knot_step_rates = _arc_rates(moving_points)
-    # Each fit is a spline of real numbers and its arc length. The fit is repeated here with
-    # complex numbers, because its knots follow from the fit before it. The last one is the
-    # result.
+    # `spline_fits` returns each fit, a spline of real numbers, with its arc length. Each is
+    # repeated here with derivatives, which the next one needs for its knots.
     fits = list(spline_fits(points, closed))
     for path, _ in fits:
         knot_rates = np.append(0.0, np.cumsum(knot_step_rates))
@@ -164,18 +163,19 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
         # its points, so they may be real.
         moving_path = SplinePath(spline, path.knots, closed)
         arc_length_rate = _integrate_speed_rate(moving_path, path.knots)
-        # The arc length up to a knot changes with the curve at a fixed parameter, and by
-        # the speed times the rate of the knot, because the knot moves along the curve.
+        # The next knots are the arc lengths s(u, x) at these knots u. With the design
+        # variable x, ds/dx has two parts: the curve changes at a fixed u, and the knot
+        # moves along the curve, at the speed ds/du times du/dx.
         rate_at_fixed_parameter = arc_length_rate.evaluate_at_edges(path.knots)
-        knot_step_rates = np.diff(
-            rate_at_fixed_parameter + path.speed(path.knots) * extract_derivative(knots)
-        )
+        rate_by_moving_knots = path.speed(path.knots) * extract_derivative(knots)
+        knot_step_rates = np.diff(rate_at_fixed_parameter + rate_by_moving_knots)
     # The arc length of the last fit, the final curve.
     _, arc_length = fits[-1]
     return PathVariation(
         path=moving_path,
         arc_length=arc_length,
         arc_length_rate=arc_length_rate,
+        # After the last fit, the sum of the steps is the whole arc length.
         length_rate=float(np.sum(knot_step_rates)),
         closed=closed,
     )
@@ -233,10 +233,9 @@ def _differentiate(variation: PathVariation, backwards: bool) -> CurveDerivative
         arc length.
         """
         direction = -1.0 if backwards else 1.0
-        # `path_length` is the arc length from the start of the path, which has to be from 0
-        # to the whole length. Whole lengths are added to it if the curve is closed. An open
-        # curve that runs backwards starts at the end of the path, so one length is added.
-        # The derivative of these whole lengths is `target_rate`.
+        # `path_length` is the arc length on the path, which has to be from 0 to the whole
+        # length. On a closed curve whole lengths are added to reach that. An open curve
+        # that runs backwards starts at the end of the path, so one length is added.
         path_length = direction * s
         whole_length = variation.arc_length.length
         if variation.closed:
@@ -244,6 +243,7 @@ def _differentiate(variation: PathVariation, backwards: bool) -> CurveDerivative
         else:
             laps = np.full_like(s, 1.0 if backwards else 0.0)
         path_length = path_length + laps * whole_length
+        # Its derivative by the design variable: the whole length depends on it, s does not.
         target_rate = laps * variation.length_rate
 
         # The arc length s(u, x) depends on the parameter u and on the design variable x. It
@@ -251,7 +251,8 @@ def _differentiate(variation: PathVariation, backwards: bool) -> CurveDerivative
         # is `arc_length_rate`, ds/du = |dp/du| is the speed, and u' is the derivative of
         # the parameter by x.
         u = variation.arc_length.invert(path_length)
-        # The path takes complex parameters. The speed itself is the real part.
+        # The points of the path are complex, with the derivative as imaginary part, and it
+        # takes complex parameters. The speed itself is the real part.
         speed = np.real(path.speed(add_complex_step(u, 0.0)))
         u_rate = (target_rate - variation.arc_length_rate.evaluate(u)) / speed
         frames = path.frames(add_complex_step(u, u_rate))

@@ -83,10 +83,10 @@ class Boundary:
 
 @dataclass(frozen=True)
 class Part:
-    """A connected part of the region or of the outside.
+    """A connected part of a region of directions, or of the directions outside of it.
 
-    The region has the directions in which all margins (functions of the direction) are at
-    least 0.
+    In the region all margins (functions of the direction) are at least 0. The depth of a
+    direction is its smallest margin: it is negative outside.
 
     Attributes
     ----------
@@ -95,10 +95,10 @@ class Part:
     boundaries
         Numbers of the closed curves around it.
     place
-        (3,) unit vector: the vertex of the mesh that is deepest inside the part.
+        (3,) unit vector: the vertex of the mesh in this part whose depth has the largest
+        absolute value, so that it is farthest inside the part.
     depth
-        Smallest margin at this vertex: the largest of the part, or for a part of the
-        outside the most negative.
+        Depth of this vertex, negative for a part of the outside.
     """
 
     area: float

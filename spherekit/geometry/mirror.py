@@ -103,9 +103,10 @@ def mirror_of(matrices: Floats) -> tuple[Floats, Floats]:
         is a reflection.
     """
     # Each matrix is a reflection with a normal n, followed by a rotation about n by an
-    # angle d. The symmetric part of such a matrix has the eigenvalue -1 for the vector n,
-    # and twice cos(d), which is not smaller. The reflection with this normal differs from
-    # the matrix by the angle d, every other one by more.
+    # angle d. Its symmetric part has the eigenvalue -1 for the eigenvector n, and the
+    # double eigenvalue cos(d) at right angles to n. `eigh` sorts by size, so that n is the
+    # first column. The reflection with this normal differs from the matrix by the angle d,
+    # every other one by more.
     _, eigenvectors = np.linalg.eigh(0.5 * (matrices + transpose(matrices)))
     normals = upward(eigenvectors[..., 0])
     return normals, angles_between(reflections(normals), matrices)

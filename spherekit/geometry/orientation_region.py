@@ -223,7 +223,8 @@ class _Boxes(ArrayRows):
     Unit quaternions up to their sign are divided into four cubes, one for each component
     that is the largest. The other three components, divided by the largest, are coordinates
     from -1 to 1 in the cube. Here they are counted in whole units from the lowest corner of
-    the cube, which is 2**CUBE_BITS units wide.
+    the cube, which is 2**CUBE_BITS units wide. So halving a cell is exact, and equal points
+    of neighbouring cells have equal coordinates.
 
     Attributes
     ----------
@@ -375,16 +376,16 @@ class _OrientationCells:
         - No other margin is negative at this point. The orientation cannot be reached, so
           it is outside of the set. The NaN is replaced by -1.
         - Another margin is negative, which excludes the point already. The NaN must not
-          exclude more. It is replaced by the largest value that its margin has in the cell,
-          or by 1 if the margin is NaN everywhere in the cell.
+          exclude more, so it is replaced by a positive number if there is one: the largest
+          value that its margin has in the cell, or 1 if the margin is NaN everywhere in it.
 
-        The deepest orientation so far, the one whose smallest margin is largest, is updated
-        too.
+        The orientation whose smallest margin is the largest so far is stored, too.
 
         Parameters
         ----------
         boxes
-            The boxes of the n cells, each in one of the four cubes of unit quaternions.
+            The boxes of the n cells. Unit quaternions up to their sign are divided into
+            four cubes, one for each component that is the largest. A box is in one of them.
 
         Returns
         -------
@@ -399,7 +400,8 @@ class _OrientationCells:
         points = boxes.corner + _SAMPLE_QUARTERS[:, None] * quarter_width
         cubes = np.broadcast_to(boxes.cube, points.shape[:2])
         # Neighbouring cells share samples. Each one is evaluated once: number of the cube
-        # and coordinates are combined to one integer key.
+        # and coordinates are combined to one integer key. `CUBE_POINTS` are the numbers of
+        # integer points along the sides of a cube.
         key = np.ravel_multi_index((cubes, *np.moveaxis(points, 2, 0)), (4, *CUBE_POINTS))
         _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
         quaternions = _quaternions(cubes.ravel()[first], points.reshape(-1, 3)[first])
@@ -422,15 +424,16 @@ def _filled_fractions(polynomials: Floats) -> Floats:
     """Return the fraction of each subcell of a cell in which a polynomial is positive.
 
     A cell is divided into SUBCELLS_PER_SIDE**3 equal subcells. The polynomial changes by a,
-    b and c over a subcell in the three directions. S is the sum of the absolute values of
-    these. The fraction is estimated as 1/2 + f / S, limited to 0 and 1, where f is the
-    value at the centre.
+    b and c over a subcell in the three directions, and has the value f at its centre. With
+    S = |a| + |b| + |c|, the fraction is estimated as 1/2 + f / S, limited to 0 and 1.
 
-    The fractions of single subcells are inaccurate, but their sum is not. If the border,
-    where the polynomial is zero, is a plane, errors on both sides of it have opposite signs
-    and cancel on average. The border of a curved set has more volume on one side, so a part
-    of the errors remains. The term d S / (a^2 + b^2 + c^2) compensates this part in first
-    order, where d is the mean of the polynomial over the subcell less f.
+    The fractions of single subcells are inaccurate, but not their sum. If the border, where
+    the polynomial is zero, is a plane, errors on both sides of it cancel. At a curved
+    border there is more volume on one side. With g^2 = a^2 + b^2 + c^2 and the Laplacian L
+    of the polynomial (per subcell), the sum is then too small by S^2 L / (24 g^3) per area
+    of the border, if second derivatives along the gradient are neglected. L / 24 is d, the
+    mean of the polynomial over a subcell less f. Subcells with a fraction between 0 and 1
+    are a layer of the thickness S / g, so the term d S / g^2 in each compensates this.
 
     Parameters
     ----------

@@ -54,13 +54,13 @@ class PathFrames:
 
 @dataclass(frozen=True)
 class CirclePath:
-    """A circle, whose parameter is its arc length.
+    """A circle on the unit sphere, whose parameter u is its arc length (rad).
 
     Attributes
     ----------
     axes
-        (3, 3) orthonormal columns; the third one is the centre. The circle starts in the
-        direction of the first one.
+        (3, 3) orthonormal columns. The third one points to the centre of the circle on the
+        sphere, the first one from there towards the start of the circle.
     sine, cosine
         Sine and cosine of the angular radius.
     """
@@ -79,10 +79,11 @@ class CirclePath:
         # to this azimuth, and `tangent` is 90 degrees ahead.
         outward, tangent = radial_directions(self.axes, u / self.sine)
         point = (self.cosine * self.axes[:, 2, None] + self.sine * outward.T).T
-        # Adding 0 u gives constants the shape (n,). They are NaN where u is NaN.
+        # Adding 0 u gives constants the shape (n,), and NaN where u is unknown (NaN).
         zeros = 0.0 * u
         return PathFrames(
             frame=orthonormal_frame(point, tangent),
+            # The geodesic curvature of a circle is the cotangent of its radius.
             curvature=self.cosine / self.sine + zeros,
             curvature_rate=zeros,
         )
@@ -162,10 +163,11 @@ class FourierPath:
         southward = c * outward - s * centre
         speed = np.sqrt(d1 * d1 + s * s)
         tangent = (d1 / speed) * southward + (s / speed) * eastward
-        # The geodesic curvature is k = D / speed^3 with D = det(p, p', p''). The components
-        # southward and eastward are d1 and s for p', d2 - s c and 2 c d1 for p''. Primes
-        # are derivatives by the azimuth.
+        # The geodesic curvature is k = D / speed^3 with D = det(p, p', p''). Primes are
+        # derivatives by the azimuth. The components southward and eastward are d1 and s for
+        # p', d2 - s c and 2 c d1 for p''. So D = d1 (2 c d1) - s (d2 - s c).
         determinant = 2.0 * c * d1**2 + s * (s * c - d2)
+        # D', with s' = c d1 and c' = -s d1.
         determinant_rate = (
             d1 * (3.0 * c * d2 - 2.0 * s * d1**2 + s * (2.0 * c**2 - s**2)) - s * d3
         )
@@ -230,12 +232,14 @@ class SplinePath:
         r = np.sqrt(dot(x, x))
         product = cross(x, x1)
         size = np.sqrt(dot(product, product))
-        # The geodesic curvature is k = ratio^3 det(x, x', x'') with ratio = |x| / |x cross
-        # x'|. Its derivative by u follows from the product rule, with |x|' = (x . x') / |x|
-        # and |x cross x'|' = (x cross x') . (x cross x'') / size.
+        # The geodesic curvature is det(p, p', p'') / |p'|^3. With p = x / |x| this is
+        # k = ratio^3 det(x, x', x'') with ratio = |x| / |x cross x'|, because parts of p'
+        # and p'' along x do not change the determinant.
         ratio = r / size
         determinant = dot(product, x2)
+        # The product rule gives three determinants, of which two have equal columns.
         determinant_rate = dot(product, x3)
+        # |x|' is (x . x') / |x|, and |x cross x'|' is (x cross x') . (x cross x'') / size.
         ratio_rate = ratio * (dot(x, x1) / r**2 - dot(product, cross(x, x2)) / size**2)
         k_rate = ratio**3 * determinant_rate + 3.0 * ratio**2 * ratio_rate * determinant
         # The part of x' perpendicular to x, times |x|^2. It has the direction of dp/du.

@@ -60,8 +60,8 @@ def check_colatitude(path: FourierPath) -> None:
     # angle of any other root is one more azimuth at which the colatitude is checked.
     cosines, sines = path.derivative_coefficients[1]  # those of the first derivative
     # Coefficients of z^k: (c_k - i s_k) / 2 for k >= 0, and their conjugates for -k. They
-    # are rounded to `ROOT_DIGITS` decimals, since quotients of extremely small ones would
-    # overflow.
+    # are rounded to `ROOT_DIGITS` decimals. Otherwise quotients of extremely small ones
+    # would overflow, which do not change the colatitude in float64.
     positive_orders = np.round(0.5 * (cosines - 1j * sines), ROOT_DIGITS)
     negative_orders = np.conj(positive_orders[1:])
     roots = np.roots(np.concatenate([positive_orders[::-1], negative_orders]))

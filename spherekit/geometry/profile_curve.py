@@ -234,12 +234,13 @@ def through(points: ArrayLike, closed: bool = True) -> Curve:
 
     It is the radial projection of an interpolating quintic spline, whose parameter is
     nearly its arc length s. The geodesic curvature has two continuous derivatives by s,
-    also at the first point of a closed curve.
+    also at the first point of a closed curve. Open curves may meet themselves.
 
     Parameters
     ----------
     points
-        (m, 3) unit vectors. The first one is not repeated at the end of a closed curve.
+        (m, 3) unit vectors, at least 6 for a quintic spline. The first one is not repeated
+        at the end of a closed curve.
     closed
         Whether the curve returns to its first point.
 

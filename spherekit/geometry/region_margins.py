@@ -63,10 +63,11 @@ class MarginEvaluator:
         RegionError
             The shape of the margins is wrong or has changed, or a margin is infinite.
         """
-        # The function is not called without points. Before the first call, the number of
-        # margins is not known.
+        # The function is not called without points. There is one rounding error for each
+        # margin. Before the first call, the number of margins is not known.
         if not len(points):
-            return np.zeros((0, len(self.rounding_errors) or 1))
+            margin_count = len(self.rounding_errors) or 1
+            return np.zeros((0, margin_count))
         self.evaluations += len(points)
         self.calls += 1
         values = np.asarray(self.margins(points), dtype=float)
@@ -80,6 +81,7 @@ class MarginEvaluator:
                 "a margin is infinite; give NaN where a place cannot be reached, and "
                 "finite values elsewhere"
             )
+        # All later calls use the same errors, so that a point is judged the same each time.
         if not self.rounding_errors.size:
             self.rounding_errors = estimate_rounding(values)
         if values.shape[1] != len(self.rounding_errors):
