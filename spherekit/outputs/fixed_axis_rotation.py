@@ -309,19 +309,21 @@ class FollowedRotation(RotationPath):
     ) -> tuple[Floats, Floats]:
         """Return the first and second derivatives of the variables by theta.
 
-        The output link turns by the angle theta about a fixed axis. At a leap the tracking
-        stepped over a singular configuration, near which rounding errors of the derivatives
-        grow without bound. Derivatives within `LEAP_NEIGHBOURHOOD_RAD` of a leap are
-        therefore those of a polynomial through the derivatives at Chebyshev points around
-        it. The path itself is smooth there.
+        The output link turns by the angle theta about a fixed axis. Derivatives are those
+        of the configurations that follow a target, which turns exactly about this axis.
+
+        At a leap the tracking stepped over a singular configuration. The path is smooth
+        there, but the rounding errors of derivatives grow without bound. Derivatives within
+        `LEAP_NEIGHBOURHOOD_RAD` of a leap are therefore interpolated: they are those of a
+        polynomial through the derivatives at Chebyshev points around it.
 
         Parameters
         ----------
         theta
             (n,) angles (rad).
         deviation
-            The configurations at these angles: those with the smallest angle between the
-            output link and its target, which is turned exactly about the axis.
+            The configurations at these angles, in which the output link is as near to the
+            target as the loops allow. From them it computes the derivatives.
 
         Returns
         -------

@@ -357,16 +357,17 @@ class InverseKinematics:
                 "margin": reach.margin,
                 "limiting": reach.limiting,
             }
-            # At right angles to the normal of an input are all angular velocities that the
-            # output can have while this input is locked.
+            # While an input is locked, the possible angular velocities of the output are in
+            # a plane. The array has the unit normal of this plane for each input.
             if normals:
                 results["normals"] = np.stack(
                     [mode.output_normal(pair) for pair in mode.driven]
                 )
             if has_closing_link:
-                # The arc of a closing link determines how far the output link has turned
-                # about its direction. The slope is the derivative of the cosine of this arc
-                # by the turn. The error of the turn is the rounding error divided by it.
+                # An output that points in a direction can still turn about it. The turn
+                # follows from the arc of one link, the closing link: the angle between its
+                # two axes has to be this arc. The slope is the derivative of the cosine of
+                # the angle by the turn. It shows how accurate the turn is.
                 results["slope"] = mode.slope
             return results
 
@@ -560,19 +561,20 @@ class InverseKinematics:
             If the poses are not rotations or directions.
         """
         pose_array = self._check_poses(poses)
-        # Some outputs that are directions have a closing link (`None` for all others).
-        # Without it the links form dyads if the turn of the output link about its direction
-        # is assumed. The right turn, for which the closing link fits, is searched.
+        # A mechanism with a pointing output may have a closing link: if this link is taken
+        # out and the turn of the output about its direction is assumed, all other links
+        # form dyads. The turns at which the closing link fits in are searched.
         if self._closing_link is not None:
             with np.errstate(all="ignore"):
                 return self._solve_all_turns(self._closing_link, pose_array)
-        # The coordinates of the pose are the inputs of the mechanism with virtual links.
+        # The coordinates of the pose are the inputs of the mechanism with virtual links. A
+        # pointing output has the azimuth and the tilt of its direction.
         if self.wrist.points:
             coordinates = azimuth_tilt(pose_array)
         else:
             coordinates = euler_zyz(pose_array)
-        # `self.solver` is that of the mechanism with virtual links. The configurations are
-        # returned with the variables of the mechanism itself, whose output is released.
+        # `self.solver` is that of the mechanism with virtual links. Configurations are
+        # returned with the variables of the user's mechanism (`own`), whose output is free.
         released_solver = PositionSolver(self.own, plan_assembly(self.own))
         return find_configurations(
             self.solver, self.wrist.output, coordinates, released_solver
@@ -732,10 +734,12 @@ class InverseKinematics:
         if modes is None:
             return self.modes
         chosen = tuple(tuple(map(int, signs)) for signs in modes)
+        # The mechanism of the user. `self.mechanism` has virtual links as well.
+        mechanism = self.own
         for signs in chosen:
             if signs not in self.modes:
                 raise SolveError(
-                    f"{self.own.name}: {signs} is not a working mode; a mode is a sign, 1 "
+                    f"{mechanism.name}: {signs} is not a working mode; a mode is a sign, 1 "
                     f"or -1, for each of: {'; '.join(self.legs)}"
                 )
         return chosen

@@ -274,10 +274,13 @@ class MidPlane:
         (3,) unit normal with n_z >= 0; NaN if no mid-plane is within reach.
         """
         # A leg reaches the mid-plane if the angle h between its base axis and the plane is
-        # within its reach; sin(h) is the scalar product of normal and axis.
+        # within its reach. sin(h) is the scalar product of normal and axis. Squares are
+        # compared, since the sign of h does not matter and squares are smooth.
         sine_limits = np.sin(self.reach - margin)
+        # The region of all normals of mid-planes within reach. Its border is exact; the
+        # tolerance only limits how small the parts are that can be missed.
         region = find_region(
             lambda normals: sine_limits**2 - (normals @ self.axes.T) ** 2,
-            REACH_MESH_ERROR_SR,
+            tolerance=REACH_MESH_ERROR_SR,
         )
         return upward(region.nearest(normal)) if region.components else nans(3)

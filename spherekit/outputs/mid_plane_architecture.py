@@ -336,8 +336,8 @@ class MidPlaneArchitecture:
             # A link is placed by two of its axes, which must not be parallel, so they are
             # of two kinds. A link of a leg has an axis at the base (or at the tip) and an
             # elbow. A link that is hinged to elbows has an elbow and an axis along the
-            # normal of the mid-plane. The pairs are sorted by kind, and the first and the
-            # last one are used. `along` has the kind of each pair.
+            # normal of the mid-plane. The pairs of the link are sorted by kind (`along`),
+            # so the first and the last one have different kinds.
             pairs = sorted(
                 (pair for pair, ends in enumerate(self.mechanism.ends) if link in ends),
                 key=lambda pair: AXIS_KINDS.index(self.along[pair].kind),
@@ -349,8 +349,9 @@ class MidPlaneArchitecture:
                 self.axis(first_pair, normals, elbows),
                 self.axis(last_pair, normals, elbows),
             )
-            # Right-angled axes along these two axes: in the axes of the base, and in those
-            # of the link.
+            # Both axes determine a frame: z along the first axis, and x towards the last
+            # one. The frame in axes of the base (turned from mirror axes by `frame`) and
+            # the same frame in axes of the link give the rotation.
             frame_in_base = self.frame @ frame_toward(first_axis, last_axis)
             frame_in_link = frame_toward(
                 axis_in(self.mechanism, self.joints, first_pair, link),
@@ -491,18 +492,19 @@ class MidPlaneArchitecture:
         """Return the rotation of the end effector about a fixed axis between two poses.
 
         The end effector is the mirror image of the base in the mid-plane, so the normal of
-        this plane determines its orientation. A normal and its negative are the same plane;
-        of both the one with z >= 0 is used.
+        this plane determines its orientation. A normal and its negative belong to the same
+        plane. The one with z >= 0 is used.
 
         Parameters
         ----------
         start, stop
-            Normals (3,) of the mid-planes of both poses, in mirror axes: the axes of the
-            base, turned by the constant matrix `frame`.
+            Normals (3,) of the mid-planes of both poses. They are in mirror axes, in which
+            the formulas are simplest. The constant matrix `frame` turns these axes into
+            those of the base.
         modes
             (legs,) signs, 1 or -1, which choose one of the two elbows (axes between its two
-            links) that each leg can have at the start. They belong to the normal with
-            z >= 0, and do not change during the rotation.
+            links) that each leg can have at the start. The sign is that of normal . (base
+            axis x elbow), for the normal with z >= 0.
 
         Raises
         ------

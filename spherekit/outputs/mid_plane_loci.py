@@ -304,8 +304,9 @@ class _MidPlaneCurveSearch:
         Base and output mirror each other in the mid-plane. The elbow e, the axis between
         the two links of the leg, is in this plane. Let a be the angle from the base axis b
         of the leg to e, and h the angle between b and the plane. The leg reaches the plane
-        if h is at most a and at most pi - a. The measure is sin(a + h) sin(a - h). It is
-        the square of the height n . (b x e) of the elbow, with the unit normal n.
+        if h is at most a and at most pi - a. The measure is sin(a + h) sin(a - h). If the
+        leg reaches the plane, it is the square of the height n . (b x e) of the elbow, with
+        the unit normal n. Out of reach there is no elbow, and the formula is negative.
 
         Parameters
         ----------
@@ -319,7 +320,7 @@ class _MidPlaneCurveSearch:
         (n,) measures, negative out of reach. They are NaN where another leg does not reach
         the mid-plane, because there is no configuration.
         """
-        # (n, legs) squares of the heights.
+        # (n, legs) measures of all legs.
         height_square = self.form.plane.elbow_feet(normals).height_square
         others_reach = np.all(np.delete(height_square, leg, axis=1) >= 0.0, axis=1)
         return np.where(others_reach, height_square[:, leg], np.nan)
@@ -329,9 +330,13 @@ class _MidPlaneCurveSearch:
 
         At type II the output can move while the inputs rest. The end effector is the mirror
         image of the base in the mid-plane, which contains the elbows of all legs (the axes
-        between the two links of each leg). If the elbows of both driven legs are on one
-        line along most of the curve, they do not determine this plane. Otherwise the
-        velocity equations of the loops depend on each other: their matrix has lost rank.
+        between the two links of each leg). The curve has one of two reasons:
+
+        - The elbows of both driven legs are on one line, so they do not determine the
+          mid-plane. This is decided by the median of the angle between them, because they
+          can also be on one line at single points of another curve.
+        - Otherwise the velocity equations of the loops depend on each other: their matrix
+          has lost rank.
 
         Parameters
         ----------
@@ -390,9 +395,9 @@ class _MidPlaneCurveSearch:
         matrix is 0. (There are at least as many equations as rates.)
 
         The residual of a point is the larger one of this value and of the closure residual
-        (rad), the rotation by which a loop is open. Both are 0 but for rounding at a
-        singular configuration. Points with a residual above `CLOSURE_TOLERANCE` are left
-        out.
+        (rad), the rotation by which a loop is open. Both are 0 at a singular configuration,
+        and rounding errors of both have about the same size. Points with a residual above
+        `CLOSURE_TOLERANCE` are left out.
 
         Parameters
         ----------
@@ -413,6 +418,8 @@ class _MidPlaneCurveSearch:
         linearisation = self.locus.tangent_space(values).linearisation
         constraint = self.locus.constraint.equations(linearisation)
         equations = np.hstack([linearisation.jacobian, constraint])
+        # Points without a configuration are NaN, which the decomposition refuses. They are
+        # set to 0 here. Their closure residual is infinite, so they are left out below.
         _, singular_values, right_vectors = np.linalg.svd(np.nan_to_num(equations))
         closure_residual = np.nan_to_num(linearisation.closure_residual, nan=np.inf)
         residual = np.maximum(closure_residual, singular_values[:, -1])

@@ -62,8 +62,8 @@ class MidPlaneKinematics(ClosedKinematics):
         axis is in the mid-plane and both links of the leg lie over each other.
         """
         plane = self.form.plane
-        # `can_fold` marks legs to which a user can give a larger smallest angle, by the
-        # width of their links. Here these are the driven legs.
+        # If the links have a width, one cannot lie over the other, and the smallest angle
+        # is larger. `can_fold` marks the legs for which this counts: the driven legs.
         longest = (2.0 * plane.reach).tolist()
         return tuple(
             LegSpan(
@@ -106,9 +106,10 @@ class MidPlaneKinematics(ClosedKinematics):
         form = self.form  # the mid-plane architecture of the mechanism
         plane = form.plane
         # `plane` returns normals with n_z >= 0, and the signs of the driven legs for these
-        # normals. Both are reversed if n . m > 0. If m is in the mid-plane, the factor is 0
-        # and no mode has these signs. The output then points in the direction m, for which
-        # there is no closed form.
+        # normals. If n . m > 0, the normal and the signs are multiplied by -1.
+        # If n . m = 0, m is in the mid-plane and is its own mirror image. The vector from m
+        # to its image, which gives the normal, is then 0. Signs multiplied by 0 fit no
+        # mode, so these inputs get no pose.
         upward_normals = plane.normals(inputs)
         sense = -np.sign(upward_normals @ form.home)[:, None]
         normals = sense * upward_normals
@@ -201,14 +202,20 @@ class _MidPlaneMode:
 
             (elbow x p) . w / (n . (base axis x elbow) |p - m|).
 
-        This follows from elbow . n = 0, since the elbow stays in the mid-plane: its rate is
-        the rate of the input times (base axis x elbow), and n = (p - m) / ``|p - m|`` with
-        p' = w x p.
+        It is the derivative of elbow . n = 0, since the elbow stays in the mid-plane:
+
+            elbow' . n + elbow . n' = 0
+
+        - elbow' is the rate of the input times (base axis x elbow).
+        - n = (p - m) / ``|p - m|``, with p' = w x p and constant m. The derivative of the
+          length only changes n along itself, at right angles to the elbow. So
+          elbow . n' = elbow . (w x p) / ``|p - m|`` = -(elbow x p) . w / ``|p - m|``.
 
         The measure of type I is the divisor over the length of elbow x p. The divisor is 0
         if the leg is at the limit of its reach, or if the output points in its home
         direction. The input can then move while the output rests.
         """
+        # Elbows and their heights n . (base axis x elbow).
         elbows, elbow_heights = self._elbows
         numerators = cross(elbows[:, self.driven], self.directions[:, None])
         # The result is a vector, so it is rotated from mirror axes (in which the formulas
@@ -217,7 +224,6 @@ class _MidPlaneMode:
         # in the positive sense.
         senses = self.form.plane.senses[self.driven]
         numerators = (numerators @ self.form.frame.T) * senses[:, None]
-        # The heights are n . (base axis x elbow).
         denominators = elbow_heights[:, self.driven] * self.home_distance[:, None]
         return input_rates(numerators, denominators)
 

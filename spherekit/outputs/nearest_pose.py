@@ -67,6 +67,12 @@ With more, the search is slower. A local minimum that is dropped here can be met
 the ball is sampled.
 """
 
+MAX_SQP_STEP_RAD = 0.5
+"""Longest SQP step, in coordinates v (rad).
+
+Larger: steps on which the linearised margins are wrong. Smaller: more steps.
+"""
+
 DIFFERENCE_STEP = 1e-6
 """Step of the central differences of the margins, in coordinates v (rad).
 
@@ -225,15 +231,16 @@ class NearestPoseSearch:
         Parameters
         ----------
         chart
-            Normal coordinates around the target pose.
+            Normal coordinates v (d,) around the target pose: the pose at v is reached from
+            the target by an arc of length |v| (rad) that starts in the direction v.
         radius
-            Radius of the ball (rad), in coordinates v.
+            Largest |v| (rad) of the ball.
 
         Returns
         -------
         (`SEARCH_START_COUNT`, d) coordinates. First come the reachable samples that are
         nearest to the target, and then samples that are not reachable, but whose least
-        margin is nearest to 0. If there are too few of them, any others follow.
+        margin is nearest to 0. If both are too few, arbitrary samples fill the array.
         """
         v = radius * BALL_SAMPLES[chart.dimension]
         with np.errstate(all="ignore"):
@@ -381,7 +388,8 @@ class NearestPoseSearch:
             (k, d) coordinates of the points. The target has the coordinates 0, so |v| is
             the distance of a point from it.
         starts
-            (k, d) coordinates of the starts from which the points were computed.
+            (k, d) coordinates of the starts from which the search arrived at the points.
+            Some of them are inside the workspace.
 
         Returns
         -------
@@ -399,11 +407,13 @@ class NearestPoseSearch:
             values, gradients = self._linearise_margins(chart, v[k][None])
             lengths = np.linalg.norm(gradients[0], axis=1)
             # A limit counts as nearly reached (active) if its margin is less than 1000
-            # times the longest inward step. Other limits are too far for a step to cross.
+            # times the longest inward step, the last one. A step would have to reduce the
+            # margin by 1000 times its own length to cross another limit.
             is_active = (values[0] < 1e3 * INWARD_STEPS[-1]) & (lengths > 0.0)
             normals = unit_rows(gradients[0][is_active])
             # The shortest vector whose component along the gradient of each active margin
-            # is at least 1. It is NaN if there is none.
+            # is at least 1, so a step along it moves away from all active limits. Its
+            # multiples by `INWARD_STEPS` are tried. It is NaN if there is no such vector.
             inward_direction, _ = _solve_least_distance(normals, np.ones(len(normals)))
             moved = self._find_first_inside(chart, v[k], inward_direction, INWARD_STEPS)
             if moved is None:
@@ -524,7 +534,7 @@ def _compute_sqp_step(v: Floats, values: Floats, gradients: Floats) -> tuple[Flo
     the linearised problem: minimise ``|v + step|^2 / 2`` subject to
     ``values + gradients @ step >= 0``. If no step satisfies all linearised margins, the
     step instead reduces the violations in the sense of least squares. Steps are shortened
-    to a length of at most 0.5 rad.
+    to a length of at most `MAX_SQP_STEP_RAD`.
 
     Parameters
     ----------
@@ -541,7 +551,8 @@ def _compute_sqp_step(v: Floats, values: Floats, gradients: Floats) -> tuple[Flo
         (d,) change of v.
     largest_multiplier
         Largest Lagrange multiplier of a linearised margin, 0 if none is active or no step
-        satisfies them. The penalty of violations has to exceed it.
+        satisfies them. The caller chooses by it the factor of violations in the function
+        that a step has to reduce.
     """
     has_slope = (np.linalg.norm(gradients, axis=1) > 0.0) & np.isfinite(values)
     gradients = gradients[has_slope]
@@ -554,9 +565,9 @@ def _compute_sqp_step(v: Floats, values: Floats, gradients: Floats) -> tuple[Flo
     if not np.isfinite(step).all():
         violated = values < 0.0
         step = np.linalg.pinv(gradients[violated]) @ -values[violated]
-    # Beyond a fraction of a right angle the linearisation is a poor approximation. 1e-300
+    # The linearisation is a poor approximation beyond a fraction of a right angle. 1e-300
     # prevents a division by zero.
-    step *= min(1.0, 0.5 / max(_length(step), 1e-300))
+    step *= min(1.0, MAX_SQP_STEP_RAD / max(_length(step), 1e-300))
     return step, float(np.max(multipliers, initial=0.0))
 
 

@@ -119,11 +119,13 @@ class InverseRows(ArrayRows):
         which marks it as outside. Infinite margins become NaN.
         """
         is_outside = self.margin < 0.0
-        # A measure that is NaN is ignored if the other one has a value.
+        # Type I has a measure for each input (axis 1), type II has one for each row. A
+        # measure that is NaN is ignored if the other one has a value.
         least_measure = np.fmin(np.min(self.type_1, axis=1), self.type_2)
         has_inputs = np.isfinite(self.inputs).all(axis=1)
-        # Each measure is the sine of the distance (an angle) to the singularity. Below
-        # SINGULAR_DYAD_SINE half of the digits of the configuration are lost.
+        # Each measure is the sine of the distance (an angle) to the singularity, as that of
+        # a dyad to its dead centre. The same limit is therefore used for all. Below it half
+        # of the digits of the configuration are lost.
         is_regular = has_inputs & (least_measure > SINGULAR_DYAD_SINE)
         status = np.where(is_regular, Status.OK, Status.AT_SINGULARITY)
         status[is_outside] = Status.OUT_OF_REACH
@@ -211,7 +213,9 @@ class OutputKinematics:
     def inverse(
         self, poses: Floats, modes: Sequence[str], pairs: Sequence[int] = ()
     ) -> InverseRows:
-        """Return the configurations of poses in some modes, with variables of pairs.
+        """Raise the reason why the output has no inverse kinematics.
+
+        Subclasses return the configurations of poses in some modes.
 
         Parameters
         ----------
@@ -228,11 +232,11 @@ class OutputKinematics:
             Always in this base class, since the output has no inverse kinematics.
         """
         # Inverse kinematics needs virtual links that hold the output in its pose (a wrist).
-        # They cannot be added to the outputs of this class, for example because the number
-        # of inputs is not that of the coordinates of a pose. The call raises a `PlanError`
-        # with the reason, so the line after it is never reached.
+        # Outputs of this class allow none, for example because the number of inputs is not
+        # that of the coordinates of a pose. `with_wrist` is called for its error message,
+        # so the next line is never reached.
         with_wrist(self.mechanism, self.output.name)
-        raise AssertionError(poses, modes, pairs)
+        raise AssertionError(f"{self.output.name} can have virtual links")
 
     def forward(self, inputs: Floats) -> PoseSolutions:
         """Return every pose found at inputs (n, inputs) rad."""
