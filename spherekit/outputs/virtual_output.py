@@ -259,12 +259,13 @@ def _add_to_sizes(
     """
     # The frames (3, 3) by the name of the pair, in the first and in the second links.
     first_frames, second_frames = pair_frames(mechanism)
-    # The first and the third pair rotate about z of their links. The second pair rotates
-    # about y of both virtual links, and its angle is counted from z. The three columns of
-    # its frame are therefore the unit vectors z, x and y of these links.
+    # The first and the third pair have the axes of their links as frame. They rotate about
+    # z. The second pair rotates about y of both virtual links. Its frame has the columns z
+    # (from which its angle counts), x, and y (its axis).
     tilt_frame = np.eye(3)[:, [2, 0, 1]]
-    # In the output link, the frame of the last pair has its axis along the direction: it is
-    # Z(azimuth) Y(tilt).
+    # In the output link, the axis of the last pair is the direction. It is the z axis of
+    # the rotation Z(azimuth) Y(tilt). The third Euler angle, a rotation about the direction
+    # itself, can be 0.
     pointing_angles = np.append(azimuth_tilt(np.array([direction])), [[0.0]], axis=1)
     pointing_frame = from_euler_zyz(pointing_angles)[0]
     names = [pair.name for pair in virtual_pairs]
@@ -272,11 +273,13 @@ def _add_to_sizes(
     virtual_second_frames = (np.eye(3), tilt_frame, pointing_frame)
     first_frames.update(zip(names, virtual_first_frames, strict=True))
     second_frames.update(zip(names, virtual_second_frames, strict=True))
-    # Only links with a virtual pair get new sizes.
+    # Only links with a virtual pair get new sizes. All others keep theirs.
     changed_links = {link for pair in virtual_pairs for link in pair.links}
     unchanged_sizes = {
         link: sizes for link, sizes in geometry.links.items() if link not in changed_links
     }
     return sizes_from_frames(
-        (*mechanism.pairs, *virtual_pairs), (first_frames, second_frames), unchanged_sizes
+        (*mechanism.pairs, *virtual_pairs),
+        frames=(first_frames, second_frames),
+        known_sizes=unchanged_sizes,
     )

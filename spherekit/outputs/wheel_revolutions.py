@@ -108,10 +108,10 @@ def _list_possible_lengths(
     """Return rolled lengths that differ from given ones by whole revolutions of wheels.
 
     The rolled length of a contact is the arc (rad) that one wheel has rolled on the other.
-    In the assembly of the mechanism file, rolled lengths are linear functions of the
-    inputs. If the output is held, loops also close with wheels that mesh in other teeth, so
-    the given lengths may be wrong by whole revolutions of wheels. Only lengths that the
-    linear functions can take are returned.
+    The given lengths close the loops, but perhaps with wheels that mesh in other teeth than
+    in the mechanism file. They then differ from the right lengths by whole revolutions of
+    wheels. In the assembly of the file, rolled lengths are linear functions of the inputs.
+    Only lengths that these functions can take are returned.
 
     Parameters
     ----------
@@ -124,8 +124,9 @@ def _list_possible_lengths(
 
     Returns
     -------
-    (n, m) rolled lengths (rad), those with the smallest sum of absolute lengths first; at
-    most `MAX_TRIED_ASSEMBLIES`, since the loops have to be closed for each of them.
+    (n, m) rolled lengths (rad), those with the smallest sum of absolute lengths first. The
+    loops have to be closed for each of them. There are therefore at most
+    `MAX_TRIED_ASSEMBLIES`, and those with larger sums are left out.
     """
     tree = held_solver.closure.tree
     # The contacts whose rolled lengths these are.

@@ -133,39 +133,43 @@ def _shared_between_modes(method: Callable[..., Result]) -> Callable[..., Result
     """Return a method of `WorkingMode` that reuses results of other modes (a decorator).
 
     A working mode is a sign for each dyad, which says in which of two ways its two links
-    are placed. Many quantities depend on the signs of some dyads only, and are computed
-    once for all modes in which these signs are equal. The first time that the method runs
-    with some arguments, the mode notes in `read_signs` the dyads whose signs are read. A
-    decorated method must therefore read the signs of the same dyads in all modes.
+    are placed. Many quantities depend on the signs of some dyads only. They are computed
+    once for all modes in which these signs are equal.
 
-    All modes of the same poses share one store, `shared_results`, in which the key of a
-    result is the name of the method, its arguments and these signs. The arguments must be
-    hashable.
+    When a method runs for the first time with some arguments, the dyads whose signs it
+    reads are recorded. It must read the signs of the same dyads in all modes. All modes of
+    the same poses share one store of results. The key of a result is the name of the
+    method, its arguments (which must be hashable) and the signs that it has read.
     """
     name = method.__name__
 
     @wraps(method)
     def shared_method(mode: "WorkingMode", *arguments: Hashable) -> Result:
-        """Return the stored result for the signs of a mode, computed if it is missing."""
-        # For each quantity, the dyads on whose signs it depends. The mapping belongs to the
-        # mechanism. The store `shared_results` belongs to the poses.
+        """Return the result of the decorated `method`, from the store if it is there.
+
+        `name` is the name of the method.
+        """
+        # The dyads on whose signs a quantity depends. This is the same at all poses of the
+        # mechanism. The results in the store `shared_results` are those at some poses.
         sign_dependencies = mode.chain.sign_dependencies
         quantity = (name, *arguments)
-        # Before the first computation of a quantity, the mapping does not have it. The
-        # store then has no result either, so it does not matter that the key has no signs.
-        signs = (mode.signs[dyad] for dyad in sign_dependencies.get(quantity, ()))
-        key = (quantity, *signs)
-        if key not in mode.shared_results:
-            # A copy of the mode notes the signs that are read, beginning with none. Poses
-            # out of reach give NaN, of which NumPy must not warn.
+
+        def make_key() -> tuple[Hashable, ...]:
+            """Return the key of the result, when it is recorded which signs are read."""
+            return (quantity, *(mode.signs[dyad] for dyad in sign_dependencies[quantity]))
+
+        key = make_key() if quantity in sign_dependencies else None
+        if key is None or key not in mode.shared_results:
+            # A copy of the mode, with the same store, records the signs that are read.
+            # NumPy must not warn of NaN, which is the result at poses out of reach.
             recording_mode = replace(mode, read_signs=set())
             with np.errstate(all="ignore"):
                 result = method(recording_mode, *arguments)
             sign_dependencies[quantity] = frozenset(recording_mode.read_signs)
-            signs = (mode.signs[dyad] for dyad in sign_dependencies[quantity])
-            key = (quantity, *signs)
+            key = make_key()
             mode.shared_results[key] = result
-        # If another method of the mode called this one, its result depends on these signs.
+        # Another decorated method may be calling this one on `mode`. Its own result then
+        # depends on the same signs.
         mode.read_signs.update(sign_dependencies[quantity])
         return mode.shared_results[key]  # type: ignore[no-any-return]
 
@@ -295,15 +299,16 @@ class WorkingMode:
             is_obtuse = sum_square < difference_square
             angle = np.where(is_obtuse, np.pi - 2.0 * half, 2.0 * half)
             margins.append(np.minimum(angle - dyad.shortest, dyad.longest - angle))
-            # `triple_product` is an absolute value: the product of the sines of both arcs
-            # and of the angle at the middle pair. That sine is 0 where the dyad is
-            # stretched or folded. If it is smaller than `SINGULAR_DYAD_SINE`, half of the
-            # digits of the configuration are lost.
+            # `triple_product` is the product of three sines: of both arcs and of the angle
+            # at the middle pair. The last one is 0 where the dyad is stretched or folded.
+            # If it is smaller than `SINGULAR_DYAD_SINE` (1e-6), the configuration has only
+            # half of its digits, and the status is AT_SINGULARITY.
             least_product = SINGULAR_DYAD_SINE * np.prod(np.sin(dyad.arcs))
             is_regular.append(triangle.triple_product >= least_product)
         # The least margin of all dyads, NaN ignored, and the first dyad that has it.
         margin = np.fmin.reduce(margins)
-        limiting = np.argmax(margins == margin, axis=0).astype(np.int8)
+        has_least_margin = np.array(margins) == margin  # (dyads, n)
+        limiting = np.argmax(has_least_margin, axis=0).astype(np.int8)
         status = np.where(np.all(is_regular, axis=0), Status.OK, Status.AT_SINGULARITY)
         # Rounding errors of the arcs may exceed a limit by `REACH_SLACK`. The negated
         # comparison is also true for NaN.
@@ -478,14 +483,15 @@ class WorkingMode:
             (3,) the same vector in the frame of the pair in this link.
         """
         chain = self.chain
-        frame = chain.frame_in(pair, link)
-        # The posed link is the one whose orientation the poses give. Its x axis and that of
-        # the base are known.
+        frame = chain.frame_in(pair, link)  # (3, 3); column 2 is the axis of the pair
+        # The orientation of the base is known, and that of the posed link is given by the
+        # poses. Any vector of these links is known in base axes: here column 0 (x) of the
+        # frame, which is at right angles to the axis.
         if link in (chain.base, chain.posed_link):
             return self.vector(link, frame[:, 0]), np.array([1.0, 0.0, 0.0])
         # Any other link belongs to a dyad. It has the middle pair of the dyad, and an outer
-        # pair at a link placed before. The axes of both are known in base axes. The vector
-        # is the axis of the middle pair, or of the outer pair if the middle one is
+        # pair at a link placed before, its support. Their axes are known in base axes. The
+        # vector is the axis of the middle pair, or of the outer pair if the middle one is
         # parallel.
         other_pair = chain.dyads[chain.dyad_of_link[link]].middle_pair
         if pair == other_pair or chain.is_coaxial(pair, other_pair, link):
@@ -539,9 +545,11 @@ class WorkingMode:
         else:
             normal = cross_columns(b, a)
             link = dyad.far_link
-        # Rates about an axis at right angles to the normal do not contribute, so they need
-        # not be computed. The axis of the far pair is such an axis, except for the rate of
-        # the far pair itself. The same is true of the near pair.
+        # The supports move too. In their angular velocities, rates about an axis at right
+        # angles to `normal` contribute nothing. The axis of the far pair is one, unless the
+        # rate of the far pair itself is computed. The far support may turn about the same
+        # axis by a pair of its own, whose rate need not be computed then. The same is true
+        # at the near pair.
         normal_far_pair = None if pair == dyad.far_pair else dyad.far_pair
         normal_near_pair = None if pair == dyad.near_pair else dyad.near_pair
         far_rate = self.angular_velocity_along(normal, dyad.far_support, normal_far_pair)
@@ -560,10 +568,10 @@ class WorkingMode:
         The result is linear in the angular velocity w of the output. It is a fraction
         ``numerator . w / denominator``, both parts of which are finite at singularities.
 
-        An outer pair joins a link of a dyad to its support, a link placed before. The
-        angular velocity of the link is that of the support plus the rate of this pair along
-        its axis. The support is treated in the same way (recursively), until the base with
-        the angular velocity 0, or the link with that of the output, is reached.
+        A link of a dyad is joined to its support, a link placed before, by an outer pair of
+        the dyad. Its angular velocity is that of the support plus the rate of this pair
+        along its axis. The support is treated in the same way. This ends at the base, whose
+        angular velocity is 0, or at the posed link, which moves as the output does.
 
         Parameters
         ----------
@@ -573,8 +581,8 @@ class WorkingMode:
             Number of the link; its angular velocity is relative to the base.
         normal_pair
             A pair of the link to whose axis the vector is at right angles, or None if no
-            such pair is known. The rate of an outer pair with the same axis adds nothing
-            to the scalar product.
+            such pair is known. If the outer pair has the same axis, its rate adds nothing
+            to the scalar product, and is not computed.
         """
         chain = self.chain
         if link == chain.base:
@@ -584,12 +592,13 @@ class WorkingMode:
             return RateFraction(vector, np.ones(1))
         pair, support = chain.support_of(link)
         if normal_pair is not None and chain.is_coaxial(pair, normal_pair, link):
+            # The outer pair is also a pair of the support, at right angles to the vector.
             return self.angular_velocity_along(vector, support, pair)
         pair_rate = self.pair_rate(pair)
         component = dot_columns(vector, self.axis(pair, link))
-        # The rate is that of the second link of the pair relative to the first. Fractions
-        # have a method for the difference only, so a rate that is to be added gets the
-        # opposite sign.
+        # The result is the part of the support plus that of the pair. Fractions have a
+        # method for the difference only, so the part of the pair is subtracted with the
+        # opposite sign. A rate is that of the second link of a pair relative to the first.
         is_second_link = chain.ends[pair][1] == link
         subtracted_component = -component if is_second_link else component
         subtracted_rate = RateFraction(
@@ -604,11 +613,15 @@ class WorkingMode:
         The result is a fraction ``numerator . w / denominator`` with the angular velocity w
         of the output.
 
-        An output that points in a direction d can turn about it. If a closing link has to
-        close, it determines this turn: the rate of its residual, s . w, must be 0. With
-        w = v + k d this gives k = -(s . v) / (s . d). The rate r . w of the input is then
-        ((s . d) r - (r . d) s) . v / (s . d). This numerator is at right angles to d, so
-        the rate only depends on how the direction changes.
+        An output that is a direction d can turn about it. In some mechanisms a last link,
+        the closing link, determines this turn. It joins two links that are placed already.
+        By how much it does not fit is its residual, whose rate s . w must be 0. Here
+
+        - w = v + k d, where v moves the direction and k is the rate of the turn,
+        - k = -(s . v) / (s . d), so that the closing link fits,
+        - r . w is the rate of the input, equal to ((s . d) r - (r . d) s) . v / (s . d).
+
+        This numerator is at right angles to d, so it may be multiplied by w instead of v.
         """
         rate = self.pair_rate(pair)
         if self.closing_link is not None:
@@ -649,11 +662,13 @@ class WorkingMode:
         """Return the square (n,) of `output_speed`, continued to poses out of reach.
 
         `output_speed` is the speed of the output per unit rate of the input `pair`, an
-        outer pair of a dyad. If the dyad joins the base to the output's link, it is
-        ``|b . (a x c)| / sin(arc)`` with the axes a, b, c of the dyad and the arc of its
-        other link, which the input does not join. If the dyad does not reach, there is no
-        b. The square of the triple product, a function of a and c, is then negative, and
-        continues the square of the speed smoothly through 0.
+        outer pair of a dyad. For a dyad between the base and the output's link it is
+        ``|b . (a x c)| / sin(arc)``, with the axes a, b, c of the dyad and the arc of that
+        link of the dyad which the input does not join.
+
+        The square of the triple product is a function of a and c alone. It is negative
+        where the dyad does not reach, so that there is no b. It continues the square of the
+        speed through 0, for such dyads smoothly.
         """
         dyad_number = self.chain.dyad_of_pair[pair]
         square = self.output_speed(pair) ** 2
@@ -664,8 +679,9 @@ class WorkingMode:
         triple_product_square = triple_square(
             *dyad.half_arcs, triangle.sum_square, triangle.difference_square
         )
-        # The speed is NaN if any dyad does not reach. If that is another dyad than this
-        # one, the square is positive or NaN, and the continuation is 0.
+        # The speed is NaN if any dyad does not reach. If this dyad reaches and another one
+        # does not, the square of the triple product is positive or NaN. The continuation is
+        # then 0.
         continuation = np.fmin(triple_product_square / np.sin(other_arc) ** 2, 0.0)
         return np.where(np.isnan(square), continuation, square)
 

@@ -41,11 +41,12 @@ class Judged:
     inputs
         (n, inputs) rad.
     type_1
-        (n,) least speed of the output per unit rate of an input; 0 at a singularity of type
-        I, where an input moves while the output rests.
+        (n,) measure of type I. Each input alone moves the output with some speed per unit
+        rate of the input. This is the smallest of these speeds. It is 0 at a singularity of
+        type I, where an input moves while the output rests.
     type_2
-        (n,) transmission measure from 0 to 1; 0 at a singularity of type II, where the
-        output can move although the inputs are locked.
+        (n,) measure of type II, from 0 to 1: how surely locked inputs hold the output. It
+        is 0 at a singularity of type II, where the output can move nevertheless.
     """
 
     margin: Floats
@@ -142,15 +143,19 @@ def judge(
 ) -> Judged:
     """Return margins, inputs and measures of singularities at poses in one mode.
 
-    The margin of a pose is the angle that is left to the nearest of all limits. A measure
-    of a singularity is 0 at the singularity and positive elsewhere. That of type I is the
-    speed of the output per unit rate of an input, the least one of all inputs. That of type
-    II is a number from 0, where the output can move although all inputs are locked, to 1.
+    A working mode is one way to assemble the legs at a given pose. The margin of a pose is
+    the angle that is left to the nearest of all limits. The measures of singularities are 0
+    at a singularity and positive elsewhere:
+
+    - Type I: each input alone moves the output with some speed per unit rate of the input.
+      The measure is the smallest of these speeds.
+    - Type II: a number from 0, where the output can move although all inputs are locked,
+      to 1.
 
     Parameters
     ----------
     kinematics
-        The output with the closed form of its poses.
+        The output, with closed formulas for the inputs at its poses.
     bounds
         The limits of angles that a pose has to keep.
     signs
@@ -161,6 +166,7 @@ def judge(
     Returns
     -------
     The results for each pose. The measures are NaN at poses that the mode does not reach.
+    The margin is NaN there too, if a limited angle has no value.
     """
     with np.errstate(all="ignore"):
         mode = kinematics.at(_convert_poses(kinematics, places), signs)
@@ -168,6 +174,7 @@ def judge(
         # 0 where all inputs are finite, NaN elsewhere. It is added to the measures, which
         # could otherwise be finite at poses that the legs cannot reach.
         nan_if_unreachable = 0.0 * np.sum(inputs, axis=1)
+        # The angle left to the nearest limit, and the number of this limit.
         margin, limiting = find_least_margin(bounds, mode)
         return Judged(
             margin=margin,
@@ -307,19 +314,21 @@ def orientation_workspaces(
     """Return the orientations that each working mode reaches.
 
     A working mode is one way to assemble the legs of a parallel mechanism at a given pose.
-    The margins of a pose say how much is left to each limit. Modes that have the same
-    margins at all samples, bit for bit, share the result, and `same_as` says so.
+    The margins of a pose say how much is left to each limit. They are computed at evenly
+    spread samples. Modes that have the same margins at all samples, bit for bit, have the
+    same workspace, which is computed once. The attribute `same_as` of a result names the
+    earlier mode that it was computed for.
 
     Parameters
     ----------
     kinematics, bounds
-        The output, and the limits of angles that a pose has to keep.
+        The output with closed formulas, and the limits of angles that a pose has to keep.
     modes
         The working modes wanted, each with the signs, 1 or -1, of its legs.
     tolerance
         Error of the volume to aim at, relative to the volume.
     """
-    samples = orientation_samples()
+    samples = orientation_samples()  # only to compare modes
 
     def find_mode_orientations(margins: Margins) -> _SampledWorkspace[Orientations]:
         """Return the orientations of a mode with evenly spread samples."""
@@ -376,12 +385,13 @@ def nearest_reachable(
 ) -> tuple[Floats, float] | None:
     """Return the reachable pose nearest to a pose outside, and the angle between both.
 
-    Every connected part of a workspace of directions is considered, even the smallest one.
+    The search starts from many poses in the workspace. In a workspace of directions there
+    is one in every connected part, so that even the smallest part is considered.
 
     Parameters
     ----------
     kinematics, bounds
-        The output, and the limits of angles that a pose has to keep.
+        The output with closed formulas, and the limits of angles that a pose has to keep.
     workspace
         The workspace of one working mode, with the signs of the legs in this mode.
     place
@@ -389,20 +399,20 @@ def nearest_reachable(
 
     Returns
     -------
-    The nearest pose (3,) or (4,), and the angle (rad) to it. None if the search meets no
-    pose of the workspace.
+    The nearest pose (3,) or (4,), and the angle (rad) to it. None if no pose of the
+    workspace is known.
     """
     # Poses of the workspace (k, 3 or 4) from which `nearest_in_mode` starts its search. It
-    # also starts from evenly spread poses of its own.
+    # also starts from evenly spread poses of its own. An attribute `place` is a pose.
     if isinstance(workspace, OrientationWorkspace):
-        # One orientation well inside. The attribute `place` is a pose.
+        # One orientation well inside.
         inside_poses = workspace.orientations.place[None]
     else:
         region = workspace.region
         if not region.components:
             return None
-        # One direction in every connected part, and the nearest point of the region. Its
-        # border is an approximation, so the search goes on from there.
+        # One direction in every connected part, and the point of the region nearest to the
+        # given pose. The border of the region is an approximation, so it is a start only.
         component_poses = [component.place for component in region.components]
         inside_poses = np.stack([region.nearest(place), *component_poses])
     (nearest_pose,) = nearest_in_mode(
@@ -422,13 +432,15 @@ def nearest_in_mode(
 
     Parameters
     ----------
-    kinematics, bounds, signs
-        The output, the limits of its workspace, and the signs of the working mode.
+    kinematics, bounds
+        The output with closed formulas, and the limits of angles of its workspace.
+    signs
+        The signs, 1 or -1, of the legs in the working mode (way to assemble the legs).
     places
         The n poses outside: (n, 3) directions or (n, 4) unit quaternions xyzw.
     inside_poses
-        (k, 3 or 4) poses in the workspace from which the search starts, too. It always
-        starts from those of `POSE_SAMPLES` evenly spread poses that are in the workspace.
+        (k, 3 or 4) poses in the workspace, as further starts of the search. The other
+        starts are evenly spread poses, of which those in the workspace are used.
 
     Returns
     -------
@@ -440,8 +452,8 @@ def nearest_in_mode(
 
     def is_inside(poses: Floats) -> Bools:
         """Return whether poses (n, 3 or 4) keep all limits."""
-        # The function `judge` also computes the margins. It would spend most of its time on
-        # inputs and measures of singularities.
+        # `judge` computes the margin too, but also inputs and measures of singularities,
+        # which are not needed here and take most of its time.
         with np.errstate(all="ignore"):
             mode = kinematics.at(_convert_poses(kinematics, poses), signs)
             margin, _ = find_least_margin(bounds, mode)
@@ -468,11 +480,11 @@ def nearest_poses(
     Parameters
     ----------
     kinematics
-        The output.
+        The output, with closed formulas for the inputs at its poses.
     places
         The n poses outside: (n, 3) directions or (n, 4) unit quaternions xyzw.
     signs
-        The signs of the working mode.
+        The signs, 1 or -1, of the legs in the working mode (way to assemble the legs).
 
     Returns
     -------

@@ -200,29 +200,30 @@ class Assembly(NamedTuple):
 def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
     """Return the groups of a mechanism whose input pairs are locked.
 
-    A group is a set of bodies that become one rigid body when its pairs are closed. Groups
-    come in solving order: each uses bodies that earlier groups have formed.
+    With locked inputs the mechanism is a structure. A group is a smallest part of it that
+    is rigid by itself, such as a dyad. Its positions can be solved alone, and it is one
+    body in the groups after it.
 
     Parameters
     ----------
     mechanism
         The mechanism, with its inputs.
     by_rank
-        Whether the mechanism is known to have a degree of freedom for each input, by the
-        rank of its velocity equations. It may then have fewer by the numbers of its links
-        and pairs, because constraints repeat each other.
+        Whether the rank of the velocity equations has shown that there is one degree of
+        freedom for each input. Counting links and pairs may then give fewer degrees of
+        freedom, because constraints repeat each other.
 
     Raises
     ------
     PlanError
-        If there is not one freedom for each input, an input is a contact pair or no
-        independent freedom, or a part is rigid.
+        If there is not one degree of freedom for each input, if an input is a contact pair
+        or depends on the other inputs, or if a part of the mechanism is rigid.
     """
     inputs = driven_pairs(mechanism)
-    # The pebble game counts degrees of freedom. `check_mobility` compares their number with
-    # that of the inputs, locks all inputs but the first, and checks that the first can
-    # still move. The game is None if counting does not decide, because constraints repeat
-    # each other.
+    # The pebble game is an algorithm that counts the degrees of freedom of all parts of a
+    # graph. `check_mobility` compares their number with that of the inputs, locks all
+    # inputs but the first, and checks that the first can still move. The game is None if
+    # counting does not decide, because constraints repeat each other.
     _, pebble_game = check_mobility(
         mechanism, driven=inputs, locked=inputs[1:], by_rank=by_rank
     )
@@ -248,8 +249,8 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
             pairs=open_pairs,
             redundant=True,
         )
-        # Other code solves a group with `revolute` by equations that are independent of
-        # each other. Here they are not, even if all pairs of the group are R pairs.
+        # The flag `revolute` marks groups of R pairs with independent equations, which have
+        # methods of their own. Here the equations depend on each other.
         groups = (whole_group._replace(revolute=False),)
     return Assembly(inputs, body_of_link, groups)
 
@@ -384,7 +385,7 @@ def _find_smallest_part(
         Counts the degrees of freedom. Each body owns three of them, its pebbles. A
         constraint takes a pebble of one of its two bodies, and points to the other body.
     open_pairs
-        For the number of each pair that is not closed yet, its two links.
+        The two links of each pair that belongs to no group yet, by number of the pair.
     body_of_link
         For each link the smallest number of a link of its body.
     """
@@ -394,14 +395,16 @@ def _find_smallest_part(
         couples.append(sorted([body_of_link[link_a], body_of_link[link_b]]))
     parts = []
     for body_a, body_b in sorted(couples):
-        # The whole structure has three free pebbles. They are gathered on body a.
+        # The whole structure can move on the sphere as one body, so it has three free
+        # pebbles (`BODY_FREEDOMS`). They are gathered on body a.
         # Constraints that start in the set of bodies reachable from a and b also end in it.
         # They have taken all pebbles of the set but these three, so the set is a rigid
         # part. Every rigid part with both bodies contains it.
         pebble_game.gather_pebbles(body_a, BODY_FREEDOMS)
         part = pebble_game.reachable_bodies([body_a, body_b])
         parts.append(part)
-        # No group is smaller than a dyad.
+        # No smaller part can follow: the least one is a dyad, which has two links and the
+        # body that joins them to the rest.
         if len(part) == DYAD_BODIES:
             break
     return min(parts, key=len)

@@ -62,9 +62,10 @@ class GearMesh(NamedTuple):
     def angle_factors(self, wheel_factors: tuple[Any, Any]) -> dict[int, Any]:
         """Return the factor of each pair variable in sin(r) f - sin(s) g.
 
-        This sum is constant while the wheels roll. The angle f or g of a wheel relative to
-        the carrier is the sum of the variables of some R pairs, each with a sign, 1 or -1
-        (`angle_signs`).
+        This difference is constant while the two wheels roll. The first wheel has the pitch
+        radius r (rad on the unit sphere) and the angle f relative to the carrier, the
+        second one s and g. Each angle is the sum of the variables of some R pairs, with a
+        sign, 1 or -1 (`angle_signs`).
 
         Parameters
         ----------
@@ -73,6 +74,7 @@ class GearMesh(NamedTuple):
         """
         factor_by_pair = {}
         for wheel_factor, signs in zip(wheel_factors, self.angle_signs, strict=True):
+            # The pairs of a wheel have its axis, so no pair belongs to both wheels.
             for pair, sign in signs.items():
                 factor_by_pair[pair] = wheel_factor if sign > 0.0 else -wheel_factor
         return factor_by_pair
