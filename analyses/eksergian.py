@@ -162,8 +162,8 @@ class Eksergian(AbstractAnalysis):
         if len(mechanism.inputs) > 1:
             raise AnalysisError(
                 f"eksergian: {mechanism.name} has {len(mechanism.inputs)} inputs "
-                f"({listing(mechanism.input_pairs)}), but the torque is "
-                "that of a single one; the analysis dynamics has those of several"
+                f"({listing(mechanism.input_pairs)}), but this analysis computes the "
+                "torque of a single input; use the analysis dynamics for several"
             )
         # Links by name that have mass, or whose motion the loads depend on.
         link_names = used_links(mechanism) | {mass.link for mass in mechanism.masses}

@@ -69,8 +69,8 @@ def need_space(size: int, what: str) -> None:
     limit = address_space()
     if limit is not None and limit < size:
         raise SpherekitError(
-            f"{what} about {size / 1e6:.0f} MB of addresses, and this process may have "
-            f"{limit / 1e6:.0f} MB (ulimit -v {limit // 1024}); allow more"
+            f"{what} about {size / 1e6:.0f} MB of address space, but this process is "
+            f"limited to {limit / 1e6:.0f} MB (ulimit -v {limit // 1024}); raise the limit"
         )
 
 

@@ -368,8 +368,8 @@ def test_work_of_another_run_is_refused_with_what_differs(tmp_path):
 @pytest.mark.parametrize(
     "damage, words",
     [
-        (lambda work: (work / "journal.json").write_text(""), "does not read"),
-        (lambda work: (work / "journal.json").write_text("[" * 9999), "does not read"),
+        (lambda work: (work / "journal.json").write_text(""), "cannot be read"),
+        (lambda work: (work / "journal.json").write_text("[" * 9999), "cannot be read"),
         (lambda work: change_done_count(work / "journal.json"), "checksum"),
         (lambda work: next(work.glob("poles*")).unlink(), "No such file"),
         (lambda work: flip_bit(next(work.glob("poles*")), 0.05), "damaged"),

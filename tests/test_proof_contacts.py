@@ -269,7 +269,7 @@ def test_other_contacts_are_refused():
         with pytest.raises(PlanError, match=words):
             read_decimals(sk.load(name))
     text = plate().replace('type = "Cs"\nlinks = ["2"', 'type = "Cr"\nlinks = ["2"')
-    with pytest.raises(PlanError, match="pair c is a rolling contact, and no link carries"):
+    with pytest.raises(PlanError, match="pair c is a rolling contact, but no link carries"):
         decimal_mechanism(text)
     with pytest.raises(AnalysisError, match="-a poles"):
         check_provable(sk.load("four_bar"), ["statics"], whole=True)

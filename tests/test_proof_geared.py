@@ -120,10 +120,10 @@ def test_the_clearance_of_a_geared_five_bar_is_the_distance_to_a_dead_centre(
 def test_wheels_are_told_to_come_back_or_refused():
     with pytest.raises(PlanError, match=r"more than 2 turns, after which everything"):
         certify_curves(geared((20, 40)), ("0", "721"))
-    with pytest.raises(PlanError, match=r"wheels turn right .* at most 64: give values"):
+    with pytest.raises(PlanError, match=r"drives right .* at most 64: give values"):
         certify_curves(geared((71, 67)), ("0", "10"))
     bare = FIVE_BAR.replace("teeth = [{0}, {1}]", "half_angles = [57.0]")
-    with pytest.raises(PlanError, match=r"wheels turn right .* ratios of teeth"):
+    with pytest.raises(PlanError, match=r"drives right .* numbers of teeth"):
         certify_curves(geared((20, 40), bare), ("0", "10"))
 
 

@@ -170,5 +170,5 @@ def test_a_wrong_name_of_a_route_is_refused_with_the_nearest_one():
     )
     pole_request = request_of_all_poles(position_analysis, position_analysis.inputs[0])
     motion = position_analysis.motion()
-    with pytest.raises(SolveError, match='no route is "frist"; did you mean "first"'):
+    with pytest.raises(SolveError, match='"frist" is not a route; did you mean "first"'):
         evaluate(motion, pole_request, route="frist")

@@ -170,8 +170,8 @@ def test_a_command_without_enough_memory_says_so_in_one_line(limit_kib, tmp_path
     )
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1
-    assert "memory" in done.stderr or "addresses" in done.stderr
-    assert "allow more" in done.stderr
+    assert "memory" in done.stderr or "address space" in done.stderr
+    assert "allow more" in done.stderr or "raise the limit" in done.stderr
     assert not list(tmp_path.iterdir())
 
 

@@ -237,7 +237,8 @@ def test_profiles_that_curve_into_each_other_are_impossible():
     last_row = sk.sweep("roller_cam", vary, "max(q)", samples=3).frame().iloc[-1]
     assert last_row["status"] == "IMPOSSIBLE"
     assert last_row["reason"] == (
-        "roller_cam: pairs.contact: the profiles curve into each other, or alike"
+        "roller_cam: pairs.contact: the profiles would cut into each other, or have equal "
+        "curvature; change the size of one"
     )
 
 

@@ -149,8 +149,8 @@ class EquivalentRotation(AbstractAnalysis):
         # A link on a sphere has three degrees of freedom, so more inputs are redundant.
         if len(inputs) > 3:
             raise AnalysisError(
-                f"{self.name}: {len(inputs)} inputs turn the output link in more ways than "
-                "there are; lock some of them"
+                f"{self.name}: {len(inputs)} inputs are more than the three freedoms of an "
+                "orientation; lock some of them"
             )
         read_pose(self.start, inputs, f"{self.name}: start")
         read_end(self.end, inputs, f"{self.name}: end")

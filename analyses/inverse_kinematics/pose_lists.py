@@ -138,8 +138,9 @@ def read_poses(
         )
     if columns and not file:
         raise AnalysisError(
-            f"{where}: columns: {listing(columns)} are those of a file; poses and "
-            "window say the names themselves, such as poses=azimuth=10+tilt=20"
+            f"{where}: columns: {listing(columns)} can be chosen only with file=NAME.csv; "
+            "leave columns out, since poses and window contain the names, such as "
+            "poses=azimuth=10+tilt=20"
         )
     where = f"{where}: {file or given_sources[0]}"
     try:
@@ -254,9 +255,9 @@ def _read_file(
         ]
     if len(forms_of_file) != 1:
         raise AnalysisError(
-            f"{where}: its columns {listing(header)} hold {len(forms_of_file)} of "
-            f"{_list_forms(forms_of_file or forms)}; give one of them, as columns=.. if "
-            "there are more"
+            f"{where}: the columns {listing(header)} contain {len(forms_of_file)} of the "
+            f"forms of a pose {_list_forms(forms_of_file or forms)}, needs exactly one; if "
+            "there are more, choose one with columns=.."
         )
     (form,) = forms_of_file
     numbers = read_numbers(path, [column_of_term[term] for term in form])

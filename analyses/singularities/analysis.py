@@ -184,8 +184,9 @@ class SingularityAnalysis(AbstractAnalysis):
         if len(mechanism.inputs) > 1:
             if self.output:
                 raise AnalysisError(
-                    "singularities: output: with several inputs the outputs are those that "
-                    "the mechanism declares as [outputs.NAME]"
+                    "singularities: output: leave it out, since with several inputs the "
+                    "analysis computes all outputs that the mechanism declares as "
+                    "[outputs.NAME]"
                 )
             # This raises an error if the mechanism declares no output.
             output_of(mechanism)

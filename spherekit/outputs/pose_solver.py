@@ -88,7 +88,7 @@ def _find_closed_form(inverse: InverseKinematics) -> ClosedKinematics:
     Raises
     ------
     SolveError
-        If there is none. The message says that dyads alone would have a closed form, and
+        If there is none. The message says that a closed form needs dyads only, and
         why the architecture is not mid-plane symmetric.
     """
     if inverse.has_closed_form:
@@ -102,7 +102,7 @@ def _find_closed_form(inverse: InverseKinematics) -> ClosedKinematics:
         form = mid_plane_form(mechanism, output.name)
     except ModelError as problem:
         raise inverse.no_closed_form(
-            f"dyads on the output alone would do. And {problem}"
+            f"a closed form needs dyads only or mid-plane symmetry, but {problem}"
         ) from None
     return MidPlaneKinematics(mechanism, output, form)
 

@@ -291,7 +291,8 @@ def split_into_groups(
     if open_pairs and not (is_independent and freedoms_left == BODY_FREEDOMS):
         raise CountError(
             f"{mechanism.name}: {len(joined_bodies)} bodies joined by {len(open_pairs)} "
-            "pairs are no structure that can just be assembled"
+            "pairs are not a rigid structure without redundant constraints: either the "
+            "bodies can still move, or constraints are redundant"
         )
 
     # The smallest rigid part is a group, and becomes one body. Then the next one follows.

@@ -276,8 +276,9 @@ class ArcCurve(Chords):
         if not all_finite(cosine):
             lost = u.ravel()[~np.isfinite(cosine)][0]
             raise SolveError(
-                f"the configuration curve is lost at the length {lost:.6g} rad of its "
-                "chords: Newton's method does not close the loops between two nodes"
+                "the configuration curve is lost between two of its nodes: Newton's method "
+                f"does not close the loops {lost:.6g} rad from the start of the curve, "
+                "measured along the chords between nodes"
             )
         return (1.0 / cosine).reshape(u.shape)
 

@@ -339,8 +339,8 @@ def _join_senses(
             )
     if len(nodes.values) == 1:
         raise SolveError(
-            "the configuration to follow has its limits on both sides; widen the "
-            "joint limits"
+            "from the configuration to follow no step is possible in either direction, as "
+            "between joint limits on both sides; widen the joint limits"
         )
     # The loops of several curves can differ by the values of locked variables. Keep those
     # of this curve.

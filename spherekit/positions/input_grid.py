@@ -152,7 +152,7 @@ def check_sample_counts(mechanism: Mechanism, samples: int | Sequence[int]) -> N
     if math.prod(counts) > MAX_SAMPLES:
         raise SolveError(
             f"{mechanism.name}: samples: found {text}; at most {MAX_SAMPLES} samples are "
-            "possible, and a run of a million is already fine"
+            "possible, and one million is already a very fine grid"
         )
 
 

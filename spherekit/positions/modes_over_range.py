@@ -94,8 +94,8 @@ def check_mobility(solver: PositionSolver, mobility: int) -> None:
     input_count = len(solver.driven)
     if mobility != input_count:
         raise PlanError(
-            f"{mechanism.name}: mobility {mobility} by rank with "
-            f"{graph_mobility(mechanism)} by the graph, but the number of inputs is "
+            f"{mechanism.name}: the mobility is {mobility} by rank "
+            f"({graph_mobility(mechanism)} by the graph), but the number of inputs is "
             f"{input_count}; {inputs_to_declare(mobility)}"
         )
 

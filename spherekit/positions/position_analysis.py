@@ -350,8 +350,8 @@ class PositionAnalysis:
         if any(isinstance(mode.guide, ModeOverGrid) for mode in self.assembly_modes):
             raise SolveError(
                 f"{self.mechanism.name}: with several inputs and irreducible groups the "
-                "motion is known at the samples of the position analysis only; give these "
-                "inputs as its path"
+                "motion is known only at the samples of the position analysis; make a new "
+                "position analysis with these inputs as its path"
             )
         return self._evaluate(make_path(q, len(self.inputs)).q, rows=None)
 

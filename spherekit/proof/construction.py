@@ -376,8 +376,9 @@ def find_construction(
     )
     if construction is None:
         raise PlanError(
-            f"{structure.name}: its links cannot be placed one after another on at most "
-            f"two axes each; proofs need one freedom for each input by counting"
+            f"{structure.name}: the links cannot be placed one after another, each on one "
+            "or two axes of links placed before; proofs need a mechanism whose mobility "
+            "by counting is the number of inputs"
         )
     if not construction.unknown_count and not construction.follower_pairs:
         raise PlanError(
@@ -635,9 +636,9 @@ def share_input_variable(
     ratios = decimal_mechanism.exact_follower_ratios()
     if ratios is None:
         raise PlanError(
-            f"{structure.name}: wheels turn {wheel_names} with the input; proofs over "
-            "ranges are for ratios of teeth, with which wheels come back: give teeth, or "
-            "give values of the inputs with --at"
+            f"{structure.name}: the input drives {wheel_names} through wheels; proofs over "
+            "ranges need ratios of numbers of teeth, so that all wheels come back after "
+            "whole turns: give teeth, or give values of the inputs with --at"
         )
     # N of the docstring is the least common multiple of all denominators q.
     cycle_turns = lcm(*(ratio.denominator for ratio in ratios))
@@ -649,9 +650,9 @@ def share_input_variable(
     most_turns = max(cycle_turns, *map(abs, factors.values()))
     if most_turns > MAX_CYCLE_TURNS:
         raise PlanError(
-            f"{structure.name}: wheels turn {wheel_names} with the input, up to "
-            f"{most_turns} turns until they are back; proofs over ranges are for at most "
-            f"{MAX_CYCLE_TURNS}: give values of the inputs with --at"
+            f"{structure.name}: the input drives {wheel_names} through wheels, and up to "
+            f"{most_turns} turns pass until all of them are back at the start; proofs over "
+            f"ranges allow at most {MAX_CYCLE_TURNS}: give values of the inputs with --at"
         )
     (input_pair,) = construction.input_pairs
     factors[input_pair] = cycle_turns

@@ -253,10 +253,10 @@ class DecimalMechanism(DecimalGeometry):
             if carried_contact is None:
                 pair = mechanism.pairs[contact]
                 raise PlanError(
-                    f"{mechanism.name}: pair {pair.name} is a rolling contact, and no link "
-                    f"carries {pair.links[0]} and {pair.links[1]} each about the centre of "
-                    "its circle so that they touch; of rolling contacts proofs are for "
-                    "wheels that a link carries so, and for sliding contacts of circles"
+                    f"{mechanism.name}: pair {pair.name} is a rolling contact, but no link "
+                    f"carries {pair.links[0]} and {pair.links[1]} as wheels that touch, "
+                    "each turning about the centre of its circle. Proofs allow rolling "
+                    "contacts only of such wheels, and sliding contacts only of circles"
                 )
             meshes.append(carried_contact.mesh)
         related_pairs = {
@@ -283,9 +283,10 @@ class DecimalMechanism(DecimalGeometry):
         follower_names = listing(structure.names_of(followers))
         raise PlanError(
             f"{structure.name}: its {len(meshes)} rolling contacts relate the angles "
-            f"{follower_names} to the inputs, and do not fix each of them, or in more ways "
-            "than can be tried; proofs are for wheels whose turning follows from the "
-            "inputs alone: drive another pair, or give a reference pose"
+            f"{follower_names} to the inputs, but do not determine each of these angles, "
+            "or allow more combinations of whole turns than can be tried. Proofs need "
+            "wheels whose turning follows from the inputs alone: drive another pair, or "
+            "give a reference pose"
         )
 
     def _solve_followers(self, relations: Array, right: Array) -> Array:
@@ -362,8 +363,9 @@ class DecimalMechanism(DecimalGeometry):
                 is_unique = upper_magnitude(turn_error) < MAX_TURN_ERROR
                 if not (is_whole and is_unique):
                     raise PlanError(
-                        f"{self.structure.name}: the sizes leave open how many turns "
-                        "wheels have rolled"
+                        f"{self.structure.name}: the sizes do not determine how many turns "
+                        "the wheels have made; give sizes with more digits, or a smaller "
+                        "tolerance"
                     )
             lengths_by_mesh.append(lengths + length_of_turn * whole_turns)
         return np.array(lengths_by_mesh)

@@ -185,10 +185,10 @@ def certify_input_map(
     # Follower pairs are pairs whose angles follow from the inputs through rolling wheels.
     if construction.follower_pairs:
         raise PlanError(
-            f"{decimal_mechanism.mechanism.name}: wheels turn "
-            f"{listing(structure.names_of(construction.follower_pairs))} with the inputs; "
-            "maps of inputs are for mechanisms without rolling contacts: give values of "
-            "the inputs with --at"
+            f"{decimal_mechanism.mechanism.name}: the inputs drive "
+            f"{listing(structure.names_of(construction.follower_pairs))} through wheels; "
+            "maps over ranges of inputs are possible only without rolling contacts: give "
+            "values of the inputs with --at"
         )
     with working_precision(MAP_PRECISION_BITS):
         lows = []

@@ -608,8 +608,9 @@ class ExactSimulation:
         closure = self._linkage.close_loops(values, [coordinate], self.arithmetic.eps)
         if np.any(closure.status != Status.OK):
             raise EngineError(
-                f"{self.mechanism.name}: a configuration is singular by variable "
-                f"{self.mechanism.variable_names[coordinate]}; start beside it"
+                f"{self.mechanism.name}: in a configuration of the motion, variable "
+                f"{self.mechanism.variable_names[coordinate]} does not determine the other "
+                "variables; start from a configuration beside the present start"
             )
         return closure
 
@@ -736,7 +737,10 @@ class ExactSimulation:
                 step.length * (COSTLY_STEP_REDUCTION if is_costly else CHEAP_STEP_GROWTH)
             ).mid()
         if not self._steps:
-            raise EngineError(f"{self.mechanism.name}: the motion ends where it starts")
+            raise EngineError(
+                f"{self.mechanism.name}: the motion ends at its start time, so there is "
+                "nothing to compare; start from another configuration"
+            )
 
     def _try_step(
         self, c: Ball, p: Ball, coordinate: int, length: Ball, sides: SwitchSides

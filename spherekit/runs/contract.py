@@ -174,8 +174,8 @@ class AbstractAnalysis(ABC):
         """
         if before != now:
             raise AnalysisError(
-                f"{self.name}: what it finds in one block is not what it finds in the "
-                "next; define joined(), which says what holds for both"
+                f"{self.name}: the findings differ between blocks of samples; define "
+                "joined(), which combines two findings into one that holds for both"
             )
         return now
 

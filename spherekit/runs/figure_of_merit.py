@@ -80,11 +80,13 @@ class FigureOfMerit:
             )
         if not re.fullmatch(r"[A-Za-z_]\w*", self.name):
             raise AnalysisError(
-                f'"{self.name}" cannot name a figure of merit: letters, digits and _ can'
+                f'"{self.name}" cannot name a figure of merit; use only letters, digits '
+                "and _, and no digit at the beginning"
             )
         if bool(self.point) != REDUCTION_BY_NAME[self.reduction].needs_point:
             raise AnalysisError(
-                f"{self.name}: at(EXPRESSION, Q) needs an input Q, and no other has one"
+                f"{self.name}: the reduction at(EXPRESSION, Q) needs an input Q, and no "
+                "other reduction takes one"
             )
 
     @property

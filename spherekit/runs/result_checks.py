@@ -157,7 +157,9 @@ def _check_column(where: str, column: Column, data: Any) -> Array | Interleaved:
     try:
         values = np.asarray(data)
     except ValueError:
-        raise PluginError(f"{where} is no array of one number or text a row") from None
+        raise PluginError(
+            f"{where} is not an array with one number or one text in each row"
+        ) from None
     if values.ndim != 1:
         raise PluginError(f"{where} has the shape {values.shape}, it needs one value a row")
     # NumPy's letters: f, i, u and b for floats, signed and unsigned integers and booleans,

@@ -90,9 +90,9 @@ class RunFolder:
         )
         if foreign_files:
             raise OutputError(
-                f"{str(run_folder.work)!r}: runs make no {listing(foreign_files, 4)} there"
-                ": it stays as it is; choose another folder for the results, or move it "
-                "away"
+                f"{str(run_folder.work)!r}: holds {listing(foreign_files, 4)}, which no "
+                "run of spherekit makes there, so nothing was changed; choose another "
+                "folder for the results, or move these files away"
             )
         # If the folder is locked already, the result is a text about the other program.
         lock = acquire_lock(run_folder.work / LOCK)
@@ -145,9 +145,13 @@ class RunFolder:
             entries = content["state"]
             is_intact = content["sha256"] == _checksum(entries)
         except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
-            raise self.damage_error(f"the journal does not read: {error}") from None
+            raise self.damage_error(
+                f"{JOURNAL}, its record of progress, cannot be read: {error}"
+            ) from None
         if not is_intact or not isinstance(entries, dict):
-            raise self.damage_error("the checksum of the journal is wrong")
+            raise self.damage_error(
+                f"the checksum of {JOURNAL}, its record of progress, is wrong"
+            )
         return entries
 
     def damage_error(self, reason: str) -> OutputError:
@@ -209,9 +213,9 @@ class RunFolder:
         ]
         if foreign_files:
             raise OutputError(
-                f"{str(self.path)!r}: {listing(foreign_files, 4)} there would be replaced, "
-                "and no run has made that, by what is known; choose another folder, or "
-                "move it away"
+                f"{str(self.path)!r}: the run would replace {listing(foreign_files, 4)} "
+                "there, which no run of spherekit seems to have written; choose another "
+                "folder, or move these files away"
             )
 
     def _written_files(self, summary_path: Path) -> list[str]:

@@ -404,9 +404,9 @@ def collect_needs(analyses: Analyses, mechanism: Mechanism) -> DeclaredNeeds:
     for name, count in Counter(analysis.name for analysis in analyses).items():
         if count > 1:
             raise AnalysisError(
-                f"{name}: is asked for {count} times in one run, whose tables have one "
-                "place; ask once, with lists joined by + (poles:only=31+42), or run "
-                "twice"
+                f"{name}: is asked for {count} times in one run, but a run can hold the "
+                "tables of an analysis only once; ask once, with lists joined by + "
+                "(poles:only=31+42), or run twice"
             )
     needs = []
     reason_by_refused_analysis = {}

@@ -202,8 +202,8 @@ def read_stored_trades(
     lacking = [analysis.name for analysis in analyses if analysis.name not in trades]
     if lacking:
         raise AnalysisError(
-            f"--trade: there is none of {listing(lacking)}; make it with: spherekit trade "
-            f"FILE -a {lacking[0]} -o DIR, and give --trade once for each analysis"
+            f"--trade: there is no trade for {listing(lacking)}; make one with: spherekit "
+            f"trade FILE -a {lacking[0]} -o DIR, and give --trade once for each analysis"
         )
     return list(trades.values())
 

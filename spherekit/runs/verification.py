@@ -316,7 +316,9 @@ class Verifier:
             reads_no_rows = needs.tracer or needs == Needs(time=needs.time)
             try:
                 if analysis.name in failed or reads_no_rows:
-                    raise AnalysisError("it failed, or reads other rows")
+                    raise AnalysisError(
+                        "the analysis failed, or its rows are not those that are verified"
+                    )
                 pairs += self._table_pairs(analysis, selected, reference_rows)
             except SpherekitError:
                 verification["not_verified"].append(analysis.name)

@@ -153,7 +153,7 @@ def aspects(
     """
     for kind in free_of:
         if kind not in ("I", "II"):
-            raise AnalysisError(f'aspects are free of "I" and "II", not of "{kind}"')
+            raise AnalysisError(f'aspects: free_of: found "{kind}", allowed: I, II')
     divides_by_type_one = "I" in free_of
     output_condition = None
     if mechanism.outputs or divides_by_type_one:

@@ -132,16 +132,17 @@ class LocusPointSearch:
         solver = solver_of(mechanism)
         if len(solver.driven) != input_count:
             raise AnalysisError(
-                f"{mechanism.name} has {len(solver.driven)} inputs; curves of singular "
-                "configurations are those of a mechanism with two, surfaces those of three"
+                f"{mechanism.name} has {len(solver.driven)} inputs; singular "
+                "configurations form curves only in a mechanism with two inputs, and "
+                "surfaces only in one with three"
             )
         # If the output rests, the rates of the inputs satisfy `equation_count` equations: 3
         # for an orientation, 2 for a direction. With more inputs than equations, inputs can
         # move while the output rests in every configuration, so all are of type I.
         if kind == "I" and output_condition.equation_count < input_count:
             raise AnalysisError(
-                f"{mechanism.name}: three inputs move a direction in more ways than it "
-                "has; ask for type I of the link's orientation, without `pointing`"
+                f"{mechanism.name}: a direction has two freedoms, but there are three "
+                "inputs; ask for type I of the link's orientation, without `pointing`"
             )
         self.report = SingularityReport.for_output(solver, output_condition, kind)
         self.time_limit = time_limit or TimeLimit()

@@ -152,8 +152,8 @@ def check_made_by_spherekit(path: Path, mark: bytes) -> None:
     # `lexists` also finds links that lead nowhere.
     if os.path.lexists(path):
         raise OutputError(
-            f"{path}: would be replaced, and no command of spherekit has made that, by "
-            "what is known; choose another folder, or move it away"
+            f"{path}: would be replaced, but no command of spherekit seems to have made "
+            "it; choose another folder, or move it away"
         )
 
 
@@ -168,7 +168,10 @@ def write_text(path: AnyPath, text: str) -> None:
     try:
         data = text.encode("utf-8")
     except UnicodeEncodeError as error:
-        raise OutputError(f"{path}: character {error.start} has no UTF-8") from None
+        raise OutputError(
+            f"{path}: character {error.start} of the text cannot be written in UTF-8; "
+            "leave it out"
+        ) from None
     write_bytes(path, data)
 
 

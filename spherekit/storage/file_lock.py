@@ -44,8 +44,8 @@ def acquire_lock(path: Path) -> BaseFileLock | str:
     """
     if path.is_symlink() or (path.exists() and not _is_lock_file(path)):
         raise OutputError(
-            f"{str(path)!r} is not the lock of spherekit that belongs there; choose "
-            "another folder, or move it away"
+            f"{str(path)!r} has the name of a lock file of spherekit, but is not one; "
+            "choose another folder, or move it away"
         )
     # Another program may have the lock for a moment only, so the call waits 0.1 s. Without
     # `fallback_to_soft` it fails if the disk does not support locks.

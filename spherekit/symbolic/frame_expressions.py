@@ -208,8 +208,9 @@ def _frame_from_sizes(
     if abs(np.sin(reference_arc)) < COLLINEAR_SINE:
         raise EngineError(
             f"{mechanism.name}: links.{link}: the arc to {sizes.axes[arc_end]} is 0 or 180 "
-            "deg, and where it opens its pair's zero jumps, so its sizes have no "
-            "derivatives; vary another size, or compare with a file of an arc that is small"
+            f"deg. If this arc changes, the zero of pair {pair} jumps, so there are no "
+            "derivatives with respect to sizes of this link; vary sizes of another link, "
+            "or compare with a copy of the file in which this arc differs a little"
         )
     size_key = link, sizes.axes[arc_end]
     arc = design.get(("arcs", size_key), reference_arc)

@@ -561,8 +561,8 @@ def read_frame(
         has_other_columns = tables and not table.schema.equals(tables[0].schema)
         if not has_notes or has_other_columns:
             raise FileError(
-                f"{path}: is not the file that was written there, by what it says of "
-                "itself; move it away, and the same command makes it again"
+                f"{path}: is not the file that was written there, as its content shows; "
+                "move it away, and run the same command to make it again"
             )
         tables.append(table)
     rows = pa.concat_tables(tables)

@@ -218,8 +218,8 @@ def find_equivalent_linkage(
         )
         if first_curvature - second_curvature < EQUAL_CURVATURE:
             raise EngineError(
-                f"{mechanism.name}: pairs.{mechanism.pairs[n].name}: the profiles curve "
-                "into each other, or alike"
+                f"{mechanism.name}: pairs.{mechanism.pairs[n].name}: the profiles would "
+                "cut into each other, or have equal curvature; change the size of one"
             )
     # The ratios of the pairs that follow the inputs through wheels.
     train = None

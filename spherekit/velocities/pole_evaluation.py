@@ -79,7 +79,7 @@ def evaluate(
     if route not in ROUTES:
         # `nearest` returns a suggestion that begins with a semicolon, or an empty text.
         raise SolveError(
-            f'{motion.mechanism.name}: no route is "{route}"'
+            f'{motion.mechanism.name}: "{route}" is not a route'
             f"{nearest(str(route), ROUTES) or ';'} Routes: {listing(ROUTES)}"
         )
     with np.errstate(all="ignore"):

@@ -145,8 +145,8 @@ def check_blocks(case: ConformanceCase) -> str:
         _require_same(case, expected_tables, tables, where)
         if _comparable(findings) != _comparable(expected_findings):
             raise PluginError(
-                f"findings {where} are {findings.figures}, of all samples "
-                f"{expected_findings.figures}"
+                f"findings {where} are {findings.figures}, but for all samples at once "
+                f"they are {expected_findings.figures}; both have to be the same"
             )
     return f"of {' and '.join(map(str, BLOCK_SIZES))} samples"
 
@@ -197,8 +197,8 @@ def check_failed_rows(case: ConformanceCase) -> str:
                 )
         if fault := describe_difference(table, expected, computed):
             raise PluginError(
-                f"where a configuration is missing, {fault}; NaN stands there, and other "
-                "rows are as they were"
+                f"where a configuration is missing, {fault}; rows of the missing "
+                "configuration must hold NaN, and other rows must not change"
             )
     if not sample_tables:
         raise NotApplicableError("no table has rows of samples")

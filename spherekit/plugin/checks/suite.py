@@ -119,7 +119,10 @@ class ConformanceSuite:
         name = getattr(self._class, "name", "")
         distribution = list_distributions(name) if isinstance(name, str) else ""
         if not distribution:
-            raise NotApplicableError("no installed distribution offers it by its name")
+            raise NotApplicableError(
+                "no installed Python package offers the analysis under this name; install "
+                "its package (pip install -e .) to check the entry point"
+            )
         installed_class = load_analysis(name)
         if installed_class is not self._class:
             raise PluginError(
@@ -140,7 +143,9 @@ class ConformanceSuite:
             if not getattr(self._class, attribute).strip():
                 raise PluginError(f"the class attribute `{attribute}` is empty")
         if not inspect.getdoc(self._class):
-            raise PluginError("the class has no docstring, which tells its parameters")
+            raise PluginError(
+                "the class has no docstring; write one that describes its parameters"
+            )
         if isinstance(self._checked, AbstractAnalysis):
             self._analysis = self._checked
         else:
@@ -183,12 +188,15 @@ class ConformanceSuite:
             ]
             if changed:
                 raise PluginError(
-                    f"needs gives something else when it is asked again for "
-                    f"{mechanism.name}: {listing(changed)}"
+                    f"needs() returns something else when it is called again for "
+                    f"{mechanism.name}: {listing(changed)}; it must always return the "
+                    "same for the same mechanism"
                 )
             self._cases.append(ConformanceCase(self._analysis, mechanism, self._samples))
         if repr(self._analysis) != repr_before:
-            raise PluginError("needs changes the parameters of the analysis")
+            raise PluginError(
+                "needs() changes the parameters of the analysis; it must only read them"
+            )
         needs = self._accepted_cases()[0].run_plan.needs[0]
         declared_names = [name for name in NEED_NAMES if getattr(needs, name)]
         return listing(declared_names) or "nothing of the samples"
