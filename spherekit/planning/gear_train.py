@@ -66,9 +66,9 @@ class GearTrain(NamedTuple):
         (contacts,) their rolled lengths (rad) at inputs of zero.
     rolled
         (contacts, 2) arc lengths (rad) along both circles at the point of contact, if the
-        variables of all R pairs are zero. They contain whole circumferences if the wheels
-        have rolled that far. `lengths` follow from them and `offsets`. NaN if the mechanism
-        is given in a reference pose, from which `lengths` follow instead.
+        variables of all R pairs are zero. Each includes the whole circumferences by which
+        the wheel has rolled. NaN if the mechanism is given in a reference pose, because
+        `lengths` follow from this pose.
     """
 
     followers: tuple[int, ...]
@@ -157,9 +157,10 @@ def find_gear_train(
 class _Relations(NamedTuple):
     """The linear relations of pair variables by several contacts.
 
-    A rolling contact of two wheels keeps sin(r) f - sin(s) g constant, where f and g are
-    the angles of the wheels relative to their carrier, and r and s the radii of their
-    circles. Each angle is a sum of variables of R pairs with signs.
+    Two wheels turn by f and g relative to their carrier. Their circles have the radii r and
+    s, so the point of contact moves by -sin(r) f along the first circle and by -sin(s) g
+    along the second. If the wheels roll, both are equal: sin(r) f - sin(s) g is constant.
+    Each of the angles f and g is a sum of variables of R pairs with signs.
 
     Attributes
     ----------
@@ -167,7 +168,7 @@ class _Relations(NamedTuple):
         (contacts, pairs) factors of the pair variables in sin(r) f - sin(s) g.
     first_factors
         (contacts, pairs) factors of the pair variables in sin(r) f alone. The rolled length
-        of a contact is a constant less sin(r) f.
+        of a contact is a constant minus sin(r) f.
     followers
         Numbers of the related pairs that are not driven.
     """
@@ -180,10 +181,15 @@ class _Relations(NamedTuple):
     def of_contacts(
         contacts: Sequence[CarriedContact], pair_count: int, driven: Sequence[int]
     ) -> "_Relations":
-        """Return the relations of contacts; `driven` are numbers of pairs."""
+        """Return the relations sin(r) f - sin(s) g = constant of contacts of two wheels.
+
+        The wheels have the radii r and s and turn by f and g relative to their carrier.
+        `driven` are the numbers of the driven pairs.
+        """
         factors, first_factors = np.zeros((2, len(contacts), pair_count))
         for k, contact in enumerate(contacts):
-            # Signs of the pair variables in the angles f and g, by the number of the pair.
+            # f and g are sums of pair variables with signs. The signs in f, and those in g,
+            # are given by the number of the pair.
             pairs_of_first_wheel, _ = contact.mesh.angle_signs
             for pair, factor in contact.angle_factors().items():
                 factors[k, pair] = factor
@@ -296,12 +302,16 @@ def _choose_independent_contacts(relations: _Relations) -> list[int]:
 def _find_fitting_lengths(
     lengths: Floats, circumferences: Floats, difference: float
 ) -> Floats:
-    """Return the lengths, up to whole turns, with a given difference.
+    """Return the arc lengths along two circles in contact, including whole turns.
+
+    The angles of both wheels are known from other contacts. They require a difference of
+    the two lengths. Each length is known up to whole circumferences. All combinations of up
+    to `MAX_REPEATED_CONTACT_TURNS` turns are tried, since wheels may have rolled far.
 
     Parameters
     ----------
     lengths
-        (2,) arc lengths (rad) along both circles of a contact.
+        (2,) arc lengths (rad) along both circles to the point of contact, without turns.
     circumferences
         (2,) arc lengths of whole turns.
     difference
@@ -309,7 +319,7 @@ def _find_fitting_lengths(
 
     Returns
     -------
-    (n, 2) all lengths that fit, within the turns that are tried.
+    (n, 2) all lengths that fit, up to rounding.
     """
     # All combinations of whole turns of both circles, in both directions.
     max_turns = MAX_REPEATED_CONTACT_TURNS

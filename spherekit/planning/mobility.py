@@ -153,9 +153,10 @@ class PebbleGame:
         lose their pebbles, and all constraints within the part are removed. Constraints
         from outside that point to a body of the part point to the remaining body.
         """
-        # A rigid part has three free pebbles. When they are all on one body, the other
-        # pebbles of the part are taken by constraints within the part. So no constraint
-        # that leads out of it is lost below.
+        # A rigid part has three freedoms, so all its other pebbles are taken by constraints
+        # between its bodies. With the three free pebbles on one body, no pebble of the
+        # other bodies is taken by a constraint that leads out of the part. Removing the
+        # constraints of these bodies therefore removes none to the outside.
         self.gather_pebbles(into, BODY_FREEDOMS)
         for body, targets in enumerate(self.constraint_targets):
             if body in part:
@@ -313,12 +314,12 @@ def play_on_bodies(
     mechanism
         The mechanism.
     body_of_link
-        For each link the smallest link of its body.
+        For each link the number of its body: the smallest number of a link in the body.
     pairs
         Numbers of the pairs whose constraints are added.
     carried_contacts
-        Numbers of rolling contacts of which one constraint is counted instead of two,
-        because a carrier already holds their wheels in contact.
+        Numbers of rolling contacts of two wheels with a common carrier. The carrier keeps
+        the distance of the wheels, so the contact has one further constraint and not two.
 
     Returns
     -------
@@ -327,6 +328,7 @@ def play_on_bodies(
     is_independent
         Whether no constraint was redundant.
     """
+    # Numbers of links that are not the number of a body remain without constraints.
     pebble_game = PebbleGame(len(body_of_link))
     is_independent = True
     for number in pairs:

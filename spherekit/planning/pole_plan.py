@@ -28,10 +28,12 @@ Pole = tuple[int, int]
 class PrimaryPole:
     """A pole that is the axis or the contact line of a pair.
 
-    A pole is the axis of the relative rotation of two bodies. Poles are found in passes, of
-    which each uses the poles of earlier ones. Several R pairs can have one line as their
-    common axis. This line is the pole of any two of the bodies that these pairs join, also
-    of two bodies without a pair between them.
+    A pole is the axis of the relative rotation of two bodies. The contact line of a rolling
+    contact is the line through the centre of the sphere and the point of contact.
+
+    Several R pairs can have one line as their common axis. This line is the pole of any two
+    of the bodies that these pairs join, also of two bodies without a pair between them. The
+    latter poles are found in passes, of which each uses the poles of earlier ones.
 
     Attributes
     ----------
@@ -40,8 +42,8 @@ class PrimaryPole:
     pair
         Number of the pair, or of an R pair on the common line.
     round
-        Number of the pass that finds the pole; ``pass`` is a reserved word of Python. It is
-        0 if the pair joins the two bodies.
+        0 if the pair joins the two bodies. Otherwise the number of the pass that finds the
+        pole on a common axis. (``pass`` is a reserved word of Python.)
     """
 
     pole: Pole

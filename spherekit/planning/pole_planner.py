@@ -156,8 +156,10 @@ def prune_plan(whole_plan: Plan, requested: Sequence[Pole]) -> Plan:
     # Keep the steps that give needed poles, and only their lines through needed poles.
     steps: list[Step] = []
     for step in whole_plan.steps:
-        # All poles of an irreducible part are computed in one step. Its `passes` only state
-        # how they follow from one of them, and become fewer with the poles.
+        # If the poles of a part of the mechanism do not follow one by one from lines, all
+        # of them are computed in one step (`BlockPoles`). Its `passes` are shown to the
+        # user: they say how the poles would follow if one of them were known. Passes of
+        # poles that are not needed are left out.
         if isinstance(step, BlockPoles):
             needed_of_block = tuple(pole for pole in step.poles if pole in needed_poles)
             if needed_of_block:
@@ -225,15 +227,19 @@ def _choose_cheapest_lines(
 ) -> tuple[tuple[int, ...], frozenset[Pole]]:
     """Return the third bodies of the great circles that need the fewest other poles.
 
-    A third body k gives the great circle through the poles P_ik and P_jk, on which P_ij
-    lies. Two lines determine P_ij: such circles, or contact planes.
+    A pole P_ij is the axis of the relative rotation of two bodies. A third body k gives a
+    line on which P_ij lies, the great circle through the poles P_ik and P_jk. A sliding
+    pair of the two bodies gives one too, its contact plane. Two lines determine P_ij.
+
+    Each circle is judged alone: poles that two circles need both count for each of them.
 
     Parameters
     ----------
     step
         The step, with all its lines.
     ancestors
-        The poles to be computed until a pole is known, for all poles of earlier steps.
+        For all poles of earlier steps: the poles that have to be computed for it, itself
+        included.
     coaxial
         For each common axis its bodies and an R pair (`Plan.coaxial`).
 

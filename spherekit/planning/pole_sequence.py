@@ -263,12 +263,13 @@ def _find_smallest_block(
         if pebble_game is None:
             part_by_pole[pole] = set(empty_plan.bodies)
         elif pole not in part_by_pole:
-            # `find_rigid_part` returns a part in which the two bodies cannot move relative
-            # to each other, if there is one. Otherwise it gathers four free pebbles on
-            # them: three freedoms as one rigid body, and one of their relative motion. Take
-            # the set of all bodies to which constraints lead from the two. Its other
-            # pebbles are taken by constraints within it. So the set has one degree of
-            # freedom, and no smaller set with both bodies has.
+            # If counting finds that the two bodies cannot move relative to each other,
+            # `find_rigid_part` returns the smallest rigid part with both, which is used.
+            # Otherwise four pebbles are free on the two bodies: three for the motion of the
+            # whole, and one for their relative motion. All other pebbles of the bodies to
+            # which constraints lead from the two are taken by constraints among these
+            # bodies. So this set has one degree of freedom, and no smaller set with both
+            # bodies has.
             rigid_part = pebble_game.find_rigid_part(*pole)
             part_by_pole[pole] = rigid_part or pebble_game.reachable_bodies(pole)
     part = min((part_by_pole[pole] for pole in unknown_poles), key=len)
@@ -312,20 +313,23 @@ def _choose_opening(
     def open_at(pole: Pole) -> BlockPoles:
         """Return the part with the passes that follow if one of its poles is known.
 
-        A pass finds all unknown poles of the part that are the intersection of two great
-        circles through known poles. It has a step for each of them. The result has the
-        steps of all passes in order; `round` is the number of the pass of a step.
+        This is the opening pole. A pass finds all unknown poles of the part that are the
+        intersection of two great circles through known poles. It has a step for each of
+        them. The result has the steps of all passes in order; `round` is the number of the
+        pass of a step.
         """
+        # `KnownPoles.add` takes the pole and the number of its pass from a step.
         poles_after_opening = known_poles.copy()
         steps_of_all_passes: list[LinePole] = []
-        # The opening pole becomes known in the pass in which the part is solved. Its step
-        # has no great circles (`via`), and is not part of the result.
+        # The opening pole is known from the pass in which the part is solved. Its step has
+        # no great circles (`via`), and is not part of the result.
         steps_of_pass = [LinePole(pole, block.round, via=())]
         while steps_of_pass:
             for step in steps_of_pass:
                 poles_after_opening.add(step)
             unknown_poles = poles_after_opening.unknown_of(block.poles)
             next_round = steps_of_pass[0].round + 1
+            # `empty_plan` has the bodies and pairs of the mechanism, without steps.
             steps_of_pass = _find_line_poles(
                 empty_plan,
                 contacts_by_pole,

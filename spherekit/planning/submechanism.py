@@ -137,26 +137,27 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
     Names, frames of links, zeros of variables and ranges of inputs stay as they are;
     numbers of links and pairs change. Masses, loads, joint limits and outputs stay if all
     links and pairs to which they refer stay. The mechanism itself is returned if nothing
-    can be left out, for example because constraints are redundant and all pairs are solved
-    together.
+    can be left out.
 
     Raises
     ------
     PlanError
         If the number of freedoms is not that of the inputs, an input is a contact, two
-        inputs drive the same freedom, or a part is rigid.
+        inputs drive the same freedom, or some links cannot move relative to each other.
     """
     try:
         assembly = plan_assembly(mechanism)
     except CountError:
-        # Redundant constraints: the mechanism cannot be divided into groups by counting its
-        # links and pairs.
+        # Redundant constraints: counting links and pairs does not show which pairs place
+        # which links, so all of them are needed.
         return mechanism
     # The ground and the links of the inputs stay, so that all inputs can be driven.
     driven_links: set[int] = set()
     for pair in assembly.inputs:
         driven_links.update(mechanism.ends[pair])
     needed_links = frozenset({0, *driven_links, *links})
+    # A group is a set of links that are placed together, by closing the loops of its pairs.
+    # Needed are the groups that place these links, directly or by way of other groups.
     groups = placing_groups(mechanism, assembly, needed_links)
     pairs = {*assembly.inputs}.union(*(group.pairs for group in groups))
     if len(pairs) == len(mechanism.pairs):

@@ -330,12 +330,13 @@ class AngleUnwrapping:
         mode
             Number of the mode, under which its stretches are kept.
         values
-            (n, variables) configurations (rad), the input over full revolutions.
+            (n, variables) configurations (rad). The input counts full revolutions; the
+            other angles are in (-pi, pi].
 
         Returns
         -------
-        (n, angles) revolutions to be added to the passive angles. NaN for a configuration
-        that is not even on the stretch that starts from it.
+        (n, angles) revolutions to be added to the passive angles. All are NaN for a
+        configuration that is on no stretch, not even on the one followed from it.
         """
         (driven,) = self._driven
         (period,) = self.solver.periods
@@ -509,16 +510,20 @@ class AngleUnwrapping:
         Returns
         -------
         RevolutionSteps
-            The revolutions by which the followed angles exceed those of the targets. They
-            are not connected if the path or the comparison fails.
+            The revolutions by which the followed passive angles exceed those of the
+            targets. `is_connected` is False if a path fails, or leads to another
+            configuration than the target.
         """
         # The inputs, which are the variables `_driven`, move to q. The last configurations
         # of the paths are `nodes`.
         followed = follow_inputs(
             self._closure, self._driven, values, q=targets[:, self._driven]
         )
+        # `_angles` are the passive variables that are angles.
         difference = (followed.nodes.values - targets)[:, self._angles]
         revolutions = np.round(difference / TURN)
+        # Two configurations at the same inputs are equal, up to revolutions, or belong to
+        # two assembly modes and differ much. 0.3 rad tells these cases apart.
         deviation = max_abs(difference - TURN * revolutions, axis=1)
         is_same_mode = deviation < SAME_MODE_TOLERANCE_RAD
         return RevolutionSteps(revolutions, (followed.status == Status.OK) & is_same_mode)

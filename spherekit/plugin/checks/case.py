@@ -140,7 +140,8 @@ class ConformanceCase:
         change_motion
             Changes the motion of a block before poles and angles are evaluated from it.
         change_read_motion
-            Changes only the motion that the analysis reads, after they were evaluated.
+            Changes the motion that the analysis reads after poles and angles were evaluated
+            from the unchanged motion.
 
         Raises
         ------
@@ -148,6 +149,7 @@ class ConformanceCase:
             If the analysis raises it, or returns other tables than it has declared.
         """
         findings = None
+        # A batch is a block of samples with everything that the analysis reads.
         batches = self.batches(block_size, change_motion, change_read_motion)
         tables = self.run_plan.join_tables(self.analysis, batches)
         for batch in batches:  # each block adds to the findings of the blocks before it

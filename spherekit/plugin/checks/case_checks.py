@@ -136,13 +136,16 @@ def check_blocks(case: ConformanceCase) -> str:
     """Check that an analysis gives the same results if samples come in smaller blocks."""
     if not case.analysis.reads_samples:
         raise NotApplicableError("it reads no samples")
+    # An analysis that is not `rowwise` needs all samples at once.
     if not case.analysis.rowwise:
         raise NotApplicableError("it is asked for all samples at once")
+    # Findings are results in addition to the tables.
     expected_tables, expected_findings = case.whole_results
     for block_size in BLOCK_SIZES:
         tables, findings = case.compute_results(block_size)
         where = f"in blocks of {counted(block_size, 'sample')}"
         _require_same(case, expected_tables, tables, where)
+        # `_comparable` rounds numbers to 8 digits.
         if _comparable(findings) != _comparable(expected_findings):
             raise PluginError(
                 f"findings {where} are {findings.figures}, but for all samples at once "
@@ -163,10 +166,12 @@ def _comparable(findings: Findings) -> Any:
 
 
 def check_failed_rows(case: ConformanceCase) -> str:
-    """Check that a row without a configuration has NaN, and that no other row changes.
+    """Check that a row without a configuration has no false numbers, and others stay.
 
     The middle sample is made to fail in a second computation, which is compared with the
-    first one.
+    first one. In the rows of this sample, a number has to be NaN or to stay as it was.
+    Texts and whole numbers may change, because they have no NaN. All other rows have to
+    stay.
     """
     if not case.analysis.reads_samples:
         raise NotApplicableError("it reads no samples")
@@ -179,9 +184,8 @@ def check_failed_rows(case: ConformanceCase) -> str:
         table for table in case.run_plan.tables_of(case.analysis) if table.in_assembly_modes
     ]
     for table in sample_tables:
-        # In rows of the failed sample numbers may become NaN. Texts and whole numbers may
-        # change, because they have no NaN. Such values are copied to the expected table
-        # before the comparison.
+        # The expected table is that of the first computation. Where a value may change, it
+        # gets the value of the second computation, so that the comparison finds no fault.
         complete_tables, _ = case.whole_results
         expected = dict(complete_tables[table.name])
         computed = tables[table.name]
@@ -298,6 +302,8 @@ def _require_same(
             table,
             expected[table.name],
             compared[table.name],
+            # A rotated mechanism has larger rounding errors than the same mechanism in
+            # other blocks of samples, so a larger tolerance applies.
             is_variant=rotation is not None,
             rotation=rotation,
         )

@@ -28,8 +28,8 @@ def describe_difference(
 ) -> str:
     """Return the first difference of two tables in words; an empty text if there is none.
 
-    Both tables are of one mechanism, or `compared` is of a variant of it: the mechanism
-    rotated as a whole, or with other names of links.
+    Both tables are of one mechanism, computed in blocks of other sizes. Or `compared` is of
+    a variant of it: the mechanism rotated as a whole, or with other names of links.
 
     Parameters
     ----------
@@ -52,8 +52,9 @@ def describe_difference(
         axis_dependent_kinds = [
             column.kind for column in table.columns if column.turns == "otherwise"
         ]
-        # A table over samples of assembly modes keeps its rows in a rotation. Other tables
-        # may get other rows, and so may a table whose rows a text names by their axes.
+        # A table with a row for each sample and assembly mode keeps its rows in a rotation,
+        # unless a text that depends on axes says what a row is about. Other tables may get
+        # other rows, which cannot be compared.
         may_change_rows = not table.in_assembly_modes or "text" in axis_dependent_kinds
         if axis_dependent_kinds and may_change_rows:
             return ""
@@ -97,9 +98,12 @@ def _column_pairs(
     """
     vector_columns: list[Column] = []
     for column in table.columns:
+        # Texts, such as the name of a link, are compared as they are. `turns` is "no" for
+        # numbers that do not depend on axes.
         if rotation is None or column.kind == "text" or column.turns == "no":
             yield column, expected[column.name], compared[column.name]
             continue
+        # Other columns (`turns` is "otherwise") are left out.
         if column.turns == "vector":
             vector_columns.append(column)
         if len(vector_columns) == 3:
