@@ -134,7 +134,8 @@ class PositionAnalysis:
         self._follow = follow
         self._independent = independent
         self.crossings = crossings
-        # NaN until curves are followed through crossings: only they need such an input.
+        # The input at which modes that pass crossings get their numbers. Other modes need
+        # none, so it is NaN unless `_pass_crossings` sets it.
         self.numbering_input = np.nan
         self.mechanism = driven_at(mechanism, input_pair)
         self.input_grid = make_input_grid(
@@ -154,9 +155,10 @@ class PositionAnalysis:
             except SpherekitError:
                 # The user sees the error of the count, which names links and pairs.
                 raise count_error from None
-        # The signs of the groups distinguish modes. In a mode that passes crossings of
-        # curves they change. The modes without such changes are still needed, to find the
-        # crossings and to number the smooth curves.
+        # A group is a smallest part of the mechanism that can be placed by itself, such as
+        # two links. Its sign tells the two ways to do so apart, and the signs of all groups
+        # name a mode. They are constant in these modes, and change in modes that pass
+        # crossings, which are made from these.
         self._modes_with_constant_signs = self.assembly_modes
         if crossings == "pass" and follow:
             self._pass_crossings()
@@ -177,10 +179,13 @@ class PositionAnalysis:
             If no mode has this number or name.
         """
         for index, mode in enumerate(self.assembly_modes):
-            designations = {str(mode.number), mode.name or str(mode.number)}
-            if str(assembly_mode) in designations:
+            has_number = str(assembly_mode) == str(mode.number)
+            # The name is empty if the file gives none.
+            has_name = bool(mode.name) and str(assembly_mode) == mode.name
+            if has_number or has_name:
                 return index
         titles = listing(f"{mode.number} ({mode.title})" for mode in self.assembly_modes)
+        # `unused_mode_names` has a sentence for each name in the file that no mode has.
         raise SolveError(
             f"{self.mechanism.name}: there is no assembly mode {assembly_mode}; the "
             f"assembly modes found are {titles}"

@@ -196,14 +196,17 @@ class GroupLoops:
             relative_rotation = multiply_matrices(
                 first_frame, transpose_matrices(second_frame)
             )
-            # The skew part of a small rotation is its rotation vector.
+            # The skew part of a rotation has the length sin(angle) along the axis. For
+            # nearly closed loops, from which Newton's method starts, this is the rotation
+            # vector.
             skew = relative_rotation - transpose_matrices(relative_rotation)
             residuals.append(
                 0.5 * np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=-1)
             )
         # The axis of each pair is the z axis of its frame. While the residual of a loop is
-        # small, its derivative by the angle of a pair is this axis, with a sign, if the
-        # loop passes the pair, and 0 otherwise.
+        # small, its derivative by the angle of a pair is this axis if the loop passes the
+        # pair, and 0 otherwise. `LoopTree.jacobian` knows the loops, and gives axes that a
+        # loop passes backwards the opposite sign.
         axes = []
         for (first_body, _), (frame_in_first, _) in zip(
             self.group.ends, self.pair_frames, strict=True

@@ -258,9 +258,9 @@ class QuadAssembly:
         for pair, input_values in zip(self.assembly.inputs, q.T, strict=True):
             (variable,) = mechanism.variables_of(pair)
             values[:, variable] = input_values.astype(quad_type)
-        # `assembly.bodies` has the number of the first link of each body. The tree begins
-        # at these links. Each of its branches is an input pair, a link that is placed in
-        # its body, and the link that the pair adds to it.
+        # `assembly.bodies` has the number of the first link of each body. From these links
+        # input pairs lead to the other links of the bodies. A branch is such a pair, with
+        # the link from which it leads (parent), and the link to which it leads (child).
         first_link_of_body = self.assembly.bodies
         branches = find_spanning_tree(
             mechanism.ends, start=first_link_of_body, pairs=self.assembly.inputs
@@ -280,8 +280,9 @@ class QuadAssembly:
                 first_from_second if is_forward else transpose_matrices(first_from_second),
             )
         # `error` is the error of the rotations if the inputs are exact. `ROUNDING_RAD` is
-        # large enough for any chain of links that inputs join. `rounding` is the error of
-        # the inputs, which are float64 numbers.
+        # large enough for any chain of links that inputs join. `rounding` is by how much
+        # the inputs, float64 numbers, may differ from those that the user means. It is
+        # needed separately: near a dead centre it decides whether the loops close.
         return _Bodies(
             body_from_link=within,
             values=values,

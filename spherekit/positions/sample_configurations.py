@@ -263,8 +263,8 @@ def _eliminate_distinct_rows(
 
     Returns
     -------
-    The configurations. In this result the k rows take the place of samples: the field
-    `sample` has the row of each configuration, and `is_complete` one value per row.
+    The configurations. Its field `sample` has the row of each configuration instead of its
+    sample, and `is_complete` has one value per row.
     """
     # `first` is the first row of the sample of each row. A row needs no solution of its own
     # if the rotations from links to bodies, and therefore the pair frames, are those of
@@ -272,27 +272,29 @@ def _eliminate_distinct_rows(
     all_rows = np.arange(len(sample))
     first = np.searchsorted(sample, sample)
     assert closure.body_from_links is not None
-    differences = [
-        max_abs(rotations - rotations[first], axis=(1, 2, 3))
-        for rotations in closure.body_from_links
-    ]
-    equals_first = np.maximum(*differences) < SAME_FRAME_TOLERANCE
+    first_links, second_links = closure.body_from_links
+    first_difference = max_abs(first_links - first_links[first], axis=(1, 2, 3))
+    second_difference = max_abs(second_links - second_links[first], axis=(1, 2, 3))
+    difference = np.maximum(first_difference, second_difference)
+    equals_first = difference < SAME_FRAME_TOLERANCE
     solved_rows = np.flatnonzero(~equals_first | (first == all_rows))
     # The result counts rows by their positions in `solved_rows`. If all rows are solved,
     # these are the rows themselves.
     solutions = _eliminate_samples(group, closure.select_rows(solved_rows))
     if len(solved_rows) == len(sample):
         return solutions
-    # Position in `solved_rows` of the row whose solutions each row takes.
-    source_position = np.searchsorted(solved_rows, np.where(equals_first, first, all_rows))
+    # Each row takes the solutions of its source, a solved row.
+    source_row = np.where(equals_first, first, all_rows)
+    source_position = np.searchsorted(solved_rows, source_row)
     # Index in `solutions` of the first solution of each solved row, and the number of
     # solutions that each row takes.
     first_solutions = np.searchsorted(solutions.sample, np.arange(len(solved_rows) + 1))
     counts = np.diff(first_solutions)[source_position]
     # One entry for each configuration of the result: its row, and its position among the
-    # configurations of this row. `cumsum - counts` is the first entry of each row.
+    # configurations of this row.
     rows = np.repeat(np.arange(len(sample)), counts)
-    position_in_row = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
+    first_entry_of_row = np.cumsum(counts) - counts
+    position_in_row = np.arange(len(rows)) - np.repeat(first_entry_of_row, counts)
     # Index in `solutions` of each configuration.
     solution_index = first_solutions[source_position[rows]] + position_in_row
     return SampleConfigurations(

@@ -128,10 +128,11 @@ def _fit_splines(
     passive: Indices,
     is_angle: Bools,
 ) -> Iterator[ModeSpline]:
-    """Solve the nodes, and yield splines through them.
+    """Solve the nodes, and yield splines that predict the samples between them.
 
-    A node is a sample at which all variables are computed. A mode has one spline for each
-    run of successive nodes with the status OK.
+    A node is a sample that is solved: all variables are computed. A mode has one spline for
+    each run of successive nodes with the status OK. Runs of too few nodes for a spline have
+    none, so their samples are not predicted.
 
     Parameters
     ----------
@@ -159,7 +160,8 @@ def _fit_splines(
         values[:, block] = passive_values.reshape(mode_count, -1, len(passive))
         is_ok[:, block] = (motion.status == Status.OK).reshape(mode_count, -1)
     for mode in range(mode_count):
-        # Positions at which a run of good nodes begins, and behind its end, alternately.
+        # Positions of the first node of a run with the status OK, and of the first node
+        # after the run, alternately.
         borders = np.flatnonzero(np.diff(is_ok[mode], prepend=False, append=False))
         for first, stop in borders.reshape(-1, 2):
             if stop - first <= PREDICTION_SPLINE_DEGREE:

@@ -85,8 +85,9 @@ class Verification:
             (n,) lengths of the steps along the path (rad).
         """
         # The first Newton step is the error of the prediction. It may be a small part,
-        # `correction`, of the length of the step. Rounding may add up to `slack`. A first
-        # step below `settled` is rounding, and so is its ratio to the second one.
+        # `correction`, of the length of the step. Rounding may add up to `slack` (rad). A
+        # first step below `settled` (rad) is only rounding. The ratio of the second step to
+        # it then has no meaning.
         first_step, ratio = step_sizes
         is_near = first_step <= self.correction * length + self.slack
         contracts = (first_step <= self.settled) | (ratio <= MAX_STEP_CONTRACTION)

@@ -94,15 +94,18 @@ def jet_product(
 class DyadPlacement:
     """The constants by which a link is put on two axes U and W of links placed before.
 
+    The link has two pairs. Each joins it to another link, a parent, in which the pair's
+    axis is fixed. The arc between both axes is a size of the link.
+
     Attributes
     ----------
     parent_axes
-        The axis of each of the two pairs, (3,) in the axes of the parent that it joins:
-        the link placed before.
+        The axes of the two pairs, each (3,) in the axes of its parent.
     dual_rows
         Three vectors (3,) a, b, n in link axes, the dual basis of the two pair axes and
         their cross product. The orientation of the link is the matrix
-        U a^T + W b^T + (U x W) n^T. It is a rotation if U and W enclose the arc.
+        U a^T + W b^T + (U x W) n^T. It is a rotation if the arc between U and W is that of
+        the link.
     arc_cosine
         Cosine of the arc of the link between its two axes.
     arc_sine
@@ -419,19 +422,20 @@ class ArcEquations:
         orientations. The constant cos(arc) has no derivatives.
         """
         # By link: a bound of the norm of its orientation relative to its reference link. A
-        # rotation about a fixed axis has norm 1. So has its derivative by the angle, and
-        # one by a variable is larger by its degree, which the property leaves out.
+        # link placed by one pair (in `_rotation_terms`) has a rotation about a fixed axis,
+        # with norm 1. So have its derivatives by the angle of the pair. Each derivative by
+        # variable j has the factor d_j in addition, which is no part of C.
         norms = dict.fromkeys(self._rotation_terms, 1.0)
         bounds = []
         for step in self.construction.equation_steps:
             paths = self.construction.parent_paths(step)
             first = prod(norms[link] for link in paths.first)
             second = prod(norms[link] for link in paths.second)
-            # The orientation of a link on two axes is U a^T + W b^T + (U x W) n^T. The
-            # vectors a, b, n are the dual basis of the two pair axes of the link and of
-            # their cross product, with lengths of at most 1 / sine(arc). Each float64
-            # operation rounds by at most one unit roundoff. The factors with 16 and 64
-            # round up by more than all operations together.
+            # The orientation of a link on two axes is U a^T + W b^T + (U x W) n^T. U and W
+            # have the bounds `first` and `second`, so U x W has their product. The vectors
+            # a, b, n have lengths of at most 1 / sine(arc). Each float64 operation rounds
+            # by at most one unit roundoff. The factors with 16 and 64 round up by more than
+            # all operations together.
             sum_of_norms = (first + second + first * second) * (1 + 16 * UNIT_ROUNDOFF)
             norms[step.link] = sum_of_norms / self._dyad_placements[step.link].arc_sine
             bounds.append(first * second)

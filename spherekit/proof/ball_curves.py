@@ -96,21 +96,24 @@ def make_ball_curve(profile: Profile, backwards: bool = False) -> Curve:
         Whether the curve is run in the opposite sense: an open one from its end, a closed
         one from its start.
     """
-    curve, end = _make_curve(profile, precision_bits())
+    # The present precision is an argument because curves are stored by their arguments.
+    # `reverse_start` is the length of an open curve, and 0 for a closed one, which takes
+    # negative arc lengths too.
+    curve, reverse_start = _make_curve(profile, precision_bits())
     if not backwards:
         return curve
 
     def reversed_curve(s: Array) -> Array:
-        """Return the frames (n, 3, 3) at arc lengths (n,) from the other end."""
+        """Return the frames (n, 3, 3) at arc lengths (n,) in the opposite sense."""
         # Tangent and normal change their signs, the point does not.
-        return curve(end - s) * [-1, -1, 1]
+        return curve(reverse_start - s) * [-1, -1, 1]
 
     return reversed_curve
 
 
 @lru_cache(maxsize=MAX_CACHED_CURVES)
 def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
-    """Return the curve of a profile in ball arithmetic, and its length.
+    """Return the curve of a profile in ball arithmetic, and where its reverse starts.
 
     The curve is a function that returns at arc lengths (n,) the frames (n, 3, 3), whose
     columns are tangent, normal and point. All numbers are balls: a ball has a centre and a
@@ -130,7 +133,7 @@ def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
     -------
     curve
         The frames as a function of the arc length.
-    end
+    reverse_start
         The arc length (rad) from which a reversed curve starts: the length of an open
         curve, 0 for a closed one.
     """
@@ -144,7 +147,9 @@ def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
         path = _make_fourier_path(
             axes, exact_balls(profile.cosines), exact_balls(profile.sines)
         )
-        return _by_arc_length(path, exact_balls([0.0, 2.0]) * pi_ball(), True)
+        # The parameter is the azimuth, over one turn from 0 to 2 pi.
+        one_turn = exact_balls([0.0, 2.0]) * pi_ball()
+        return _by_arc_length(path, one_turn, closed=True)
     # A circle about z with the angular radius r: point = z cos(r) + (x cos(a) + y sin(a))
     # sin(r), where the azimuth a is the arc length over sin(r).
     x, y, z = axes
@@ -159,6 +164,7 @@ def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
     cosine_term = [y, -cosine * x, sine * x]
     sine_term = [-x, -cosine * y, sine * y]
     terms = np.array([constant, cosine_term, sine_term]).swapaxes(1, 2)
+    # A circle is closed, so its reverse starts at 0.
     return lambda s: evaluate_rotation(terms, s / sine), exact_ball(0.0)
 
 
@@ -183,7 +189,7 @@ def _by_arc_length(path: Path, knots: Array, closed: bool) -> tuple[Curve, Ball]
     -------
     curve
         Returns frames (n, 3, 3) at arc lengths (n,); columns are tangent, normal and point.
-    end
+    reverse_start
         The arc length (rad) from which a reversed curve starts: the length of an open
         curve, 0 for a closed one.
 
@@ -305,8 +311,8 @@ def _make_fourier_path(axes: Array, cosines: Array, sines: Array) -> Path:
             colatitude = colatitude + (a * cosine + b * sine)
             slope = slope + harmonic * (b * cosine - a * sine)
         # With the colatitude r the point is cos(r) z + sin(r) outward. The unit vector
-        # `outward`, across z, has the azimuth, and its derivative by the azimuth is
-        # `along`.
+        # `outward` is perpendicular to z, at the azimuth from x. `along` is its derivative
+        # by the azimuth.
         sine, cosine = (part[:, None] for part in sine_cosine(colatitude))
         azimuth_sine, azimuth_cosine = (part[:, None] for part in sine_cosine(azimuth))
         outward = azimuth_cosine * x + azimuth_sine * y

@@ -120,8 +120,9 @@ def frames_from_sizes(
     mechanism
         The mechanism, for its pairs.
     geometry
-        The same sizes in float64. They decide whether two axes of a link coincide, so that
-        no zero direction can point from one to the other.
+        The same sizes in float64. They decide whether two axes of a link coincide up to
+        rounding, so that no zero direction can point from one to the other. The frames of
+        the mechanism itself follow from the same decision.
     sizes
         By link: its list of arcs and its list of angles (rad), in balls.
     zeros
@@ -129,8 +130,9 @@ def frames_from_sizes(
 
     Returns
     -------
-    By name of the pair its frames in its first and second link. The first one is rotated by
-    the zero of the pair, so that the variable of the pair is the angle between both frames.
+    By name of the pair its frames in its first and second link. The first one is rotated
+    about the axis by the zero of the pair (positive sense), so that the variable of the
+    pair is the angle from the first frame to the second.
     """
     # 1. Axes of all pairs of a link in link axes, by link and pair.
     float_axes = {link: axes_from_sizes(given) for link, given in geometry.links.items()}

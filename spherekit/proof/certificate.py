@@ -250,8 +250,9 @@ def _wheel_tables(
 ) -> list[dict[str, Any]]:
     """Return the rotation of each wheel as a function of one variable.
 
-    The variable makes one turn while the input and all wheels return to their initial
-    angles. The angle of each wheel is a whole multiple of the variable plus a constant.
+    After one or more turns of the input, all wheels are back at their initial angles. The
+    variable makes one turn meanwhile. The angle of each wheel is a whole multiple of the
+    variable plus a constant.
 
     Parameters
     ----------
@@ -440,8 +441,9 @@ def _system_tables(
 
     A system is a smallest set of equations that can be solved by itself if the systems
     before it are solved. All its other variables then have given values. It is solved for
-    several choices of these. A solution lists for each unknown z = e^(i angle), or 1 / z if
-    its entry in "inverse" is true. So a root at infinity is listed as 0.
+    several choices of these. A solution lists for each unknown the number z = e^(i angle),
+    or 1 / z if its entry in "inverse" is true. Complex solutions may have an infinite z,
+    which is listed as the inverse 0.
 
     Parameters
     ----------
@@ -454,7 +456,8 @@ def _system_tables(
     """
     structure = decimal_mechanism.structure
     names = structure.names_of(construction.pairs)
-    # Each equation puts one link on the axes of two pairs, so it is named after this link.
+    # Each equation belongs to a link that two pairs join to links placed before. It is
+    # named after this link.
     equation_names = [structure.links[step.link] for step in construction.equation_steps]
     tables = []
     for system in systems:

@@ -360,12 +360,12 @@ class _RootSearch:
         A root consists of values of the unknown angles, real or complex, that solve the
         equations of the mechanism. A homotopy follows approximate roots from a system with
         known roots to these equations. Up to `HOMOTOPY_SEEDS` homotopies with different
-        random numbers are tried, until
+        random numbers are tried. The search ends as soon as one of these is true:
 
-        - as many roots are proven as there can be, or
-        - as many finite roots are approximated as there can be. Further homotopies would
-          find no others. A proof may still fail here and succeed with more bits. Or
-        - the real roots are proven to be complete.
+        - As many roots are proven as there can be.
+        - As many finite roots are approximated as there can be. Further homotopies would
+          find no others, but the caller may prove these with more bits.
+        - The real roots are proven to be complete.
 
         For the last case the equations are divided into small systems, which are solved one
         after another (`spherekit.proof.modes_over_boxes.count_modes`). If this proves the
@@ -394,13 +394,15 @@ class _RootSearch:
             for candidate in candidates:
                 self.add_root(candidate)
             approximations += candidates
+            # At a root at infinity e^(i angle) is 0 or infinite, so the imaginary part of
+            # the angle is infinite. It is above this limit in approximations of such roots.
             is_finite = np.all(np.abs(roots.imag) < FINITE_ROOT_IMAGINARY_RAD, axis=1)
             if max(len(self.roots), np.sum(is_finite)) >= bound:
                 break
             # After a homotopy without any result, only the next seed is tried.
             if len(roots):
-                # The number of real roots by the systems. If they do not prove it, it is
-                # -1, which differs from any number of roots.
+                # The number of real roots that the systems prove, or -1, which differs from
+                # any number of roots. The systems are computed at the first access.
                 real_count, systems = self.real_roots_by_systems
                 if real_count == len(self.real):
                     return systems
@@ -493,7 +495,7 @@ def _root_sort_key(root: CertifiedRoot) -> tuple[float, ...]:
 
 
 def enclose_pair_angles(equations: ArcEquations, variables: Sequence[Ball]) -> list[Ball]:
-    """Return balls (rad) of the angles of all pairs.
+    """Return balls (rad) of the angles of all pairs: numbers with bounds of their errors.
 
     Links are placed in a certain order, from the root on. A link that one pair joins to a
     link placed before is rotated by the angle of this pair, which is a variable. A link
@@ -521,9 +523,9 @@ def enclose_pair_angles(equations: ArcEquations, variables: Sequence[Ball]) -> l
             angles.append(variables[construction.pairs.index(pair)])
             continue
         # The frame of the pair in each of its links. Rows of a frame are its zero direction
-        # x, its side direction y and the pair axis z. The orientation has the rotation
-        # matrix from link axes to axes of the root under the key (), and would have its
-        # derivatives under others. Multiplying rows by the transpose rotates them.
+        # x, its side direction y and the pair axis z. An orientation is a mapping: its key
+        # () has the rotation matrix from link axes to axes of the root. Multiplying rows by
+        # the transpose rotates them.
         first, second = (
             frame @ orientations[link][()].T
             for link, frame in zip(ends, equations.pair_frames[pair], strict=True)

@@ -87,6 +87,7 @@ class CertifiedSingularities:
         """
         # Points of a curve at which the input is stationary are singularities of type II.
         curves = self.curves
+        # `undecided` is the number of parts of curves that may have further singularities.
         if curves.completeness.guarantee is not Guarantee.CERTIFIED or self.undecided:
             return 0.0
         points = [
@@ -96,15 +97,15 @@ class CertifiedSingularities:
         ]
         points += [singularity.point for singularity in self.singularities]
         # The inputs (rad) to which distances are measured, each with its error. With
-        # wheels, the equations contain a variable that makes one turn while the input makes
-        # `cycle_turns` turns, after which all wheels are back. Errors of the variable are
-        # multiplied by this number, too.
+        # wheels, configurations repeat after `cycle_turns` turns of the input (1 without
+        # wheels). The variable of the equations is the input divided by this number, so its
+        # errors are multiplied by it.
         inputs = [
             (curves.input_angle(point.position), curves.cycle_turns * point.error)
             for point in points
         ]
-        # Near a saddle, where curves cross or nearly do, everything is possible in its
-        # central zone: the distances (rad) of all variables from its centre.
+        # A saddle is a place where curves cross or nearly do. Its central zone, within
+        # these distances (rad) of the variables from its centre, may have singularities.
         for saddle in curves.saddles:
             zone_of_input = saddle.central_zone[curves.input_variable]
             inputs.append(
@@ -120,6 +121,7 @@ class CertifiedSingularities:
             distances.append(abs(offset) - error)
         if not curves.is_full_cycle:
             distances += [q - curves.low, curves.high - q]
+        # No input is farther than half a cycle, so this is the clearance if there is none.
         nearest = min([*distances, half_cycle])
         return max(nearest - curves.cycle_turns * INPUT_ROUNDING_RAD, 0.0)
 

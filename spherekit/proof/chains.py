@@ -88,7 +88,7 @@ class Chain:
     problem: str = ""
 
     @property
-    def links(self) -> list[tuple[CertifiedArc, CertifiedArc]]:
+    def successive_pieces(self) -> list[tuple[CertifiedArc, CertifiedArc]]:
         """Each piece together with the next one, whose centre it contains.
 
         In a closed chain the last piece is followed by the first.
@@ -101,16 +101,18 @@ class Chain:
     def may_repeat_start(self) -> bool:
         """Return whether the chain may pass through its start a second time."""
         # A piece is a box around an arc of the curve. Coordinate 0 in the box is along the
-        # arc, the others are across it, up to `radius`. The start is repeated if it is
-        # between the centre of a piece and the next centre. The first link begins at the
-        # start. In a closed chain the last link, from the last piece to the first, ends
-        # there. Both are left out.
+        # arc, the others are across it, up to `radius`. The start, the centre of the first
+        # piece, is repeated if it is between the centre of a piece and that of the next.
         start = self.pieces[0].centre
-        for piece, next_piece in self.links[1 : len(self.pieces) - 1]:
+        # The first two pieces begin at the start, so they are not examined. Nor are, in a
+        # closed chain, the last piece and the first, which end there. An open chain has no
+        # such last ones, and the slice takes all others.
+        examined = self.successive_pieces[1 : len(self.pieces) - 1]
+        for piece, next_piece in examined:
             coordinates = piece.coordinates(start)
             next_centre = piece.coordinates(next_piece.centre)[0]
-            # Coordinates are rounded, and centres are not exactly on the curve. With 1e-9
-            # rad in addition, the start is rather noticed than missed.
+            # Coordinates are rounded, and centres are not exactly on the curve, so the box
+            # is enlarged by 1e-9 rad. Smaller: the start may be missed.
             is_near_axis = np.all(np.abs(coordinates[1:]) <= piece.radius + 1e-9)
             if is_near_axis and -1e-9 <= coordinates[0] <= next_centre + 1e-9:
                 return True

@@ -376,9 +376,9 @@ class CertifiedCurves:
             strict=True,
         ):
             # Values (v,) of all variables at the listed points, in order along the curve.
-            # The links of a chain are its pieces, each with the next one.
+            # Each piece of the chain, with the next one.
             positions = []
-            for number, (piece, _) in enumerate(chain.links):
+            for number, (piece, _) in enumerate(chain.successive_pieces):
                 # Stationary points between the centre of this piece and the next, sorted by
                 # the coordinate along the arc.
                 stationary_positions = [

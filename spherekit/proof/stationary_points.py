@@ -319,7 +319,7 @@ def find_stationary_points(
     run_derivative = 0
     undecided_before_run = 0
     stretch_budget = MAX_STRETCHES
-    for number, (piece, next_piece) in enumerate(chain.links):
+    for number, (piece, next_piece) in enumerate(chain.successive_pieces):
         stretch_budget += STRETCHES_PER_ARC
         waiting = [_Stretch(piece, next_piece.centre, next_piece.centre_error)]
         while waiting:
