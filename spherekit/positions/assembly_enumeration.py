@@ -219,17 +219,19 @@ def enumerate_modes(
         """Yield all modes in which the first groups have these signs and this state.
 
         A group is a set of bodies that are placed together. The next group is placed in
-        each of its modes, and then the groups after it. The sign of a dyad (two links and
-        three R pairs) tells its two modes apart. The sign of other groups is 0, and each of
-        their modes has a state of its own.
+        each of its modes at the inputs `q`, and then the groups after it. The sign of a
+        dyad (two links and three R pairs) tells its two modes apart. The sign of other
+        groups is 0, and each of their modes has a state of its own.
         """
         position = len(signs)
         if position == group_count:
             yield signs, state
             return
+        # `method` says how the modes of the group were computed: by a closed form, by
+        # elimination, or by a random search.
         states_by_mode, method = _place_group_modes(solver, state, position, q)
-        # This group is solved once for each mode of the groups before. Of all methods the
-        # one that may have missed most modes is stored.
+        # This group is solved once for each mode of the groups before. `methods` keeps the
+        # method that may have missed most modes of the group.
         if methods is not None:
             methods[position] = least_complete(methods[position], method)
         for sign, next_state in states_by_mode:

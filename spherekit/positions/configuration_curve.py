@@ -312,7 +312,8 @@ class ArcCurve(Chords):
         2. The curve is closed, so that its configurations return after one lap, and the
            variable grows in a lap: the result is this growth.
         3. The curve is closed, the variable only swings, and no wheels roll in proportion
-           to it: the result is one revolution.
+           to it: the result is one revolution, after which all links are where they were.
+           (Wheels would have rolled on.)
         4. Otherwise the configurations never return, and the result is infinite.
 
         Parameters
@@ -320,17 +321,18 @@ class ArcCurve(Chords):
         variable
             Number of the variable.
         period
-            Its period (rad) in all configurations of the mechanism. NaN if it is not known
-            and no wheels roll in proportion to the variable. Infinite if wheels do, and the
-            mechanism as a whole has no period.
+            Its period (rad) in all configurations of the mechanism, if that is known. If
+            not, it is infinite if wheels roll in proportion to the variable, and NaN if
+            none do.
         """
         if np.isfinite(period):
             return period
         # `rise` is the growth of each variable in one lap, and zero on an open curve.
         growth_in_lap = abs(self.rise[variable])
-        if growth_in_lap == 0.0:
-            return TURN if self.closed and np.isnan(period) else np.inf
-        return growth_in_lap
+        if growth_in_lap != 0.0:
+            return growth_in_lap
+        no_wheels_roll = np.isnan(period)
+        return TURN if self.closed and no_wheels_roll else np.inf
 
     def rests(self, variable: int) -> bool:
         """Return whether a variable is constant along the whole curve."""
@@ -348,7 +350,9 @@ class ArcCurve(Chords):
         rest = s - laps * self.length
         # Both ends of the curve belong to it, also with rounding errors.
         is_inside = np.abs(rest / self.length - 0.5) <= 0.5 + 1e-12
-        # The parameter u is the length of the chords between nodes up to the point.
+        # The curve is computed by a parameter u, the length of the polygon of chords
+        # between its nodes. On a chord, the length up to the projection of the point
+        # counts. `table` has the arc length as a function of u, which is inverted.
         u = self.table.invert(np.where(is_inside, rest, 0.0))
         points, _ = self._evaluate_parameter(u)
         points.values[:] += np.outer(laps, self.rise)

@@ -252,8 +252,8 @@ class ConfigurationGraph:
         nodes = np.full(len(sample), -1, dtype=np.intp)
         if not self._nodes_of_sample.shape[1]:
             return nodes
-        # Chunks keep the arrays of differences small. Most configurations are ends of
-        # paths, so the size of the chunks is that for paths.
+        # The arrays of differences have an entry for each configuration, node and angle.
+        # Chunks of configurations keep them small.
         for first in range(0, len(sample), PATHS_AT_ONCE):
             chunk = slice(first, first + PATHS_AT_ONCE)
             # All nodes of the sample of each configuration, padded by -1.
@@ -302,9 +302,11 @@ class ConfigurationGraph:
         # of the graph. A component can have several nodes at a sample, if modes meet.
         self._edges.append((nodes[:-1], nodes[1:]))
         # A piece is a part of a component with at most one node per sample, as an assembly
-        # mode has. Pieces that share a sample cannot be united. The new nodes share none
-        # with each other, so they come first and are one piece in any case. Nodes that were
-        # present before may belong to pieces that share a sample with it.
+        # mode has. All nodes are united with the piece of one of them, unless this piece
+        # would then have two nodes of a sample. The new nodes, pieces of their own so far,
+        # are all of different samples and come first. So they always become one piece. The
+        # pieces of nodes that were present before may have samples in common with it. They
+        # then remain apart.
         new = nodes[nodes >= first_new_node]
         order = np.concatenate([new, nodes[nodes < first_new_node]])
         for node in order[1:].tolist():
@@ -433,9 +435,9 @@ class ConfigurationGraph:
         """Return the nodes from which paths in a direction are followed next.
 
         Only nodes are selected from which a path may join two pieces (sets of joined nodes
-        that become assembly modes). Pieces run along the later axes of the grid, and so do
-        blocks of target samples. One path into a block is often enough to join two pieces
-        that run side by side in it.
+        that become assembly modes). Nodes are joined along the last axis of the grid first.
+        A path along an earlier axis therefore leads from one row of joined samples to the
+        next row, and a few paths are enough to join the pieces of both.
 
         Parameters
         ----------
@@ -443,9 +445,9 @@ class ConfigurationGraph:
             Direction in the grid of inputs. The number 2 a stands for the direction to the
             next sample along axis a, and 2 a + 1 for that to the previous one.
         paths_per_piece
-            Largest number of nodes to select for each piece and each block of targets. A
-            block has all samples with the same indices along all axes up to and including
-            that of the direction.
+            Largest number of nodes to select for each piece and each block of samples to
+            which paths lead. The samples of a block differ only in their indices along the
+            axes after that of the direction.
 
         Returns
         -------
@@ -503,26 +505,28 @@ class ConfigurationGraph:
             ends_of_chunks.append(self.add(target[is_verified], values[is_verified]))
         starts = np.concatenate(starts_of_chunks)
         ends = np.concatenate(ends_of_chunks)
-        # Verified paths are reversible, so two of them cannot end at one node. If they do,
-        # one of them has jumped to another assembly mode, and its tests did not notice it.
-        # Several paths of this call to one node are therefore all left out, and so is a
-        # path to a node that a path of an earlier call has reached. All chunks are followed
-        # before this is judged, so the result does not depend on their size.
+        # A path can be followed back to its start, so two paths cannot end at one node. If
+        # they do, one of them has jumped to another assembly mode without being noticed.
+        # Both are left out, since the wrong one is not known. A path to a node that a path
+        # of an earlier call has reached is left out, too. This is judged after all chunks,
+        # so the result does not depend on their size.
+        # Directions are numbered in pairs, 2 a and 2 a + 1, of opposite directions.
+        opposite_direction = direction + 1 if direction % 2 == 0 else direction - 1
         paths_to_end = np.bincount(ends, minlength=len(self.sample))[ends]
-        is_sound = (paths_to_end == 1) & (self._partner[direction ^ 1][ends] < 0)
-        # Along a path the determinant of the closure Jacobian with locked inputs keeps its
-        # sign, which each step tests. A new node has the values at the end of the path, so
-        # its sign is right. An old node equals them only up to a small difference, and can
-        # be on the other side of a singular configuration.
+        is_sound = (paths_to_end == 1) & (self._partner[opposite_direction][ends] < 0)
+        # The determinant of the closure Jacobian with locked inputs keeps its sign along a
+        # path, which each step tests. A new node is exactly the end of its path. An old
+        # node may differ from the end by up to `SAME_CONFIGURATION_RAD`. Beside a singular
+        # configuration the two may be on different sides of it, with different signs.
         is_sound &= (ends >= old_node_count) | (
             self._determinant_sign[ends] == self._determinant_sign[starts]
         )
         starts = starts[is_sound]
         ends = ends[is_sound]
-        # `direction ^ 1` is the opposite direction, in which the path leads back.
+        # In the opposite direction the path leads back.
         self._partner[direction, starts] = ends
-        self._partner[direction ^ 1, ends] = starts
-        self._is_tried[direction ^ 1, ends] = True
+        self._partner[opposite_direction, ends] = starts
+        self._is_tried[opposite_direction, ends] = True
         self._edges.append((starts, ends))
         for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
             self._unite_pieces(start, end)

@@ -89,18 +89,18 @@ class Piece(NamedTuple):
     Attributes
     ----------
     assembly_mode
-        Number of the mode; None if the curve reaches configurations that no given mode has.
-        The search for modes has then missed one, or the configurations are those of wheels
-        that are put together with one of them turned by whole revolutions.
+        Number of the mode; None if no given mode has the configurations of the piece. Then
+        the search for modes has missed one. Or wheels are in mesh in another way: as if one
+        had been turned by whole revolutions before they were put together.
     middle
         (variables,) configuration at the middle of the piece (rad), the input in the range.
     start, stop
         Arc lengths (rad) of its ends. `stop` exceeds the length of a closed curve if the
         piece contains the point s = 0.
     shift
-        Whole periods of the input (rad) that are added to its values on the curve. If the
-        range has several revolutions, the same part of a curve is a piece in each of them,
-        with another shift.
+        Whole periods of the input (rad). Its values on the curve plus the shift are those
+        in the range. In a range of several periods, the same part of a curve gives one
+        piece in each period, with another shift.
     lowest, highest
         The range of the input in the piece (rad).
     """
@@ -204,14 +204,19 @@ class Configurations(NamedTuple):
     curves
         The curves that were found.
     claim
-        What is guaranteed, with its reason. There are three cases: no curve is missing;
-        curves may be missing along which the pair `drive` turns by less than `claim.box`
-        (rad); or curves may be missing without any bound.
+        What is guaranteed, with its reason. There are three cases:
+
+        - No curve is missing.
+        - Short curves may be missing. All configurations were computed at values of the
+          pair `drive` that are `claim.box` (rad) apart, so a curve between two of these
+          values may not have been noticed.
+        - Any curve may be missing.
     drive
         Name of the pair at whose values the configurations were computed.
     inputs, counts
         (k,) values (rad) of the mechanism's input at which all real assembly modes were
-        computed independently of the curves, and (k,) the numbers of modes there.
+        computed without following curves, and (k,) the numbers of modes there. They serve
+        to check the curves.
     mismatches
         Sentences about inputs at which the numbers of modes and the curves disagree.
     """
@@ -495,8 +500,8 @@ class _CurveSearch:
         `mode_counts` has inputs at which all modes were computed, without the curves. A
         piece is a part of a curve on which the input only rises or only falls, so it is one
         mode. If there are fewer pieces than modes, a curve is missing. If the curves are
-        claimed to be complete, both numbers must be equal. Otherwise a sentence is added to
-        `problems`.
+        claimed to be complete, more pieces than modes are an error, too. A sentence about
+        each error is added to `problems`.
 
         Parameters
         ----------
@@ -512,14 +517,17 @@ class _CurveSearch:
                 configurations = enumerate_assemblies(self.solver, np.array([q]))
                 if configurations.is_complete:
                     self.mode_counts.append((q, len(configurations.values)))
-        # A mode is counted at q if q lies inside a piece. Inputs near the end of a piece or
-        # near a crossing of curves are left out.
+        # A piece counts at q if q is inside its range. Inputs near the end of a piece or
+        # near a crossing of curves are left out, because modes meet there and rounding
+        # decides how many there are.
         ranges = np.array([(piece.lowest, piece.highest) for piece in pieces])
         lowest, highest = ranges.reshape(-1, 2).T
         crossing_inputs = np.array(
             [end[self.solver.input_variable] for end in _crossing_ends(self.curves)]
         )
         for q, mode_count in self.mode_counts:
+            # The ends of pieces are values in the range, as q. Those of crossings may
+            # differ by whole turns, which `wrap` removes.
             end_distance = np.min(np.abs([lowest - q, highest - q]), initial=np.inf)
             crossing_distance = np.min(np.abs(wrap(crossing_inputs - q)), initial=np.inf)
             if end_distance < NEAR_TURN_RAD:

@@ -141,13 +141,15 @@ def find_outgoing_points(closure: Closure, values: Floats) -> Floats:
     Returns
     -------
     (n, variables) configurations (rad), `RADIUS_RAD` away in the space of the variables. If
-    the configuration belongs to a surface of configurations, some points are returned.
+    the configuration belongs to a surface of configurations, infinitely many are that far
+    away. Those to which the start points lead are returned.
     """
     _, singular_values, right_vectors = np.linalg.svd(
         closure.linearise(values[None]).jacobian[0]
     )
-    # A Jacobian that is nearly zero has rank 0, although its singular values are not small
-    # relative to the largest one.
+    # Singular values below `MOTION_RATIO` times the largest one count as zero. If even the
+    # largest one is tiny, the whole Jacobian is zero but for rounding. Its values are then
+    # not small relative to each other, so the scale has a least value.
     scale = max(singular_values[0], MOTION_RATIO)
     rank = int(np.sum(singular_values >= MOTION_RATIO * scale))
     # Motions that keep the loops closed to first order. The curves are searched on a small
@@ -160,6 +162,8 @@ def find_outgoing_points(closure: Closure, values: Floats) -> Floats:
         """Return Newton's step that closes the loops at the radius.
 
         The additional equation is that the distance from `values` is the radius.
+        Linearised, it says that the step along the present direction makes up for the
+        difference.
         """
         offsets = points - values
         distances = np.linalg.norm(offsets, axis=1)

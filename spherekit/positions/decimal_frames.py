@@ -62,10 +62,12 @@ def _frames_from_pose(
     mechanism
         The mechanism.
     geometry
-        The axes in the reference pose. Python prints a float64 number by the shortest
-        decimal number that gives it, which is the decimal number of the file.
+        The axes in the reference pose, as float64 numbers. Each is printed as the shortest
+        decimal number that gives it. This is the number of the file, if that has at most 15
+        digits.
     document
-        The mechanism as a file in degrees, with the values of pairs in the pose.
+        The mechanism as a file in degrees. It has the values of pairs in the pose in
+        decimals, where `geometry` has them in rad. A pair without a value has the angle 0.
 
     Returns
     -------

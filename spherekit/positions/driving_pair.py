@@ -28,14 +28,17 @@ def choose_driving_pair(solver: PositionSolver) -> PositionSolver:
     The solver serves to search all curves of configurations. These curves do not depend on
     the driving pair, so any pair may be chosen.
 
-    The search needs the inputs at which assembly modes meet. They are zeros of certain
-    functions of the input, the mode coalescence. The cost of a driving pair is the time of
+    The search needs the inputs at which assembly modes meet. Each group (bodies that are
+    placed together) has a function of the input that is zero there, the product of the
+    determinants of its equations over all modes. The cost of a driving pair is the time of
     one value of these functions. It is infinite if they are not known, or take more than
     `ACCEPTABLE_COST_S`.
 
-    The given solver is returned if its cost is below `ACCEPTABLE_COST_S`, if the functions
-    are unknown for every driving pair, or if a group (a set of bodies that are placed
-    together) has contacts or redundant constraints. Otherwise the cheapest pair is chosen.
+    The cheapest pair is chosen. In three cases the given solver is returned instead:
+
+    - its cost is below `ACCEPTABLE_COST_S`,
+    - the functions are not known for any driving pair,
+    - a group has contacts or redundant constraints.
     """
     # `group.revolute` says that a group has R pairs only, so no contacts.
     if any(not group.revolute or group.redundant for group in solver.assembly.groups):

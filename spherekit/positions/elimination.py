@@ -80,12 +80,14 @@ def solve_by_elimination(group: Group, closure: Closure) -> EliminationResult:
     Parameters
     ----------
     group
-        A group for which `has_elimination` is true.
+        A group (bodies that are placed together by closing their loops) for which
+        `has_elimination` is true.
     closure
         Closure of this group with a single sample.
     """
     pair_count = len(group.pairs)
-    # At zero angles the pair states are the frames of the pairs in their bodies.
+    # The state of a pair at an angle has its frames in both bodies, turned by this angle.
+    # At zero angles they are the constant frames that the equations need.
     pair_states = closure.linearise(np.zeros((1, pair_count))).states
     # Axes: first or second body, sample, pair, and the frame. `GroupGeometry` has the pair
     # before the sample.
@@ -105,12 +107,13 @@ def solve_by_elimination(group: Group, closure: Closure) -> EliminationResult:
     is_real_of_orders: list[Bools] = []
     problem = ""
     for order in find_elimination_orders(group):
-        # Solve the equations of the only sample for the angles of the tree. Solutions whose
-        # imaginary part may be rounding are candidates for real ones. The limit is wide,
-        # because rounding gives multiple solutions a large imaginary part. Only those below
-        # the narrow limit `REAL_RAD` are real for certain.
+        # Solve the equations of the only sample for the angles of the tree. `incidence`
+        # says which equation contains which angle.
         equations = geometry.form_equations(order)[0]
         tree_angles, problem = find_near_real_angles(equations, order.incidence)
+        # Rounding gives real solutions an imaginary part, and multiple ones a large one.
+        # Solutions below the wide limit are candidates for real ones. Only those below the
+        # narrow limit `REAL_RAD` are real for certain.
         imaginary_part = max_abs(tree_angles.imag, axis=1)
         is_candidate = imaginary_part < NEARLY_REAL_RAD
         orientations = geometry.place_bodies(order, tree_angles[None, is_candidate].real)
@@ -120,6 +123,7 @@ def solve_by_elimination(group: Group, closure: Closure) -> EliminationResult:
             return EliminationResult(angles, is_real, problem="")
         angles_of_orders.append(angles)
         is_real_of_orders.append(is_real)
+    # Every order had a problem. The one of the last order stands for all.
     return EliminationResult(
         np.concatenate(angles_of_orders), np.concatenate(is_real_of_orders), problem
     )

@@ -31,6 +31,10 @@ a random search.
 class BinaryLink(NamedTuple):
     """A body of a group with two R pairs that join it to two different bodies.
 
+    A group is a set of bodies that are placed together by closing their loops. Removing a
+    binary link opens a loop. It leaves one equation: the axes of its two pairs, which are
+    now in its neighbours, must include the arc of the link.
+
     Attributes
     ----------
     body
@@ -137,7 +141,8 @@ def find_elimination_orders(group: Group) -> tuple[EliminationOrder, ...]:
     # Binary links have two pairs, so they can be removed.
     for removed_links in combinations(find_binary_links(group), group.loops):
         removed_bodies = {link.body for link in removed_links}
-        # Any body that remains can be the one to which others are referred.
+        # The orientations of all bodies are relative to one that remains. The first is
+        # chosen.
         base_body = min({*range(len(group.bodies))} - removed_bodies)
         tree_pairs = [
             pair for pair, ends in enumerate(group.ends) if removed_bodies.isdisjoint(ends)
@@ -156,9 +161,9 @@ def find_elimination_orders(group: Group) -> tuple[EliminationOrder, ...]:
         # All sequences of the unknown angles, and of the equations of the removed links.
         for ordered_pairs in permutations(tree_pairs):
             for ordered_links in permutations(removed_links):
-                # The last angle of the sequence is eliminated from the last two equations
-                # together. Exchanging these two makes no difference, so one of both
-                # sequences is enough.
+                # The last angle of the sequence is eliminated from the last two equations,
+                # by their resultant. It remains the same if these two are exchanged, so one
+                # of both sequences is enough.
                 last_bodies = [link.body for link in ordered_links[-2:]]
                 if last_bodies != sorted(last_bodies):
                     continue
@@ -168,6 +173,7 @@ def find_elimination_orders(group: Group) -> tuple[EliminationOrder, ...]:
                     removed_links=ordered_links,
                     spanned_pairs=tuple(path_by_link[link] for link in ordered_links),
                 )
+                # The count of roots is 0 if an equation lacks an angle that is needed.
                 can_be_solved = order.root_count > 0
                 if can_be_solved:
                     orders.append(order)

@@ -352,11 +352,11 @@ def place_train_bodies(
     group
         The train: bodies (sets of links) that R pairs and rolling contacts join.
     body_from_link
-        Rotations (..., 3, 3) from the axes of each link to those of its body, in an order
-        or by keys that are the numbers of the links. They are real, or complex for complex
-        assembly modes.
+        Rotations (..., 3, 3) from the axes of each link to those of its body. The index or
+        key is the number of the link. They are real, or complex for complex assembly modes.
     ends, joints
-        Links and joints of all pairs of the mechanism.
+        Numbers of the two links, and the joint, of each pair of the mechanism. (The ends in
+        `group.ends` are positions of bodies instead.)
     angles
         Angles (...) in rad of the R pairs that the inputs determine, by number of the pair.
 

@@ -135,9 +135,9 @@ def find_distinct_by_elimination(
 
     The arc equations state that links with two pairs keep the axes of these at a fixed arc.
     Elimination computes their complex solutions (roots). Newton's method closes the loops
-    from the real part of each root whose imaginary part is small. A root with a very small
-    imaginary part is real. For others it is not certain: rounding can make a multiple real
-    root complex.
+    from the real part of each root whose imaginary part is small. If it is very small, the
+    root is real for certain. If not, the root may be complex, or real and multiple with an
+    imaginary part by rounding.
 
     Parameters
     ----------
@@ -165,6 +165,7 @@ def find_distinct_by_elimination(
     problem = result.problem
     if np.any(result.is_real & ~is_confirmed):
         problem = problem or "a real root led to no closed configuration"
+    # Every closed configuration is real, also one that is not next to its root.
     distinct.add(closed.values[is_closed])
     return distinct, problem
 

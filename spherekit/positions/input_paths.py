@@ -109,6 +109,7 @@ def nodes_at(
     """
     passive = np.delete(np.arange(linearisation.values.shape[1]), driven)
     passive_jacobian = linearisation.jacobian[:, :, passive]
+    # With redundant constraints there are more equations than passive variables.
     inverse = left_inverse(passive_jacobian)
     slope = np.zeros_like(linearisation.values)
     bend = slope.copy()
@@ -117,6 +118,9 @@ def nodes_at(
     opening_rate = np.einsum("nij,nj->ni", linearisation.jacobian, slope)
     slope[:, passive] = -np.einsum("nij,nj->ni", inverse, opening_rate)
     bend[:, passive] = -np.einsum("nij,nj->ni", inverse, linearisation.bias(slope))
+    # The determinant of the Jacobian with locked inputs changes its sign at a singular
+    # configuration. Its sign tells later whether a step has passed one. A Jacobian that is
+    # not square has no determinant, and gets the sign 1.
     return InputPathNodes(
         direction=direction,
         values=linearisation.values,
@@ -162,12 +166,15 @@ def is_nearly_singular(
 class _InputSteps:
     """The results of one step on each of k paths.
 
+    A path is a sequence of closed configurations while the inputs move straight to a goal.
+
     Attributes
     ----------
     nodes
         The configurations at which the steps end.
     is_verified
-        (k,) whether the step passed all tests.
+        (k,) whether the step passed all tests of `_try_steps`, which show that it has not
+        left its path.
     is_last
         (k,) whether the step leads exactly to the goal of the path.
     """
