@@ -82,11 +82,12 @@ def solve_least_norm(matrices: Floats, right_sides: Floats) -> Floats:
 
     Returns
     -------
-    (n, columns) solutions x. They can be very large next to a singular matrix.
+    (n, columns) solutions x. They can be very large if a matrix is nearly singular, so
+    callers limit the size of a step that they take.
     """
     # Square regular matrices have exact solutions, which `solve` computes fastest. It fails
     # for all n if the matrices are not square or one of them is exactly singular. The
-    # pseudoinverse then solves all n. Matrices that are only nearly singular do not fail.
+    # pseudoinverse then solves all n.
     try:
         return np.asarray(np.linalg.solve(matrices, right_sides[..., None])[..., 0])
     except np.linalg.LinAlgError:

@@ -45,11 +45,14 @@ def make_mode_coalescence(
     """Return the functions of a mechanism whose signs change where modes meet.
 
     An assembly mode is one of the ways in which the mechanism can be put together at an
-    input. Two modes meet at an input where their configurations coincide. There is one
-    function of the input for each group (links that are placed together): the product, over
-    all modes with complex ones, of the determinant of its equations. On one side of a
-    meeting both modes are real, and their determinants have opposite signs. On the other
-    side both are conjugate complex, and the product of their determinants is positive.
+    input: a solution of its closure equations. Two modes meet at an input where their
+    configurations coincide.
+
+    There is one function of the input for each group (links that are placed together). It
+    is the product of the determinants of the group's equations in all real and complex
+    modes. Before two modes meet, both are real, and their determinants have opposite signs,
+    so their product is negative. Behind the meeting both are conjugate complex, and their
+    product is positive. So the function changes its sign.
 
     The functions are known for mechanisms with one input whose groups are trains of wheels,
     dyads and triads, or a single group of three loops.
@@ -84,11 +87,11 @@ def make_mode_coalescence(
     mode_count = prod(orders[0].root_count for orders in orders_by_group)
     if mode_count > MAX_COMPLEX_MODES:
         return None
-    # Elimination removes one link for each loop, so that their number is that of the loops.
+    # Number of loops of each group: elimination removes one link for each loop.
     loop_counts = [len(orders[0].removed_links) for orders in orders_by_group]
     max_loops = max(loop_counts, default=0)
-    # A group of three loops beside others would have to be solved in each mode of the
-    # others, which takes too long.
+    # A group with more than `MAX_LOOPS_IN_CHAIN` loops would have to be solved in each mode
+    # of the other groups, which takes too long.
     takes_too_long = len(groups) > 1 or COSTS_S.get(max_loops, 0.0) > max_cost_s
     if max_loops > MAX_LOOPS_IN_CHAIN and takes_too_long:
         return None
@@ -340,15 +343,17 @@ class ModeCoalescence:
     ) -> Complexes:
         """Return the frames of pairs in both their bodies.
 
-        A body is a set of links whose relative orientations are known. The numbers are
-        complex, because links may be placed in complex modes.
+        A body is a set of links whose relative orientations are known. A mode is a solution
+        of the closure equations. Complex solutions are placed like real ones, because the
+        product of the determinants of all modes is needed. So the frames are complex.
 
         Parameters
         ----------
         pairs
             Numbers of the pairs.
         body_from_link
-            For each link the rotation (n, modes, 3, 3) from its axes to those of its body.
+            For each link the rotation (n, modes, 3, 3) from its axes to those of its body,
+            at n values of the inputs.
 
         Returns
         -------

@@ -111,9 +111,8 @@ def _find_named_mode(
     reason
         Why no mode has these angles, for a message on the name; empty if one has them.
     """
-    # `guide` has verified configurations of a mode, from which others are computed. If they
-    # are known at the samples of a grid only, the mode cannot be evaluated at the stated
-    # inputs.
+    # A mode that is known only at the samples of a grid (`ModeOverGrid`) cannot be
+    # evaluated at the stated inputs.
     if any(isinstance(mode.guide, ModeOverGrid) for mode in assembly_modes):
         return -1, "modes followed over samples of several inputs have no names"
     inputs = solver.mechanism.input_pairs
@@ -132,7 +131,8 @@ def _find_named_mode(
     # The best mode must be near, and much nearer than all others.
     best = int(np.argmin(deviations))
     other_deviations = np.delete(deviations, best)
-    limit = min(MAX_NAME_DEVIATION_RAD, *MAX_DEVIATION_RATIO * other_deviations)
+    relative_limits = MAX_DEVIATION_RATIO * other_deviations
+    limit = min(MAX_NAME_DEVIATION_RAD, *relative_limits)
     if deviations[best] < limit:
         return best, ""
     existing_modes = [

@@ -186,13 +186,14 @@ def follow_each(
 ) -> list[ModeCurve]:
     """Follow the assembly modes through configurations over the range of the input.
 
-    From each configuration the input moves to both ends of the range by verified steps. A
-    configuration at a dead centre of the input is left first, along its curve.
+    From each configuration the input moves to both ends of the range by verified steps. At
+    a dead centre the input is stationary, and variables have no derivatives by the input.
+    A mode through a dead centre is followed from a point near it instead.
 
     Parameters
     ----------
     closure
-        The loops of the whole mechanism. Bodies are single links.
+        The loops of the whole mechanism.
     driven
         Number of the variable of the input.
     values
@@ -205,11 +206,13 @@ def follow_each(
     -------
     The curve of each configuration, as far as its mode reaches.
     """
+    # Next to a dead centre, the closure Jacobian with locked input is nearly singular: its
+    # least singular value is below `DEAD_CENTRE_RATIO` times the greatest one.
     start_nodes = _evaluate_nodes(closure, driven, values)
     is_regular = ~is_nearly_singular(closure.linearise(values), [driven], DEAD_CENTRE_RATIO)
     is_regular &= all_finite(start_nodes.slope, 1)
-    # All regular configurations are followed together, which is faster. At a dead centre,
-    # derivatives by the input are infinite, so these are followed one by one.
+    # All regular configurations are followed together, which is faster. Those at a dead
+    # centre are followed one by one.
     regular_starts = start_nodes.rows(is_regular)
     regular_curves = iter(
         _follow_from_nodes(closure, driven, starts=regular_starts, low=low, high=high)
@@ -248,9 +251,10 @@ def _follow_from_dead_centre(
 
     Returns
     -------
-    The first curve that leaves the dead centre and comes near to it when it is followed
-    back. The dead centre becomes its end. If there is none, the result is the curve from
-    the dead centre itself.
+    A curve from a point near the dead centre is followed in both directions of the input.
+    The first one of which an end comes near to the dead centre is returned, with the dead
+    centre as its end. If there is none, the result is the curve from the dead centre
+    itself.
     """
     # (k, variables) points near the dead centre, one on each branch of a curve through it.
     # There may be curves along which the input does not move. They belong to no mode and
@@ -258,9 +262,9 @@ def _follow_from_dead_centre(
     points = find_outgoing_points(closure, values)
     input_changes = points[:, driven] - values[driven]
     points = points[np.abs(input_changes) > MIN_INPUT_CHANGE_RAD]
-    # Points with larger values of the first variables come first, after rounding. The
-    # first curve that comes back to the dead centre is returned. The order makes it the
-    # same one in each run, whatever the rounding errors are.
+    # The first curve that comes back to the dead centre is returned. Points are sorted, so
+    # that it is the same one whatever the rounding errors are. The key is the rounded
+    # difference to the dead centre. Its sign puts points with larger variables first.
     ordered = sorted(points, key=lambda point: tuple(np.round(values - point, 6)))
     # The last start is the dead centre itself. Its derivatives by the input are infinite or
     # inaccurate, so its curve is the result only if no other one reaches the dead centre.

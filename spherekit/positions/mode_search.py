@@ -162,8 +162,8 @@ class ModeSearch:
         Raises
         ------
         PlanError
-            If constraints are redundant, and the mobility by rank is not the number of
-            inputs.
+            If a group has redundant constraints, and the number of degrees of freedom, by
+            the rank of the velocity equations, is not the number of inputs.
         """
         # The constructor runs the search.
         modes = SampledModes(
@@ -179,10 +179,10 @@ class ModeSearch:
         # of the reference pose, if there is one.
         mobilities = modes.mobilities
         if mobilities:
-            # If there is no mode, or if the first start has fewer degrees of freedom than
-            # there are inputs, the number of inputs in the file may be wrong. This check
-            # then raises an error. A singular configuration has more degrees of freedom
-            # than the mechanism, so the least number is compared.
+            # The number of inputs in the file may be wrong in two cases: there is no mode,
+            # or the first start has fewer degrees of freedom than there are inputs. The
+            # check then compares the least number of all starts with the inputs. Others can
+            # be too large, because singular configurations have more degrees of freedom.
             first_is_immobile = mobilities[0] < len(self.solver.driven)
             if not modes.assembly_modes or first_is_immobile:
                 check_mobility(self.solver, min(mobilities))
@@ -250,6 +250,9 @@ class ModeSearch:
     def _select_probed_inputs(self) -> tuple[Floats, Completeness]:
         """Return the inputs at which the modes of dyads are searched.
 
+        Groups of links are dyads or trains of wheels here. With one input, the attribute
+        `crossings` (configurations at which modes meet and none ends) is set as well.
+
         Returns
         -------
         q
@@ -258,10 +261,10 @@ class ModeSearch:
             How complete the modes at these inputs are, with the reason in words.
         """
         grid = self.input_grid
-        # Groups of wheels that gear ratios place completely.
-        wheel_trains = self.solver.wheel_trains
-        # They have one mode at any input, so that one input is enough. The reason ends the
+        # Groups whose links are all placed by gear ratios, so that they have one mode at
+        # any input. If there are no other groups, one input is enough. The reason ends the
         # sentence "complete: ...".
+        wheel_trains = self.solver.wheel_trains
         if len(wheel_trains) == len(self.groups):
             reason = "wheels in mesh have one" if wheel_trains else "no loop has to close"
             return grid.q[:1], Completeness(Guarantee.COMPLETE, reason)
@@ -271,14 +274,16 @@ class ModeSearch:
             if len(q) == len(grid):
                 reason = f"modes at all {len(grid)} samples"
             return q, Completeness(Guarantee.SAMPLED, reason)
-        # One input between each two turning points, at which modes appear or vanish. Where
-        # these are unknown, inputs at the distance `step`. The search is limited by the
-        # time (s) of one evaluation and of all.
+        # Modes appear or vanish only at turning points. One input between each two of them
+        # is examined. Where turning points are unknown, inputs have the distance `step`.
+        # The search for turning points is limited by the time (s) of one evaluation and of
+        # all.
         low, high = grid.range
         turning_points = find_input_turning_points(
             self.solver, low, high, max_cost_s=RUN_COST_S, max_time_s=RUN_TIME_S
         )
         self.crossings = turning_points.crossings
+        # `PROBED_RANGE_INPUTS` equidistant inputs, with both ends of the range.
         step = np.ptp(grid.q) / (PROBED_RANGE_INPUTS - 1)
         return turning_points.probes(step)[:, None], turning_points.claim(step)
 

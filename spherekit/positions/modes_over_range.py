@@ -214,8 +214,9 @@ class ModesOverRange:
         if solver.reference is None:
             return
         reference_input = solver.reference[list(solver.driven)]
-        # An input outside of the range is shifted by whole periods, as near to the middle
-        # of the range as these allow.
+        # After whole periods of the input the configurations are the same. An input outside
+        # of the range is shifted by whole periods, as near to the middle of the range as
+        # possible. It may still be outside, if the range is shorter than a period.
         low, high = self.input_grid.range
         distance_to_middle = 0.5 * (low + high) - reference_input
         half_range = 0.5 * np.ptp(self.input_grid.q, axis=0)
@@ -224,16 +225,15 @@ class ModesOverRange:
         values = solver.shift_inputs(solver.reference[None], reference_input + shift)
         ((closed_values, curve),) = self._follow_configurations(values)
         self._add_mode(closed_values, curve)
-        # If the input of the pose is not in the range, its mode may end before the range
-        # begins. In a mechanism with wheels (`gear_phases`) the input can have no period by
-        # which it could be shifted. The whole curve through the pose is then followed,
+        # If the input is still not in the range, the mode may end before the range begins.
+        # This matters for wheels (`gear_phases`), whose configurations may never repeat, so
+        # that the input has no period. The whole curve through the pose is then followed,
         # beyond the turning points of the input at which the mode ends. Other modes on it
         # may reach the range.
         if not self.assembly_modes and solver.gear_phases is not None:
             self._add_modes_on_curve(values[0])
-        # `_mobilities` has the degrees of freedom of all configurations that were followed,
-        # first that of the pose. It is empty without redundant constraints. If the pose
-        # cannot move, it was not followed above. `check_mobility` raises the error.
+        # `_follow_configurations` has appended the degrees of freedom of the pose, if a
+        # group has redundant constraints. `check_mobility` raises the error.
         if self._mobilities and self._mobilities[0] < 1:
             check_mobility(solver, self._mobilities[0])
 
@@ -291,10 +291,11 @@ class ModesOverRange:
         values
             (variables,) the configuration from which the curve was followed (rad).
         curve
-            The curve, with rising values of the input. None if there is none.
+            The curve, with rising values of the input. None if the configuration does not
+            have one degree of freedom, so that it was not followed.
         family
-            Number of the family of the mode, which is the set of modes that lie on one
-            configuration curve. None for a new family.
+            Number of the family of the mode. A configuration curve along which the input
+            turns back consists of several modes, which are a family. None for a new family.
         """
         if curve is None:
             return False
@@ -302,16 +303,18 @@ class ModesOverRange:
         low, high = self.input_grid.range
         if curve.inputs[0] > high or curve.inputs[-1] < low:
             return False
-        # Every group of links has a matrix, for example the axes of a dyad (two links and
-        # three R pairs). The sign of its determinant is constant in a mode. It is computed
-        # at the middle of the curve, because `values` may be at a dead centre, where the
-        # determinant is zero. With `least` 0 it is computed however small it is.
+        # Every group of links has a matrix: the three axes of a dyad (two links and three
+        # R pairs), or the velocity equations of another group. The sign of its determinant
+        # is constant in a mode. It is computed at the middle of the curve, because `values`
+        # may be at a dead centre, where the determinant is zero. With `least` 0 it is
+        # computed however small it is.
         middle_values = curve.values[len(curve.values) // 2]
         (determinant_signs,) = group_signs(self.solver, middle_values[None], least=0.0)
         self.assembly_modes.append(
             AssemblyMode(
                 number=len(self.assembly_modes),
-                # Signs of dyads, by which their closed form is chosen; 0 for other groups.
+                # A dyad closes in two ways, which its sign (1 or -1) distinguishes. Other
+                # groups have 0 here.
                 signs=signs_at(self.solver, middle_values),
                 # The configurations from which Newton's method starts at other inputs.
                 guide=curve,
@@ -319,7 +322,6 @@ class ModesOverRange:
             )
         )
         self._progress.report_if_due(lambda: f"{len(self.assembly_modes)} followed")
-        # The number of the family of each mode.
         new_family = max(self._families, default=-1) + 1
         self._families.append(new_family if family is None else family)
         return True
@@ -338,13 +340,15 @@ class ModesOverRange:
         solver = self.solver
         q = self.input_grid.q
         # Mechanisms with rolling contacts have gear phases: how far wheels have rolled.
-        # They are all known if the input determines them.
+        # They are all known if the input determines them. Without a mode of the reference
+        # pose, all configurations at the first sample are computed, in both cases.
         if solver.gear_phases is not None:
             if not self.assembly_modes:
                 self._compute_modes_at(q[:1])
             if not solver.gear_phases.all_known:
                 return self._find_on_one_curve()
-        # Dyads and trains of wheels have closed forms.
+        # Dyads and trains of wheels have closed forms. `wheel_trains` has the positions of
+        # the trains among the groups.
         can_eliminate = all(
             group.is_dyad or position in solver.wheel_trains or has_elimination(group)
             for position, group in enumerate(self.groups)
@@ -366,9 +370,11 @@ class ModesOverRange:
         self.methods = methods
         statistics = self._search_from_random_starts()
         if not self.assembly_modes:
-            # Configurations near a dead centre are left out of the random search.
+            # The random search leaves out configurations near a dead centre. The solution
+            # of all groups at one input, the middle sample, includes them.
             self._compute_modes_at(q[len(q) // 2][None])
-        # Components are families of modes: each is one connected curve.
+        # Messages call a connected curve of configurations, which may consist of several
+        # modes, a component.
         return Completeness(Guarantee.SAMPLED, statistics.describe("components"))
 
     def _find_on_one_curve(self) -> Completeness:
@@ -521,8 +527,9 @@ class ModesOverRange:
         """Return the families of configurations that are on known modes.
 
         A family is the set of modes that are on one configuration curve. A configuration is
-        on a mode if the mode predicts it nearly, and if the exact configuration of the mode
-        at the same input has the same rotations of all links.
+        on a mode if the mode has the same rotations of all links at the same input. The
+        configuration of a mode takes long to compute. So it is computed only where an
+        interpolation between configurations of the mode is near.
 
         Parameters
         ----------
@@ -544,18 +551,18 @@ class ModesOverRange:
             self.assembly_modes[first_mode:], self._families[first_mode:], strict=True
         ):
             (rows,) = np.nonzero(families < 0)
-            # 1. A quick test selects the configurations to compare exactly. The guide is
-            # the curve of verified configurations (nodes) of the mode. Its prediction is
-            # interpolated between two nodes. The largest change of a variable from node to
-            # node, `spread`, is taken as the error of the prediction. Inputs agree, so only
-            # passive angles are compared.
+            # 1. The guide of a mode has its verified configurations (nodes). The prediction
+            # is interpolated between two of them. Its error is taken to be less than
+            # `spread`, the largest change of a variable between these nodes, plus
+            # `MODE_DISTANCE_RAD`. Inputs agree, so only passive angles are compared.
             assert mode.guide is not None
             # A guide of one input is a curve, which needs no numbers of rows.
             prediction = mode.guide.predict(q[rows], rows=None)
             difference = wrap(prediction.values - values[rows])[:, passive_angles]
             is_near = max_abs(difference, axis=1) < prediction.spread + MODE_DISTANCE_RAD
             rows = rows[is_near & (prediction.status == Status.OK)]
-            # 2. The exact configuration of the mode has the same rotations of all links.
+            # 2. The exact configuration of the mode. It is the same if components of
+            # rotation matrices differ by less than `SAME_MODE`.
             if len(rows):
                 mode_rotations = self.solver.evaluate(mode, q[rows]).rotations
                 distance = max_abs(mode_rotations - rotations[rows], axis=(1, 2, 3))

@@ -114,7 +114,8 @@ class SampledModes:
         # Results. `claim` states how complete the modes are. `methods` has the method by
         # which the configurations of each group of links were computed. `probes` is the
         # number of samples at which they were computed, plus the number of random starts.
-        # `mobilities` are numbers of degrees of freedom at starts of sheets.
+        # `mobilities` are the numbers of degrees of freedom of the configurations from
+        # which sheets were followed.
         self.claim = REFERENCE_ONLY
         self.groups = solver.assembly.groups
         self.methods: list[SolutionMethod | None] = [None] * len(self.groups)
@@ -123,9 +124,9 @@ class SampledModes:
         self._graph = ConfigurationGraph(solver, input_grid)
         # (nodes of the graph,) number of the sheet that reached each node first. A search
         # from random starts counts how often each number is reached, and ends if all are
-        # reached often enough. `_number_nodes` also gives a number to each node that was
-        # computed without a start. `_sheet_count` is the count of all numbers,
-        # `_numbered_count` the count of numbers of single nodes.
+        # reached often enough. `_sheet_count` is how many numbers there are. The first
+        # `_numbered_count` of them are no sheets, but single nodes that were computed
+        # without a start.
         self._sheet_of_node = np.empty(0, dtype=np.intp)
         self._sheet_count = 0
         self._numbered_count = 0
@@ -135,8 +136,9 @@ class SampledModes:
         reference_node = None
         if not search:
             reference_node = self._reach_reference(is_enumerated=False)
-        # 2. Search other modes, also if the reference pose reaches no sample. Either all
-        # configurations at all samples are computed, or some are found by chance.
+        # 2. Search other modes, also if the reference pose reaches no sample. If all
+        # configurations at all samples can be computed, the reference pose is looked up
+        # among them. Otherwise its sheet is followed before others from random starts.
         if search or reference_node is None:
             is_enumerated = self._can_enumerate
             if is_enumerated:
@@ -151,10 +153,11 @@ class SampledModes:
     def _can_enumerate(self) -> bool:
         """Whether all configurations can be computed at one sample or more.
 
-        The closure equations of each group of links are then solved in closed form, or by
-        elimination, which reduces them to a polynomial. This is impossible for groups with
-        redundant equations. It is also impossible for free wheels: if the inputs do not
-        determine how far wheels have rolled, there are infinitely many configurations.
+        Each group of links must then be a dyad or a train of wheels, which have closed
+        forms, or elimination must reduce its closure equations to a polynomial
+        (`can_enumerate`). This is impossible for groups with redundant equations. It is
+        also impossible for free wheels: if the inputs do not determine how far wheels have
+        rolled, there are infinitely many configurations.
         """
         solver = self.solver
         gear_phases = solver.gear_phases
@@ -162,8 +165,9 @@ class SampledModes:
         has_redundant_equations = any(group.redundant for group in self.groups)
         if not can_enumerate(solver) or has_redundant_equations or has_free_wheels:
             return False
-        # Try it at a few samples. If a link has an arc of 0 or 180 deg, an elimination
-        # fails at every sample. Failures at some samples are no obstacle.
+        # Try it at a few samples. Failures at some samples are no obstacle. An elimination
+        # fails at every sample if a link has an arc of 0 or 180 deg: its two axes coincide,
+        # the link rotates freely, and there are infinitely many configurations.
         rows = spread_rows(len(self.input_grid), MAX_SEARCHED_SAMPLES)
         tried_configurations = enumerate_configurations(solver, self.input_grid.q[rows])
         return bool(np.any(tried_configurations.is_complete))
@@ -192,12 +196,14 @@ class SampledModes:
                     SolutionMethod(f"elimination: all {root_count} complex roots")
                 )
         self._graph.add(configurations.sample, configurations.values)
-        # The determinant of the velocity equations with locked inputs has a sign in each
-        # configuration. The signs of all configurations at a sample have the sum zero. The
-        # sum depends neither on the inputs nor on the arcs of the links, because two
-        # configurations that appear or vanish together have opposite signs. It is zero
-        # because there are arcs for which no configuration exists. Another sum shows that a
-        # configuration is missing.
+        # In each configuration the determinant of the velocity equations with locked inputs
+        # has a sign. The sum of the signs of all configurations at a sample is zero:
+        #
+        # - Configurations appear and vanish in pairs of opposite signs. So the sum is the
+        #   same for all inputs and for all arcs of the links.
+        # - For some arcs no configuration exists, and the sum is zero.
+        #
+        # Another sum shows that a configuration is missing.
         is_unbalanced = self._graph.find_unbalanced()
         is_complete = configurations.is_complete & ~is_unbalanced
         problem = configurations.problem or "the signs of their determinants do not cancel"
@@ -209,9 +215,10 @@ class SampledModes:
             searched_samples = incomplete[
                 spread_rows(len(incomplete), MAX_SEARCHED_SAMPLES)
             ]
-            # The statistics of the search count how often each configuration is reached,
-            # also each that is known already. For this it needs a number.
+            # The statistics of the search count how often each configuration is reached.
+            # Configurations that were computed above get numbers to be counted, too.
             self._number_nodes(searched_samples)
+            # The search adds its configurations to the graph.
             statistics = self._search(searched_samples)
             words += (
                 f"; at the other {len(incomplete)} some may be missing ({problem}); "
@@ -242,8 +249,8 @@ class SampledModes:
         Parameters
         ----------
         is_enumerated
-            Whether the graph has the configurations of all samples already. If not, the
-            sheet of the reference pose is added to the graph.
+            Whether the configurations of all samples were computed and are in the graph. If
+            not, the sheet of the reference pose is added to the graph.
 
         Returns
         -------
@@ -257,9 +264,9 @@ class SampledModes:
         if reference is None:
             return None
         inputs = reference[list(solver.driven)]
-        # An input of the pose that is outside the range of the samples is moved towards the
-        # middle of the range by whole periods, after which the configuration is the same.
-        # `whole_laps` rounds the distance to the middle to whole periods.
+        # An input is outside the range of the samples if it is farther from the middle than
+        # half the range. It is moved to the middle as nearly as whole periods allow, after
+        # which the configuration is the same. `whole_laps` rounds to whole periods.
         range_middle = 0.5 * (np.min(q, axis=0) + np.max(q, axis=0))
         distance_to_middle = range_middle - inputs
         is_outside = np.abs(distance_to_middle) > 0.5 * np.ptp(q, axis=0)
@@ -270,8 +277,9 @@ class SampledModes:
         sheet = self._follow_sheet(values)
         if sheet is None:
             return None
-        # The samples that the sheet reaches. If all configurations were computed before,
-        # some of the sheet may still be missing in the graph, so all samples are looked up.
+        # The samples that the sheet reaches. Even if all configurations should have been
+        # computed, an elimination may have failed at some samples. So the sheet is looked
+        # up in the graph at all of them.
         (samples,) = np.nonzero(sheet.status == Status.OK)
         if not is_enumerated:
             self._add_sheet(sheet)
@@ -328,11 +336,10 @@ class SampledModes:
         """Follow and add the sheets of configurations that are not in the graph yet.
 
         A sample is one choice of values for all inputs, and a node of the graph is one
-        configuration at one sample. Steps lead from a configuration to those at
-        neighbouring samples. They are verified: tests detect a step that leads to another
-        path of configurations. The configurations that verified steps reach from one start,
-        at most one at each sample, are called a sheet. No further sheet is followed once
-        there are `MAX_ASSEMBLY_MODES`.
+        configuration at one sample. Verified steps lead from a configuration to those at
+        neighbouring samples. All that they reach from one start, at most one at each
+        sample, are called a sheet. No further sheet is followed once there are
+        `MAX_ASSEMBLY_MODES`.
 
         Parameters
         ----------
@@ -347,22 +354,24 @@ class SampledModes:
         """
         sheets = np.full(len(samples), -1, dtype=np.intp)
         for row in range(len(samples)):
-            # Arrays with one row, because the graph finds many configurations at once.
+            # `find` takes arrays of many configurations, here of one. The node is -1 if no
+            # node at the sample agrees within a tolerance.
             row_sample = samples[row : row + 1]
             row_values = values[row : row + 1]
             node = self._graph.find(row_sample, row_values)[0]
-            if node < 0 and not self._has_most_sheets:
+            if node < 0 and not self._is_sheet_limit_reached:
                 sheet = self._follow_sheet(row_values)
                 if sheet is None:
                     continue
                 self._add_sheet(sheet)
+                # Still -1 if the steps do not reach the sample of the start.
                 node = self._graph.find(row_sample, row_values)[0]
             if node >= 0:
                 sheets[row] = self._sheet_of_node[node]
         return sheets
 
     @property
-    def _has_most_sheets(self) -> bool:
+    def _is_sheet_limit_reached(self) -> bool:
         """Whether so many sheets were followed that no further one is allowed."""
         return self._sheet_count - self._numbered_count >= MAX_ASSEMBLY_MODES
 
@@ -377,17 +386,19 @@ class SampledModes:
         Random starts are made at all samples. Each configuration that closes gives a sheet:
         the set of configurations that verified steps reach from it.
 
-        In a mechanism with wheels, all groups of links are solved at one sample before,
-        unless there is a sheet of the reference pose. If the inputs do not determine how
-        far the wheels have rolled, there are infinitely many sheets. Only the sheet of the
-        reference pose is then used. Without it, up to `MAX_SEARCHED_SAMPLES` samples are
-        solved, until one of them has configurations.
+        Wheels are an exception. If the inputs do not determine how far they have rolled,
+        there are infinitely many sheets, and no random starts are made. Only the sheet of
+        the reference pose is used. Without it, all groups of links are solved at the first
+        sample, then at up to `MAX_SEARCHED_SAMPLES` others, until a sample has
+        configurations.
 
         Returns
         -------
-        How complete the modes are.
+        How complete the modes are: only found at some samples (`SAMPLED`), or only that of
+        the reference pose.
         """
-        # How far wheels have rolled; None without wheels.
+        # How far wheels have rolled; None without wheels. With wheels the first sample is
+        # solved in any case, unless there is a sheet of the reference pose.
         gear_phases = self.solver.gear_phases
         if gear_phases is not None:
             if not self._sheet_count:
@@ -416,7 +427,7 @@ class SampledModes:
             # groups at one sample includes them.
             self._search_sample(len(self.input_grid) // 2)
         reason = statistics.describe("modes")
-        if self._has_most_sheets:  # the largest number of sheets that are followed
+        if self._is_sheet_limit_reached:
             reason += f"; stopped at {self._sheet_count} modes, there may be more"
         return Completeness(Guarantee.SAMPLED, reason)
 
@@ -457,7 +468,7 @@ class SampledModes:
         starts = random_starts(self.solver, low, high, samples=q[samples])
         variables = len(self.solver.mechanism.variable_owners)
         statistics = SearchStatistics(variables, min_rounds=RANGE_ROUNDS)
-        while statistics.needs_more_starts and not self._has_most_sheets:
+        while statistics.needs_more_starts and not self._is_sheet_limit_reached:
             # A round gives the number of its starts, the configurations that closed, and
             # the position in `samples` of each.
             start_count, values, rows = next(starts)
@@ -480,12 +491,12 @@ class SampledModes:
         Parameters
         ----------
         reference_node
-            A node of the mode of the reference pose, which becomes mode 0. None without
-            one.
+            A node of the mode of the reference pose, which becomes mode 0 if it is kept.
+            None without one.
         shares_numbers
-            Whether modes that occur on separate parts of a path of samples become one mode
-            if all groups of links have the same signs in them (signs of determinants).
-            There are then fewer modes.
+            Whether modes on separate parts of a path of samples become one mode, so that
+            there are fewer modes. The determinants of all groups of links must have the
+            same signs in both.
         """
         graph = self._graph
         # The largest modes come first.
@@ -508,7 +519,8 @@ class SampledModes:
             is_reference = reference_node is not None and bool(
                 np.any(mode == reference_node)
             )
-            return not is_reference, graph.first_node(mode)
+            first_sample, first_node = graph.first_node(mode)
+            return not is_reference, (first_sample, first_node)
 
         sorted_modes = sorted(modes[:max_modes], key=sort_key)
         signs = self._signs_of_modes(sorted_modes)
