@@ -101,18 +101,17 @@ def _contact_kinematics(
 
     A curve is a function that returns at arc lengths (n,) its frames (n, 3, 3), with the
     tangent, normal and point as columns. At the contact the frames of both curves coincide,
-    so the rotation from the second to the first link is (first frame) (second frame)^T. The
-    axis of the pair is the point of contact, about which the links rotate relative to each
-    other if the curves roll. Rates do not depend on this axis; they follow from the
-    rotation.
+    so the rotation from the second to the first link is (first frame) (second frame)^T.
+    Rates follow from this rotation. The axis of the pair is the point of contact, which is
+    returned as a result of its own.
 
     Parameters
     ----------
     curves
         The profile of each link in link axes.
     variables
-        For each curve, the number of the variable of the pair that is its arc length. In
-        rolling both curves have the same variable.
+        For each curve, which of the variables of the pair (0, or 0 and 1) is its arc
+        length. In rolling both curves have the same variable.
     starts
         (2,) arc length (rad) of each curve at which its variable is 0.
     """
@@ -131,11 +130,14 @@ def _contact_kinematics(
 def _find_contact(curves: Sequence[Curve], arc_lengths: Array) -> Array:
     """Return the arc lengths (2,) rad at which two profiles touch in the reference pose.
 
-    The rotation of the second link by which both curve frames coincide is the identity at
-    this contact. It is found by Newton's method in the sense of least squares, since the
-    profiles may miss each other by the rounding of the float64 geometry. Numbers are balls,
-    which are numbers with a bound of their error. The result is an approximation without a
-    bound, so each iteration keeps the centres only.
+    At two points of the curves, a rotation of the second link makes both curve frames (with
+    tangent, normal and point) coincide. In the reference pose the curves touch already, so
+    the points are those at which this rotation is the identity. They are computed by
+    Newton's method in the sense of least squares, since the profiles may miss each other by
+    the rounding of the float64 geometry.
+
+    Numbers are balls, which are numbers with a bound of their error. The result is an
+    approximation without a bound, so each iteration keeps the centres only.
 
     Parameters
     ----------
@@ -156,7 +158,7 @@ def _find_contact(curves: Sequence[Curve], arc_lengths: Array) -> Array:
         # velocities.
         (residual,) = skew_part(kinematics.rotation(values))
         vectors = _rotation_vectors(kinematics.rotation, values)
-        (inverse,), _ = left_inverses(vectors.swapaxes(1, 2))
+        (inverse,), _conditions = left_inverses(vectors.swapaxes(1, 2))
         step = inverse @ residual
         arc_lengths = exact_centres(arc_lengths - step)
         step_size = np.max(np.abs(centre_floats(step)))
@@ -477,6 +479,8 @@ class Linkage:
         -------
         (n, links, 3) in ground axes.
         """
+        # `_path_senses` (links, variables) is 1 or -1 for variables on the path of a link,
+        # and 0 for all others.
         return self._path_senses @ (vectors * rates[:, :, None])
 
     def jacobian(self, vectors: Array) -> Array:

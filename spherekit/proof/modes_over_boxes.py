@@ -225,8 +225,8 @@ class EquationSystem:
         Parameters
         ----------
         circle_points
-            (m, given, 2) cosines and sines of the given variables. Each is its exact value
-            rounded once.
+            (m, given, 2) cosines and sines of the given variables. The error bound of the
+            result presumes that each is its exact value rounded once.
         """
         # The equations as Fourier sums over all angles. `partial_polynomials` inserts the
         # given angles.
@@ -252,10 +252,12 @@ class EquationSystem:
         # - The Fourier sum of the equation has an error. The derivative of a wave cos(m x)
         #   by x has the factor m, so the error of a derivative is larger by at most the
         #   largest degree. The degrees are those in all variables, given ones included.
-        # - The rounding of sums is relative to the sizes of their terms.
+        # - The rounding of sums is relative to the sizes of their terms. Adding 1 to the
+        #   sizes keeps the bound if terms cancel and leave small coefficients.
         error = harmonics.error[self.rows] * np.max(self.degrees, axis=1, initial=1)
         error += PRODUCT_ROUNDING * np.add(1.0, largest_sizes)
-        # Together with the degrees, `derivative_bound` bounds all derivatives by angles.
+        # `derivative_bound` times the degrees in the variables by which an equation is
+        # differentiated is a bound of the derivative.
         return Polynomials(
             coefficients=tuple(coefficients),
             slopes=tuple(slopes),

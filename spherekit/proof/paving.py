@@ -78,7 +78,7 @@ def are_excluded(
     than its largest possible change over the box, the sum does not vanish in the box, so
     the equations have no common zero there. The weights are rows of the pseudo-inverse of
     the slopes: in each such sum the slope by one variable dominates. The proof is valid for
-    any weights.
+    any weights, so their rounding errors do not matter.
 
     Parameters
     ----------
@@ -93,12 +93,15 @@ def are_excluded(
         boxes, errors included.
     """
     transposed = slopes.swapaxes(1, 2)
+    # Added to the diagonal, so that the inverse is finite if slopes depend on each other.
     regularisation = WEIGHT_REGULARISATION * np.eye(values.shape[1])
     # (n, v, k): row v is the combination in which the slope by variable v dominates.
     weights = transposed @ np.linalg.inv(slopes @ transposed + regularisation)
     magnitudes = np.abs(values) + np.einsum("nkv,nv->nk", np.abs(slopes), radii)
-    # (n, w) largest change of each of w weighted sums over the box: its linear part, then
-    # the remainders and the rounding of the sum.
+    # (n, w) largest change of each of w weighted sums over the box. It consists of the
+    # linear part, the remainders, and the rounding of the weighted values and slopes, which
+    # is a part (PRODUCT_ROUNDING) of their magnitudes. ROUND_UP below covers the rounding
+    # of this sum itself.
     reach = np.einsum("nwv,nv->nw", np.abs(weights @ slopes), radii)
     reach += np.einsum(
         "nwk,nk->nw", np.abs(weights), remainders + PRODUCT_ROUNDING * magnitudes
@@ -110,9 +113,9 @@ def are_excluded(
 class VariableRanges:
     """The ranges of all variables, and their division into boxes.
 
-    Boxes are integers (2, n, variables). For each box and variable, [0] is the number of
-    times that the range was halved, the level, and [1] is the number of the part, from 0.
-    A part of level l is 1 / 2^l of the range.
+    An array of n boxes consists of integers (2, n, variables). Index 0 of the first axis is
+    the level: the number of times that the range of a variable was halved. Index 1 is the
+    number of the part, from 0. A part of level l is 1 / 2^l of the range.
 
     Parameters
     ----------
@@ -139,8 +142,9 @@ class VariableRanges:
         self.float_width = np.array([*map(centre_float, width)])
         self.whole: Integers = np.zeros((2, 1, len(low)), dtype=np.int64)
         self._upper_width = np.array([*map(upper_magnitude, width)]) * ROUND_UP
-        # Rounding of the centres. The lower end, the width, their products and sums are
-        # rounded, together by at most 3 roundings of the magnitude. 8 is an upper bound.
+        # A bound of the rounding of the centres. The lower end, the width, their product
+        # with the number of the part, and the sum are rounded: together by 3 roundings of
+        # the magnitude, or little more. The factor 8 is more than enough.
         magnitude = np.abs(self.float_low) + np.abs(self.float_width)
         self._rounding = 8.0 * UNIT_ROUNDOFF * magnitude
         self._rounding[self.float_width == 0.0] = 0.0

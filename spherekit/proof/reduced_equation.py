@@ -68,10 +68,13 @@ Larger: diverging iterations end later. Smaller: positions farther away fail.
 class BorderedDerivatives:
     """Derivatives of (z, g) by two coordinates u and v, over a set of points.
 
-    z are the n variables of the k = n - 1 equations F. Near a loss of rank the derivatives
-    F' cannot change F in a direction l. For given u and v, F(z) = g l defines all variables
-    z and the number g. The derivatives are balls (numbers with error bounds). If z is given
-    as balls, they contain the derivatives at all points of these balls.
+    F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a loss of
+    rank no small change of z changes F in a direction l (k,). Two coordinates u = a . z and
+    v = b . z, with constant vectors a and b, are therefore given. The n + 1 equations
+    F(z) = g l, a . z = u and b . z = v then define the n variables z and the number g.
+
+    The derivatives are balls (numbers with error bounds). If z is given as balls, they
+    contain the derivatives at all points of these balls.
 
     Attributes
     ----------
@@ -175,21 +178,23 @@ class ReducedEquation:
     def differentiate(
         self, positions: Array, residual: Array, order: int = 2
     ) -> BorderedDerivatives:
-        """Return derivatives of (z, g) over balls of all variables.
+        """Return derivatives of the variables z and of a number g, over balls of z.
 
-        The equations F(z) = g l define all variables z and the number g as functions of two
-        coordinates u = a . z and v = b . z. Here l is the direction in which F' cannot
-        change F, and a, b are the first two columns of `frame`. Configurations F = 0 are
-        the zeros of g(u, v). The derivatives solve linear equations with the bordered
+        F(z) = 0 are the equations of the mechanism. Near a loss of rank no small change of
+        z changes F in a direction l: l F' = 0, nearly. The equations F(z) = g l define all
+        variables z and the number g as functions of two coordinates u = a . z and
+        v = b . z. Here a and b are the first two columns of `frame`. Configurations F = 0
+        are the zeros of g(u, v). The derivatives solve linear equations with the bordered
         matrix
 
             [F'  -l]
             [a^T  0]
             [b^T  0].
 
-        There are three right sides, which give derivatives in three directions. Direction 0
-        removes the residual F(z) - g l while u and v are constant. Directions 1 and 2 are
-        unit rates of u and of v.
+        There are three right sides, which give derivatives in three directions. Directions
+        1 and 2 are unit rates of u and of v. Direction 0 removes the residual F(z) - g l
+        while u and v are constant. Newton's method uses it, also its second derivatives
+        (`find_critical_point`).
 
         Parameters
         ----------
@@ -228,8 +233,9 @@ class ReducedEquation:
     def find_critical_point(self, position: Array) -> Array:
         """Return the critical point of g(u, v) near a position.
 
-        F are the equations of the mechanism, whose derivatives F' cannot change F in a
-        direction l near the position. If two coordinates u and v are given, F(z) = g l
+        F(z) = 0 are the equations of the mechanism. Near the position no small change of z
+        changes F in a direction l (`left_null_vector`). If two coordinates u and v, the
+        components of z along the first two columns of `frame`, are given, F(z) = g l
         defines all variables z and a number g. At the critical point both derivatives of g
         by u and v are 0. If g is 0 there too, curves of configurations cross in it.
 
@@ -255,7 +261,8 @@ class ReducedEquation:
             derivatives = self.differentiate(position, residual)
             # Newton step for F(z) = g l: `correction` removes the residual while u and v
             # are constant (direction 0 of the derivatives). This changes grad g, to first
-            # order, by the mixed derivatives of g in the directions 0 and u, v.
+            # order, by the mixed derivatives of g in the directions 0 and u, v. The last
+            # row of `seconds` belongs to g.
             mixed_derivatives = derivatives.seconds[-1, 0, 1:]
             slope = exact_centres(derivatives.gradient + mixed_derivatives)
             # Newton step for grad g = 0, and the change of all variables by both steps.
@@ -287,10 +294,11 @@ class ReducedEquation:
     ) -> tuple[Ball, Array]:
         """Return enclosures of g and its two slopes at the coordinates of a position.
 
-        F are the equations of the mechanism. Their derivatives F' cannot change F in a
-        direction l (l F' = 0, nearly). For given coordinates u and v, F(z) = g l defines
-        all variables z and the number g. The results are balls that contain g and its
-        slopes at the u and v of the position.
+        F(z) = 0 are the equations of the mechanism. No small change of z changes F in a
+        direction l (l F' = 0, nearly). The coordinates u and v of a position are its
+        components along the first two columns of `frame`. For given u and v, F(z) = g l
+        defines all variables z and the number g. The results are balls that contain g and
+        its slopes at the u and v of the position.
 
         Parameters
         ----------
@@ -380,13 +388,17 @@ def reduce_at_saddle(equations: ArcEquations, position: Floats) -> ReducedEquati
 
 
 def _reduce_about(equations: ArcEquations, position: Floats) -> ReducedEquation:
-    """Return the reduced equation near a position, in any coordinates u and v.
+    """Return the reduced equation g(u, v) = 0 near a position, in any coordinates u and v.
 
-    The derivatives F' of the equations nearly lose one rank at the position. In its
-    singular value decomposition, the last left vector is the direction in which F' cannot
-    change F. The last two right vectors, the kernel, are the directions of u and v. They
-    need not be along the principal curvatures of g, which are not known yet. `units` and
-    `other_curvatures` follow from these curvatures, and are only filled in here.
+    Near the position the derivatives F' of the equations F(z) = 0 lose one rank: no small
+    change of z changes F in a direction l. For given u and v, the components of z in two
+    directions, F(z) = g l defines z and g. Configurations are the zeros of g(u, v).
+
+    The singular value decomposition of F' gives these directions. The last left vector is
+    l. The last two right vectors, which span the kernel of F', are the directions of u and
+    v. Later they are turned into those in which g has its largest and smallest curvature.
+    The fields `units` and `other_curvatures` are computed only then, so they have no
+    meaning here.
 
     Parameters
     ----------

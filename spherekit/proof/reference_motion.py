@@ -202,9 +202,10 @@ class _Step:
     """A step of the motion, described by two series in a position x from -1 to 1.
 
     The position x is proportional to the time. The coordinate c is a pair variable, and
-    p = sqrt(B) dc/dt with the equivalent inertia B. Both are Legendre series, computed from
-    values at Gauss nodes by Picard's iteration, which integrates the equation of motion
-    again and again.
+    p = sqrt(B) dc/dt with the equivalent inertia B. The equation of motion is then dp/dt =
+    Q / sqrt(B) with the force Q, without a derivative of B. Both c and p are Legendre
+    series, computed from values at Gauss nodes by Picard's iteration, which integrates the
+    equation of motion again and again.
 
     Loads may contain `abs`, `sign`, `min` or `max`. Each is a switch, whose value depends
     on the sign of one condition. Within a step this sign, +1 or -1, is constant: the side.
@@ -225,7 +226,7 @@ class _Step:
         and two for each joint limit. Each has the number of its switch, -1 for a joint
         limit.
     truncation
-        Size of the last terms of the series. It is in units of the rounding of numbers near
+        Size of the last terms of the series, divided by the rounding error of a number near
         1 in the present precision.
     sweeps
         Number of integrations until the iteration converged.
@@ -242,6 +243,8 @@ class _Step:
 
     def evaluate(self, x: Array) -> Array:
         """Return the coordinate and p, (2, n), at positions x (n,) in [-1, 1]."""
+        # The radii of the balls would bound the rounding of this sum only, not the error of
+        # the series, so they are dropped.
         return exact_centres(_evaluate_series(self.series, x).T)
 
 
@@ -249,9 +252,9 @@ class _Step:
 class _SignChange:
     """The first sign change of a condition in a step of the motion.
 
-    A condition belongs to a switch (a load depends on its sign) or to a joint limit. It is
-    positive where the step may continue. If no condition changes its sign, an instance
-    stands for the end of the step.
+    A condition is a function that is positive where the step may continue. It belongs to a
+    switch (a load with two cases, such as the two directions of dry friction) or to a joint
+    limit. If no condition changes its sign, an instance stands for the end of the step.
 
     Attributes
     ----------
@@ -260,8 +263,9 @@ class _SignChange:
     switch
         Number of the switch, -1 for a joint limit. None at the end of the step.
     is_at_start
-        Whether the condition is negative already at the first position after the start at
-        which signs are examined.
+        Whether the condition is negative already at the first position that is examined
+        after the start. If the switch has just changed, it would then change back at once,
+        and the motion ends as sticking.
     """
 
     x: Ball
@@ -585,8 +589,9 @@ class ExactSimulation:
         """Return the closed configurations at given values of the coordinate.
 
         The coordinate is the variable by which the motion is described. Newton's method
-        computes the others in many digits, beginning with the float64 solution. Numbers are
-        balls (centres with a bound of the error), here of radius 0.
+        computes the others in many digits, beginning with the float64 solution. Numbers
+        have the type of balls (centres with a bound of the error), because it has as many
+        digits as needed. Bounds are not computed here, so the radii are 0.
 
         Parameters
         ----------
@@ -604,8 +609,10 @@ class ExactSimulation:
         """
         values = exact_balls(self._float_solution(centre_floats(t))[0])
         values[:, coordinate] = c
-        # The iteration ends at the rounding (`eps`) of the present number of digits.
-        closure = self._linkage.close_loops(values, [coordinate], self.arithmetic.eps)
+        # The iteration ends at the rounding of the present number of digits.
+        closure = self._linkage.close_loops(
+            values, held=[coordinate], eps=self.arithmetic.eps
+        )
         if np.any(closure.status != Status.OK):
             raise EngineError(
                 f"{self.mechanism.name}: in a configuration of the motion, variable "

@@ -138,8 +138,8 @@ def exact_rows(
 
     One input moves at unit rate while the others are locked. Values are balls, which are
     numbers with an error bound. The inputs, arcs, angles, radii and coefficients count as
-    exact float64 numbers. The three components of an axis or centre are rounded, so they
-    are divided by their length in many digits, which makes them unit vectors.
+    exact float64 numbers. The float64 components of an axis or centre make no exact unit
+    vector. They are therefore divided by the length of the vector in many digits.
 
     Parameters
     ----------
@@ -149,9 +149,9 @@ def exact_rows(
     rows
         (n,) which rows of the motion are computed.
     driven
-        Number of the input pair that moves.
+        Number of the input pair that moves. The others are locked.
     arithmetic
-        By default of 20 digits.
+        The number of decimal digits. By default 20, four more than float64 has.
     order
         1 for the angular velocities w of the links alone, 2 for their derivative dw by the
         input as well, 3 for the second derivative ddw as well.

@@ -183,13 +183,15 @@ def _certify_root(
     real
         Whether x is real. The solution is then real as well: its conjugate is a solution in
         the same ball, which has one solution only. If x is not real, the result has to be
-        proven not to be real: the ball of the solution must not contain real angles.
+        proven not to be real: some angle must have an imaginary part larger than the radius
+        of the ball.
     """
     values, slopes = _evaluate(equations, x, known_angles)
     degrees = equations.degrees[:, : equations.unknown_count]
-    # Second derivatives of an equation. By two real angles they are at most the derivative
-    # bound C times both degrees, so that all together are at most C (sum of degrees)^2.
-    # Imaginary parts of x increase them exponentially.
+    # Second derivatives of an equation, a trigonometric polynomial with a degree in each
+    # angle. By two real angles they are at most the derivative bound C times both degrees,
+    # so that all together are at most C (sum of degrees)^2. Imaginary parts of x increase
+    # them exponentially.
     growth = np.exp(degrees @ [upper_magnitude(ball.imag) for ball in x])
     second_bound = equations.derivative_bound * growth * np.sum(degrees, axis=1) ** 2
     # The radius of the ball in which the solution will be unique, from the second
@@ -200,8 +202,9 @@ def _certify_root(
     # F' in the whole ball, and a bound of the distance of the solution from x.
     slopes_around = _evaluate(equations, unique_balls, known_angles)[1]
     distance = bound_zero_distance(values, slopes_around)
-    # The radius that is stated for the solution is `SOLUTION_MARGIN` times the bound, and
-    # not 0. Other programs with weaker bounds can then repeat the proof.
+    # The radius that is stated for the solution is `SOLUTION_MARGIN` times the bound, so
+    # that a checking program can repeat the proof if its bounds are a little larger. It is
+    # at least 1e-300, not 0.
     radius = min(max(SOLUTION_MARGIN * distance, 1e-300), unique)
     is_decided = real or any(lower_magnitude(ball.imag) > radius for ball in x)
     if not (distance < unique and is_decided):
@@ -219,9 +222,11 @@ def _widen_angle(angle: Ball, radius: float, real: bool) -> Ball:
 def bound_zero_distance(values: Array, slopes: Array) -> float:
     """Return a bound of the distance of a zero of F from the centre of balls.
 
-    The bound is the largest component of (Y F')^-1 Y F. Here F is the value at the centre,
-    F' are all derivatives in the balls, and Y is an approximate inverse of F'. If the radii
-    of the balls exceed the bound, the balls contain exactly one zero.
+    By the mean value theorem, a zero z has the distance z - x = -(F')^-1 F(x) from the
+    centre x, for some F' in the balls. The bound is the largest component of
+    (Y F')^-1 Y F(x) for all F' in the balls, where Y is an approximate inverse of F'. If
+    the radii of the balls exceed the bound, the balls contain exactly one zero (interval
+    Newton method, Moore).
 
     Parameters
     ----------
@@ -234,6 +239,7 @@ def bound_zero_distance(values: Array, slopes: Array) -> float:
     -------
     The bound (rad), infinity if F' may be singular in the balls.
     """
+    # A matrix that may be singular raises ZeroDivisionError.
     try:
         inverse = _approximate_inverse(slopes)
         steps = solve_balls(inverse @ slopes, inverse @ values[:, None])
