@@ -320,8 +320,7 @@ class PoseFinder:
             If the output takes the other kind of pose, or does not reach it.
         """
         kinematics = InverseKinematics(self.mechanism, self.output.name)
-        # Virtual links, a wrist, hold the output by the coordinates of its pose. A wrist
-        # for a direction is one that points.
+        # `points` is a flag: whether the pose of this output is a direction.
         takes_direction = kinematics.wrist.points
         if takes_direction != is_direction:
             expected = "a direction" if takes_direction else "an orientation"
@@ -341,7 +340,7 @@ class PoseFinder:
         return self._make_candidates(solutions.values, labels)
 
     def _find_mid_plane(
-        self, form: MidPlaneArchitecture, pose: Pose
+        self, architecture: MidPlaneArchitecture, pose: Pose
     ) -> tuple[Floats, Floats | None]:
         """Return the normal of the mid-plane at a pose.
 
@@ -351,7 +350,7 @@ class PoseFinder:
 
         Parameters
         ----------
-        form
+        architecture
             The mid-plane symmetric architecture.
         pose
             The pose, in any description: two angles of the mid-plane, both inputs, an
@@ -375,21 +374,22 @@ class PoseFinder:
                 return normal_at(phi, gamma)[None], None
             case AtInputs(inputs):
                 # Both driven elbows span the mid-plane, unless they are parallel.
-                normals = form.plane.normals(inputs[None])
+                normals = architecture.plane.normals(inputs[None])
                 if np.any(np.isnan(normals)):
                     raise SolveError(
-                        f"{form.mechanism.name}: at these inputs both driven elbows lie "
-                        "on one line and do not fix the mid-plane; change one input"
+                        f"{architecture.mechanism.name}: at these inputs both driven "
+                        "elbows lie on one line and do not fix the mid-plane; "
+                        "change one input"
                     )
-                return normals, form.plane.modes(inputs[None])[0]
+                return normals, architecture.plane.modes(inputs[None])[0]
             case AtOrientation(orientation):
                 # The deviation (rad) is that of the orientation from the nearest mirror
                 # image of the base.
-                normals, deviation = form.normals(orientation[None])
+                normals, deviation = architecture.normals(orientation[None])
                 if not deviation[0] < IN_PLANE_RAD:
                     raise SolveError(
-                        f"{form.mechanism.name}: the orientation is not a pose of its "
-                        f"output link: it is {np.degrees(deviation[0]):.3g} deg from "
+                        f"{architecture.mechanism.name}: the orientation is not a pose of "
+                        f"its output link: it is {np.degrees(deviation[0]):.3g} deg from "
                         f"{describe_mid_plane(normals[0])}"
                     )
                 return normals, None
@@ -401,17 +401,21 @@ class PoseFinder:
                 # The normal points from the home direction of the output to its mirror
                 # image, the given direction. If their distance is 0, every plane through
                 # this direction is possible.
-                normals, distance = form.normals_to(unit(direction)[None] @ form.frame)
+                normals, distance = architecture.normals_to(
+                    unit(direction)[None] @ architecture.frame
+                )
                 if distance[0] < SAME_ORIENTATION_RAD:
                     raise SolveError(
-                        f"{form.mechanism.name}: outputs.{self.output.name} points there "
-                        "in every mid-plane through this direction; give inputs, an "
+                        f"{architecture.mechanism.name}: outputs.{self.output.name} points "
+                        "there in every mid-plane through this direction; give inputs, an "
                         "orientation, or phi and gamma"
                     )
                 # Of the two opposite normals, the one with n_z >= 0.
                 return upward(normals), None
 
-    def _find_at_mid_plane(self, form: MidPlaneArchitecture, pose: Pose) -> PoseCandidates:
+    def _find_at_mid_plane(
+        self, architecture: MidPlaneArchitecture, pose: Pose
+    ) -> PoseCandidates:
         """Return the configurations at a pose in all modes of a mid-plane architecture.
 
         The end effector is the mirror image of the base in the mid-plane, so the normal of
@@ -422,7 +426,7 @@ class PoseFinder:
 
         Parameters
         ----------
-        form
+        architecture
             The mid-plane symmetric architecture of the mechanism.
         pose
             The pose, in any description.
@@ -432,19 +436,21 @@ class PoseFinder:
         SolveError
             If the pose does not determine a mid-plane, or a leg does not reach it.
         """
-        # (1, 3) normal of the mid-plane at the only pose.
-        normals, driven_signs = self._find_mid_plane(form, pose)
-        form.check_reach(normals[0])
-        modes = [
-            mode
-            for mode in _list_modes(form)
-            if driven_signs is None or np.all(mode[form.plane.driven] == driven_signs)
-        ]
+        # (1, 3) normal of the mid-plane at the only pose. `driven_signs` is None unless the
+        # pose is given by inputs.
+        normals, driven_signs = self._find_mid_plane(architecture, pose)
+        architecture.check_reach(normals[0])
+        modes = _list_modes(architecture)
+        if driven_signs is not None:
+            driven_legs = architecture.plane.driven  # numbers of the driven legs
+            modes = [mode for mode in modes if np.all(mode[driven_legs] == driven_signs)]
         values = []
         for mode in modes:
             # Both links of a pair agree on its axis in a mechanism of this architecture,
-            # which was tested when `form` was made. The residuals are therefore not used.
-            mode_values, _residuals = form.values(form.place(normals, mode))
+            # which was tested when `architecture` was made. The residuals are therefore
+            # not used.
+            link_orientations = architecture.place(normals, mode)
+            mode_values, _residuals = architecture.values(link_orientations)
             values.append(mode_values)
         labels = [label_of(mode) for mode in modes]
         return self._make_candidates(np.concatenate(values), labels)
@@ -467,9 +473,10 @@ class PoseFinder:
             The pose at the end.
         mode
             The configuration to choose at the end: its signs such as ``+-+``, or its
-            number. If it is empty, the nearest one with the same signs of dyads as the
-            start is chosen, or the nearest of all if none has these signs. Only the former
-            is reported as chosen by the start mode (`EndOrientation.has_start_mode`).
+            number. If it is empty, the nearest configuration in the mode of the start is
+            chosen. A mode is the signs of the dyads, pairs of links that can be placed in
+            two ways. If no configuration has this mode, the nearest of all is chosen.
+            `EndOrientation.has_start_mode` distinguishes both cases.
 
         Raises
         ------
@@ -479,11 +486,14 @@ class PoseFinder:
         if isinstance(end, AtRotation):
             return end
         if isinstance(end, AtOrientation):
+            # All configurations at the end have this orientation. It is the only choice.
             return EndOrientation(end.orientation, number=0, count=1, has_start_mode=False)
         try:
             ends = self.candidates(end)
             angles = angles_between(start.orientations[number][None], ends.orientations)
-            # lexsort takes the most significant key last: regular configurations first.
+            # Equal angles can differ by rounding errors, which would make the order of
+            # their configurations random. The angles are therefore rounded. lexsort takes
+            # the most significant key last: regular configurations come first.
             rounded_angles = np.round(angles, ANGLE_SORTING_DECIMALS)
             ends = ends.rows(np.lexsort((rounded_angles, ends.singular)))
             if mode:
@@ -526,11 +536,12 @@ class PoseFinder:
         """
         labels = candidates.labels.tolist()
         without_working_modes = [(label, "") for label in labels]
-        # In a mid-plane symmetric architecture (`form`) the labels are the signs of the
-        # legs. They are the working mode, too, so this gets no label of its own. Inverse
-        # kinematics needs as many inputs as a direction (2) or an orientation (3) has
-        # coordinates.
-        if self.form is not None or len(self.mechanism.inputs) not in COORDINATES:
+        # In a mid-plane symmetric architecture the labels are the signs of the legs. They
+        # describe the working mode too, so it needs no second label.
+        has_mid_plane = self.form is not None
+        # Inverse kinematics needs as many inputs as the pose has coordinates: 2 of a
+        # direction or 3 of an orientation (`COORDINATES`).
+        if has_mid_plane or len(self.mechanism.inputs) not in COORDINATES:
             return without_working_modes
         try:
             kinematics = InverseKinematics(self.mechanism, self.output.name)
@@ -540,8 +551,8 @@ class PoseFinder:
             return without_working_modes
         poses = candidates.orientations
         # With two inputs a pose is the direction of the output, otherwise its orientation.
-        # `wrist` has the virtual links that hold the output in its pose.
-        if kinematics.wrist.points:
+        is_direction = kinematics.wrist.points
+        if is_direction:
             poses = poses @ np.array(self.output.direction)
         solutions = kinematics.solutions(poses)
         modes = []
@@ -584,41 +595,46 @@ class PoseFinder:
         SolveError
             If the axis is not determined, or the start is singular.
         """
-        form = self.form
+        architecture = self.form  # the mid-plane symmetric architecture or None
         start_values = start.values[number]
         start_orientation = start.orientations[number]
-        # With a mid-plane architecture a label has one sign for each leg.
+        # Signs 1 and -1 of the legs. They are used only with a mid-plane architecture, of
+        # which a label such as "+-+" has one sign for each leg.
         signs = np.array([1.0 if sign == "+" else -1.0 for sign in start.labels[number]])
         if isinstance(end, AtRotation):
-            if form is not None:
-                normals, _deviation = form.normals(start_orientation[None])
+            if architecture is not None:
+                normals, _deviation = architecture.normals(start_orientation[None])
                 normal = normals[0]
                 axis = unit(end.axis)
-                # The sine of the angle between the axis and the mid-plane. `form.frame`
-                # rotates from the axes of the normal to those of the base.
-                if abs(normal @ form.frame.T @ axis) < IN_PLANE_RAD:
-                    return form.rotation_about(normal, axis, end.angle, signs)
+                # The sine of the angle between the axis and the mid-plane. `frame` rotates
+                # from the axes of the normal to those of the base.
+                axis_sine = abs(normal @ architecture.frame.T @ axis)
+                if axis_sine < IN_PLANE_RAD:
+                    return architecture.rotation_about(normal, axis, end.angle, signs)
             return follow_rotation(
                 self.mechanism, start_values, end.axis, end.angle, self.output.name
             )
-        if form is not None:
-            normals, deviation = form.normals(
+        if architecture is not None:
+            # `deviations` are the angles (rad) of both orientations from the nearest mirror
+            # image of the base. The orientation at the start is such an image. The end may
+            # be any orientation, so it is tested.
+            normals, deviations = architecture.normals(
                 np.stack([start_orientation, end.orientation])
             )
             start_normal, end_normal = normals
-            # `deviation` is the angle of each orientation from the nearest mirror image of
-            # the base. The start has the architecture, but any end can be asked for.
-            if deviation[1] < SAME_ORIENTATION_RAD:
-                return form.rotation_between(start_normal, end_normal, signs)
+            if deviations[1] < SAME_ORIENTATION_RAD:
+                return architecture.rotation_between(start_normal, end_normal, signs)
         return follow_to(self.mechanism, start_values, end.orientation, self.output.name)
 
 
-def _list_modes(form: MidPlaneArchitecture) -> list[Floats]:
+def _list_modes(architecture: MidPlaneArchitecture) -> list[Floats]:
     """Return the signs (legs,) of all modes of a mid-plane architecture.
 
     The modes of the driven legs are in the order of `MidPlane.solutions`: first those with
     the sign -1 of the first leg, and among them those with the sign 1 of the second one.
     """
-    first, second = form.plane.driven
-    modes = [np.array(signs) for signs in product((1.0, -1.0), repeat=len(form.legs))]
+    first, second = architecture.plane.driven
+    modes = [
+        np.array(signs) for signs in product((1.0, -1.0), repeat=len(architecture.legs))
+    ]
     return sorted(modes, key=lambda mode: (mode[first], -mode[second]))

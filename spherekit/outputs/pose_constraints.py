@@ -45,23 +45,26 @@ class ModeAtPoses(Protocol):
 
     @property
     def type_1(self) -> Floats:
-        """(n, inputs) speed of the output per unit rate of each input; 0 at type I.
+        """(n, inputs) angular speed of the output per unit rate of each input.
 
-        It is a ratio of angular velocities. One input moves while the others are locked.
+        One input moves while the others are locked. The speed is 0 at a singularity of type
+        I, because the output rests there although this input moves.
         """
 
     @property
     def type_1_square(self) -> Floats:
-        """(n, inputs) squares of `type_1`, continued smoothly where a leg does not reach.
+        """(n, inputs) squares of `type_1`; negative where a leg does not reach the pose.
 
-        The continuation is negative.
+        The square passes smoothly through 0 at the limit of the reach. The border of a
+        workspace, which is searched there, needs values on both sides.
         """
 
     @property
     def type_2(self) -> Floats:
         """(n,) measure from 0 to 1 of how surely the locked inputs hold the output.
 
-        It is 0 at type II. The value 1 would be reached with all pairs locked.
+        It is 0 at a singularity of type II, where locked inputs do not hold the output. It
+        would be 1 if all pairs were locked, not only the inputs.
         """
 
     @property
@@ -81,12 +84,13 @@ class LegSpan(NamedTuple):
     Attributes
     ----------
     first_pair, second_pair
-        Numbers of the pairs with these axes, in the mechanism without wheels.
+        Numbers of the pairs with these axes, in the mechanism without the wheels that drive
+        its links.
     shortest, longest
         Smallest and largest angle (rad) at which the leg closes.
     can_fold
-        Whether the width of links limits this leg, because its two links can lie over each
-        other at the smallest angle.
+        Whether the two links of the leg lie over each other at the smallest angle. If the
+        user gives a width of the links, it then increases the smallest angle.
     """
 
     first_pair: int
@@ -102,7 +106,7 @@ class AngleLimit:
 
     There are two margins, which are positive inside and negative beyond the limit. `left`
     is the angle that is left to the limit, for reports. `column` is a difference of
-    cosines, from which the border of a workspace is computed, because it is smooth there.
+    cosines. It is smooth at the border of a workspace, which is computed from it.
 
     Attributes
     ----------
@@ -115,8 +119,9 @@ class AngleLimit:
     cosine
         Function that returns the cosine (n,) of the angle at n poses in one working mode.
     unit
-        Factor from the angle to the quantity that is reported. It is 0.5 for distances to
-        singularities, where the angle is twice the distance, otherwise 1.0.
+        Factor from the angle to the quantity that is reported, usually 1.0. A distance to a
+        singularity is an angle b with sin b = 0 at the singularity. Then 2 b is limited,
+        because cos 2 b is smooth even at b = 0, and the factor is 0.5.
     """
 
     name: str
@@ -221,8 +226,8 @@ def bounds_of(kinematics: LimitedOutput, wanted: Constraints) -> tuple[AngleLimi
     Returns
     -------
     Limits of angles between axes, then of pair angles, then of the distance to
-    singularities (`wanted.near`), which is expressed as an angle, too. If there are none, a
-    single limit that every pose keeps.
+    singularities (`wanted.near`). This distance is an angle, too: its sine is a measure
+    that is 0 at the singularity. If there are no limits, one that every pose keeps.
 
     Raises
     ------
@@ -357,10 +362,14 @@ def _limit_axis_angles(
 ) -> tuple[AngleLimit, ...]:
     """Return the limits of angles between axes of pairs, which restrict the poses.
 
-    The reach of the legs, the width of links and `constraints.apart` give ranges of these
-    angles. Several ranges of the same angle are replaced by one with the largest lower and
-    the smallest upper limit. A limit names the constraint that it comes from. Limits at 0
-    and pi are left out, because every angle keeps them.
+    Three sources give ranges of these angles:
+
+    - the arcs of the two links of a leg, for the angle between its outer axes,
+    - the width of links, which must not overlap when a leg folds,
+    - the ranges of `constraints.apart`, which the user sets for any two axes.
+
+    Several ranges of the same angle are replaced by one with the largest lower and the
+    smallest upper limit. A limit names the constraint that it comes from.
 
     Parameters
     ----------
@@ -382,9 +391,10 @@ def _limit_axis_angles(
         strictest_high = min(ranges, key=lambda angle_range: angle_range.high)
         low = strictest_low.low
         high = strictest_high.high
-        # COLLINEAR_SINE is a sine below which two axes count as one line. Such an angle
-        # equals its sine, so the constant is used as an angle (rad) here. In a narrower
-        # range the poses form no area.
+        # A workspace is an area of poses. Only a curve of it is left if the range of an
+        # angle is nearly a point. COLLINEAR_SINE is a sine below which two axes count as
+        # one line. Such an angle equals its sine, so the constant is used as an angle (rad)
+        # here.
         if high - low < COLLINEAR_SINE:
             raise _error(
                 kinematics.carrying,
@@ -464,9 +474,9 @@ def _find_least_link_angle(mechanism: Mechanism, constraints: Constraints) -> fl
     """Return the least angle (rad) between the axes at both ends of a leg with wide links.
 
     A leg has two links and three axes. If it folds, its links come to lie side by side, and
-    its outer two axes are near each other. Links are taken as bands on a sphere. The edges
-    of two bands touch if their middles are one width apart, which is an arc of
-    width / radius. The angle is 0 for links without width.
+    its outer two axes are near each other. The links are bands on a sphere. The rule is
+    that the outer axes, at the middles of the bands, are at least one width apart, an arc
+    of width / radius (Chen et al. 2021, section 3). The angle is 0 for links without width.
 
     Raises
     ------
@@ -475,7 +485,8 @@ def _find_least_link_angle(mechanism: Mechanism, constraints: Constraints) -> fl
     """
     width = constraints.width
     radius = constraints.radius
-    # The angle is at most pi. Without width any radius fits, even the default of 0.
+    # An angle between axes is at most pi, so width / radius may not be larger. Without a
+    # width any radius fits, even 0, which means that the user gave none.
     fits = 0.0 <= width <= np.pi * radius < np.inf
     fits_without_width = width == 0.0 and 0.0 <= radius < np.inf
     if not (fits or fits_without_width):

@@ -76,25 +76,27 @@ def closed_kinematics(mechanism: Mechanism, output: str | None = None) -> Closed
 
 
 def _find_closed_form(inverse: InverseKinematics) -> ClosedKinematics:
-    """Return the closed form of an output: dyads, wheels on dyads, or a mid-plane.
+    """Return the closed form of the inverse kinematics of an output.
 
-    A dyad is a group of two links between two known axes. In a mid-plane symmetric
-    architecture, base and output link are mirror images of each other about a plane.
+    Three kinds of mechanisms have one. They are tried in this order:
 
-    The argument `inverse` has two mechanisms. In one (`wrist`) virtual links hold the
-    output in a pose, so that the groups of the other links can be solved at this pose. The
-    other one (`own`) is the mechanism of the user.
+    1. All links are dyads (groups of two links between two known axes) if the output is
+       held in a pose.
+    2. The links are such dyads if wheels that drive them are removed.
+    3. Base and output link are mirror images of each other about a plane (mid-plane
+       symmetric architecture).
 
     Raises
     ------
     SolveError
-        If there is none. The message says that a closed form needs dyads only, and
-        why the architecture is not mid-plane symmetric.
+        If there is none. The message says why the third kind does not apply.
     """
     if inverse.has_closed_form:
         return DyadKinematics(inverse)
+    # The mechanism of the user, without virtual links that hold the output in a pose.
     mechanism = inverse.own
     output = inverse.wrist.output
+    # None if the mechanism is not of the second kind.
     geared = geared_kinematics(mechanism, output)
     if geared is not None:
         return geared

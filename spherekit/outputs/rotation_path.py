@@ -236,14 +236,18 @@ class PathNodes(ArrayRows):
 class TrackedPath:
     """The part of a path that was tracked.
 
+    Along the path a target orientation turns about an axis by the angle theta, and the
+    configurations are those nearest to the target.
+
     Attributes
     ----------
     nodes
-        The nodes in the order of theta.
+        The computed configurations, in the order of theta.
     end
         OK if the path reached the requested angle, otherwise the reason why it ends.
     leaps
-        Angles theta (rad) of the singular configurations that were stepped over.
+        Angles theta (rad) of singular configurations. Single steps (leaps) led from one
+        side of each to the other, because the links are not determined there.
     """
 
     nodes: PathNodes
@@ -368,20 +372,21 @@ class RotationPath:
     def step(self, node: PathNodes, goal: float) -> PathNodes | None:
         """Return the next node of the path, None if the step to it fails a test.
 
-        A node is predicted from the derivatives at the last one and corrected by Newton's
-        method. The middle of the step is computed too. The tests are that the corrections
-        are small, that no singular configuration lies between, and that the interpolation
-        agrees with the middle.
+        The path consists of the configurations nearest to a target orientation, which turns
+        about an axis by the angle theta. A node is predicted from the derivatives at the
+        last one and corrected by Newton's method. The middle of the step is computed too.
+        The tests are that the corrections are small, that no singular configuration lies
+        between, and that the interpolation agrees with the middle.
 
         Parameters
         ----------
         node
             The last node of the path.
         goal
-            Angle (rad) of the next node.
+            Angle theta (rad) of the next node.
         """
-        # 1. Predict and correct the middle and the end of the step. `distances` (2,) lead
-        # there from the node.
+        # 1. Predict and correct the middle and the end of the step. STEP_PARTS is 1/2 and
+        # 1, so `distances` (2,) are the differences of theta from the node to both.
         distances = STEP_PARTS * (goal - node.theta)
         guess = node.extrapolate(distances)
         if not all_finite(guess):
@@ -391,8 +396,8 @@ class RotationPath:
         middle_node = nodes.rows(slice(0, 1))
         next_node = nodes.rows(slice(1, 2))
 
-        # 2. The corrections have to be small compared to the step. The output link has to
-        # turn exactly with the target at all nodes, or at none (`follows`).
+        # 2. The corrections have to be small compared to the step. `follows` says whether
+        # the output link turns exactly with the target. It must not change in a step.
         change = max_abs(next_node.values - node.values)
         is_corrected = (
             STEP_VERIFICATION.accepts_correction(step_sizes, change) & nodes.is_valid
@@ -411,8 +416,9 @@ class RotationPath:
             eigenvalues = np.abs(np.linalg.eigvals(relative_change))
             is_regular = STEP_VERIFICATION.accepts_change(eigenvalues)
         else:
-            # The links are determined as the nearest ones to a target that they do not
-            # reach. A stability of zero means that other configurations are as near.
+            # The link does not reach the target, so its configuration is the nearest one.
+            # `stability` contains the second derivative of the squared distance. If it is
+            # zero, neighbouring configurations are equally near: none is determined.
             is_regular = nodes.stability > SINGULAR_TARGET_CONDITION
 
         # 4. The interpolation between both ends has to agree with the middle.

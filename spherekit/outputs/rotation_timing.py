@@ -279,7 +279,10 @@ class TimeScaling:
             for each cycle instead.
         """
         if self.cycle is not None:
-            ticks = np.arange(round(self.duration / self.cycle) + 1)
+            # The duration is a whole number of cycles; `round` removes rounding errors. For
+            # the same reason no time may exceed the duration.
+            cycle_count = round(self.duration / self.cycle)
+            ticks = np.arange(cycle_count + 1)
             return self.at(np.minimum(ticks * self.cycle, self.duration))
         if samples < 2:
             raise SolveError(f"samples: found {samples}, needs at least 2")

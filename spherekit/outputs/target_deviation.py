@@ -264,20 +264,20 @@ class TargetDeviation:
     def _pair_moments(self) -> Floats:
         """(n, variables, 3) the moment f_v that the pair of each variable v transmits.
 
-        Imagine a torsional spring of unit stiffness between the output link and its target.
-        The remaining rotation d (rotation vector from the link to the target) is its moment
-        on the link. The pairs transmit this moment and the reactions m by which the loops
-        stay closed.
+        The derivatives of the nearest configuration to the target are computed from these
+        moments. Imagine a torsional spring of unit stiffness between the output link and
+        its target. The remaining rotation d (rotation vector from the link to the target)
+        is its moment on the link. The pairs transmit this moment and the reactions m by
+        which the loops stay closed.
 
         In the nearest configuration the spring is in equilibrium: G^T d + J^T m = 0, with
-        the Jacobian G of the output link and the Jacobian J of the loops. Row v is
-        a_v . f_v = 0 with the axis a_v of the variable: its pair turns freely about this
-        axis and transmits no moment along it. All f_v are zero if the link is on the
-        target.
+        the Jacobian G of the output link and the Jacobian J of the loops. Equation v of
+        this system is a_v . f_v = 0, with the axis a_v of the variable: the pair turns
+        freely about it. All f_v are zero if the link is on the target.
         """
+        spring_force = np.vecmat(self.remaining_rotation, self.output_jacobian)  # G^T d
         moments = self._moments_at_pairs(
-            output_moment=self.remaining_rotation,
-            force=np.vecmat(self.remaining_rotation, self.output_jacobian),
+            output_moment=self.remaining_rotation, force=spring_force
         )
         return np.where(self._is_off_target[:, None, None], moments, 0.0)
 
@@ -288,8 +288,8 @@ class TargetDeviation:
 
         - A moment acts on the output link. The pairs on the path from body 0 to this link
           transmit it.
-        - Each loop is closed by one pair, a chord, whose reaction is a moment too. All
-          pairs of the loop transmit it.
+        - Each loop is closed by one pair (a chord of the tree of links), whose reaction is
+          a moment too. All pairs of the loop transmit it.
 
         The reactions m have three components for each loop. They balance generalised forces
         at the variables: J^T m + force = 0, with the Jacobian J of the loops. The solution
@@ -300,11 +300,12 @@ class TargetDeviation:
         output_moment
             (n, 3) moment on the output link.
         force
-            (n, variables) generalised forces that the reactions balance: those of the
-            moment on the output link, or their rates.
+            (n, variables) generalised forces that the reactions balance. They are those of
+            the output moment. If rates of the moments are computed, `output_moment` is a
+            rate, and `force` also contains the effect of turning axes.
         """
-        # Signs 1 and -1 say in which direction a path or loop passes a pair; 0 if it does
-        # not.
+        # `paths` and `signs` have 1 or -1 for the direction in which a path or a loop goes
+        # through a pair, and 0 if it does not. So both moments are added.
         tree = self.linearisation.tree
         reactions = -np.vecmat(force, self._jacobian_split.pseudo_inverse)
         reactions = reactions.reshape(len(force), len(tree.chords), 3)
@@ -323,12 +324,12 @@ class TargetDeviation:
         """Return the second derivatives (n, variables, 3) of the variables' axis vectors.
 
         The axis a of a pair is fixed in a body with the angular velocity w and the angular
-        acceleration w': a'' = w' x a + w x a'. The result is NaN for contact pairs, which
-        would need a further derivative of their profiles.
+        acceleration w': a'' = w' x a + w x a'. For contact pairs this would need a further
+        derivative of their profiles, which is not available: the result is NaN.
 
-        The result is only multiplied by `_pair_moments`. These are zero if the output link
-        is on the target. The result is then set to zero, because a product of zero and NaN
-        would be NaN.
+        The caller multiplies the result by the moments at the pairs. These are zero if the
+        output link is on its target, so that contact pairs have no influence. The result is
+        set to zero there, because a product of zero and NaN would be NaN.
 
         Parameters
         ----------
@@ -449,18 +450,21 @@ class TargetDeviation:
         # The stiffness is the second derivative of a^2 / 2 by motions that keep the loops
         # closed. Where its smallest eigenvalue is not clearly positive, a^2 / 2 is not
         # convex, and a full Newton step could increase the angle. The Gauss-Newton matrix
-        # W^T W is used there, with the angular velocities W of the output link. It leaves
-        # out the curvature of the configurations. Its eigenvalues are never negative, so
-        # its step decreases the angle if it is short enough.
+        # W^T W is used there. The columns of W are the angular velocities of the output
+        # link for a basis of the motions that keep the loops closed. W^T W leaves out the
+        # curvature of the configurations. Its eigenvalues are never negative, so its step
+        # decreases the angle if it is short enough. Both matrices agree on the target, so
+        # the smallest eigenvalue of W^T W is the scale for that of the stiffness.
         gauss_newton = transpose(self.free_output_rates) @ self.free_output_rates
         least_gauss_newton_eigenvalue = self.output_singular_value**2
         is_convex = (
             self.least_eigenvalue > MIN_CONVEXITY_RATIO * least_gauss_newton_eigenvalue
         )
         stiffness = np.where(is_convex[:, None, None], self.stiffness, gauss_newton)
-        # The step closes the loops and makes the gradient of a^2 / 2 zero. G^T d is minus
-        # this gradient, with the Jacobian G of the output link: the angle becomes smaller
-        # when the link turns by the remaining rotation d.
+        # The step closes the loops and makes the gradient of a^2 / 2 zero. Minus this
+        # gradient is G^T d, with the Jacobian G of the output link and the remaining
+        # rotation d. It acts like the force of a spring with the energy a^2 / 2, which
+        # pulls the link to the target.
         return self._solve_motion(
             force=np.vecmat(self.remaining_rotation, self.output_jacobian),
             closure_change=-self.linearisation.residual,
@@ -560,9 +564,9 @@ class TargetDeviation:
         remaining rotation d to the target is the moment of the spring, G is the Jacobian of
         the output link, J that of the loops, and m are the reactions in the loops.
 
-        This equation is differentiated once and twice by theta. In each derivative, the
-        terms with the unknown rates of the variables are the stiffness of the spring times
-        these rates. `_solve_motion` solves for them; its `force` has all other terms.
+        This equation is differentiated once and twice by theta. Each derivative has the
+        form stiffness @ unknown = force: the unknown is the first or second derivative of
+        the variables, and `force` has all terms without it. `_solve_motion` solves it.
         """
         d = self.remaining_rotation
 
@@ -581,9 +585,9 @@ class TargetDeviation:
         # Change of d. If the target turns, d changes by `target_rate`. If the output link
         # turns, -d changes likewise: it is the rotation from the target to the link.
         d_rate = target_rate - log_rate(-d, w)
-        # Row v of the equation is a_v . f_v, with the axis vector a_v of variable v and the
-        # moment f_v at its pair. Both change. The reactions change so that they balance the
-        # changes of the forces by a_v and d.
+        # Equation v is a_v . f_v = 0, with the axis vector a_v of variable v and the moment
+        # f_v at its pair: (a_v . f_v)' = a_v' . f_v + a_v . f_v' = 0. `force_rate` is the
+        # change without that of the reactions m, which have to balance it.
         force_rate = np.vecdot(vector_rates, self._pair_moments)
         force_rate = force_rate + np.vecmat(d_rate, self.output_jacobian)
         moment_rates = self._moments_at_pairs(output_moment=d_rate, force=force_rate)
@@ -591,8 +595,9 @@ class TargetDeviation:
         loop_bias, output_bias = self._velocity_biases(first, vector_rates)
 
         # 3. Second derivatives. `d_bias` is the second derivative of d for constant angular
-        # velocities of target and link: the change of both terms of `d_rate`. That of the
-        # link also changes by `output_bias`, even without accelerations of the variables.
+        # velocities of target and link: the change of both terms of `d_rate`. However, the
+        # angular velocity of the link changes by `output_bias` at constant rates of the
+        # variables, because the axes turn. The `force` below contains this effect.
         d_bias = log_rate_change(d, d_rate, axis)
         d_bias -= log_rate_change(-d, -d_rate, w)
 
