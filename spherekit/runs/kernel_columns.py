@@ -246,14 +246,19 @@ class KernelColumns:
         """
         self._sign_functions = sign_functions
         rows = self.uncertified
-        # A field has the numbers of all poles in these rows. The directions of
-        # `signed_poles`, which are not the axis of a pair, get a sign.
+        # The rows of a mode are successive, one for each sample.
+        mode_indices = rows // samples
+        # A field has the numbers of all poles in these rows, for one input that moves.
         for input_index, field in enumerate(self.uncertified_fields):
+            # Poles that are the axis of a pair have the direction of the file. The others
+            # get a sign.
             poles = self.kernel.input_columns[input_index].signed_poles
-            # (3, poles, k). The first `reshape` makes the shape right without poles, too.
-            directions = np.array([field.direction[pole].T for pole in poles])
-            directions = directions.reshape(-1, 3, len(rows)).swapaxes(0, 1)
-            signs = sign_functions[input_index](directions, rows, rows // samples)
+            directions = np.empty((len(poles), 3, len(rows)))
+            for pole_index, pole in enumerate(poles):
+                directions[pole_index] = field.direction[pole].T
+            signs = sign_functions[input_index](
+                directions.swapaxes(0, 1), rows, mode_indices
+            )
             for pole, signs_of_pole in zip(poles, signs, strict=True):
                 apply_signs(field, pole, signs_of_pole)
 
@@ -283,8 +288,8 @@ class KernelColumns:
         def read_slice(row_slice: RowSlice) -> None:
             """Compute the columns of one slice, and pass them to the reader.
 
-            They are those of `keys`, the columns that `read` was asked for.
-            `column_indices` has their positions among all columns of the kernel.
+            They are the columns `keys` that `read` was asked for. `column_indices` has
+            their positions among all columns of the kernel.
 
             Parameters
             ----------
@@ -296,8 +301,8 @@ class KernelColumns:
             all_columns = np.empty((self.kernel.all_columns.width, values.shape[1]))
             self.kernel.all_columns(values, all_columns)
             # The kernel gives directions in one of their two senses. The chosen signs
-            # change them in place. There is a sign function for each input, but none at all
-            # before `set_signs` was called; hence strict=False.
+            # change them in place. There is a sign function for each input. Before
+            # `set_signs` is called there are none, and the senses stay (strict=False).
             for find_signs, input_columns in zip(
                 self._sign_functions, self.kernel.input_columns, strict=False
             ):
@@ -310,8 +315,8 @@ class KernelColumns:
                 for k in np.flatnonzero(np.any(signs < 0, axis=1)):
                     signed_columns[:, k] *= signs[k]
             columns = [all_columns[index] for index in column_indices]
-            # Failed rows become NaN. Rows whose errors may be too large for the kernel get
-            # the numbers of ordinary functions.
+            # In these rows other numbers replace those of the kernel: NaN in failed rows,
+            # and the numbers of ordinary functions where errors may be too large.
             if np.any(self._is_replaced[rows]):
                 columns = [
                     self._replace_uncertified(key, column, rows)
@@ -324,10 +329,9 @@ class KernelColumns:
     def _replace_uncertified(self, key: ColumnKey, column: Floats, rows: slice) -> Floats:
         """Return a column of some rows, with the right numbers in uncertified rows.
 
-        The kernel certifies a row if its error bounds are small enough. Ordinary functions
-        have computed all other rows, and their numbers replace those of the kernel. Failed
-        rows become NaN. A pole is the axis about which one link rotates relative to
-        another.
+        The kernel, a compiled function, certifies a row if its error bounds are small
+        enough. Slower functions have computed the uncertified rows (`uncertified_fields`),
+        and their numbers replace those of the kernel. Failed rows become NaN.
 
         Parameters
         ----------
@@ -343,6 +347,8 @@ class KernelColumns:
         # `high` are among these rows.
         low, high = np.searchsorted(self.uncertified, [rows.start, rows.stop])
         if low < high:
+            # The field has an attribute for each quantity, such as `direction`, with the
+            # numbers by pole or link (`subject`).
             field = self.uncertified_fields[key.input_index]
             values = getattr(field, key.quantity)[key.subject]
             # (uncertified rows, components)

@@ -81,7 +81,7 @@ def read_fields(
         Function of the faulty key in a tuple (empty if no single key is at fault) and a
         message, which returns the error to raise.
     key_of_field
-        By name of a field its key, for keys that are not the name of the field.
+        Keys by field name, for fields whose key in the text differs from their name.
 
     Returns
     -------
@@ -132,7 +132,7 @@ def parse_fields(
     cls, name
         The dataclass, and its name in messages.
     key_of_field
-        By name of a field its key, for keys that are not the name of the field.
+        Keys by field name, for fields whose key in the text differs from their name.
 
     Returns
     -------
@@ -147,8 +147,8 @@ def parse_fields(
     def make_error(_faulty_keys: Names, message: str) -> AnalysisError:
         """Return an error with a message.
 
-        `read_fields` passes the faulty keys, too. They are not needed, because the message
-        names them.
+        `read_fields` passes the faulty keys first. The message names them too, so they are
+        not used here.
         """
         return AnalysisError(f"{name}: {message}")
 

@@ -53,12 +53,13 @@ class Reduction:
         if all values are NaN.
     weights
         Function that returns the derivatives (k,) of the number of a single mode by the
-        values at the samples, from the values and the number. At least one value is
-        finite. It is None if the number is an input, which has no such derivatives.
+        values at the k samples, from the values and the number. At least one value is
+        finite. It is None if the number is the input of a sample, as of the largest value:
+        small changes of the values leave it as it is.
     returns_input
         Whether the number is an input (rad) and not a value of the quantity.
     needs_point
-        Whether the user gives the inputs at which the value is taken, as in
+        Whether the number is the value at inputs that the user gives, as in
         ``at(theta_41, 30)``.
     """
 

@@ -138,8 +138,9 @@ def _check_column(where: str, column: Column, data: Any) -> Array | Interleaved:
         The declared column. Its kind is "number", "text" or a kind of whole numbers.
     data
         The values that the analysis returned: an array, or an `Interleaved` column. The
-        latter has the rows of several subjects in turn, and can be computed when it is
-        read. It is returned unchanged if it has the right type.
+        latter stores one array for each of several subjects, such as poles, whose rows
+        alternate in the table. It is returned unchanged if it has the right type.
+        Otherwise it is checked like an array.
 
     Raises
     ------
@@ -163,7 +164,8 @@ def _check_column(where: str, column: Column, data: Any) -> Array | Interleaved:
     if values.ndim != 1:
         raise PluginError(f"{where} has the shape {values.shape}, it needs one value a row")
     # NumPy's letters: f, i, u and b for floats, signed and unsigned integers and booleans,
-    # U for texts. Texts may also be objects, and whole numbers may be given as floats.
+    # U for texts. Texts may also be objects, and whole numbers may be given as floats. All
+    # sorts of numbers are converted to the type of the column in the end.
     fits = values.dtype.kind in ("U" if kind == "text" else "fiub")
     if kind == "text" and not fits:
         fits = all(isinstance(text, str) for text in values)

@@ -74,8 +74,8 @@ class RunFolder:
         """Create and lock the folder of a run for a `with` statement.
 
         The folder has a hidden work folder, in which a run stores unfinished work and then
-        complete results. At the end the folder contains the results of a run, or work that
-        can be resumed. Everything else is removed from the work folder.
+        complete results. At the end of the `with` statement, work that can be resumed stays
+        there. Everything else is removed from the work folder.
 
         Raises
         ------
@@ -84,7 +84,8 @@ class RunFolder:
             summary or a work folder with files that no run has written.
         """
         run_folder = cls(make_folder(path))
-        # Refuse a work folder with files that are not from a run.
+        # Refuse a work folder with files that are not from a run. This comes before the
+        # lock, which is a file in the work folder, so that nothing is changed there.
         foreign_files = find_foreign_files(
             run_folder.work, WORK_FILES, re.compile(FINISHED)
         )
@@ -102,10 +103,11 @@ class RunFolder:
                 "choose another folder"
             )
         try:
+            # Refuse a folder with a summary that no run has written.
             run_folder.refuse_foreign_results([SUMMARY])
             if run_folder._has_finished_results:
                 # An earlier run was stopped while its complete results were moved from the
-                # work folder. Move the rest.
+                # work folder to the folder of the run. Move the rest (`publish`).
                 run_folder.publish()
                 run_folder.discard_work()
             yield run_folder

@@ -152,10 +152,9 @@ class RunPlan:
             For each input, the last pole directions of the previous block. The signs of
             directions continue from there. They are updated in place.
         """
-        # The motion may have been computed by a kernel, a compiled function that evaluates
-        # many rows at once. The `BatchRunner` has then noted this object by its id among
-        # those whose poles are not read yet (`unread`). The kernel computes the poles too,
-        # when they are read.
+        # A `BatchRunner` computes motions by a kernel, a compiled function that evaluates
+        # many rows at once. It keeps what it knows about their poles in `unread`, by the
+        # `id` of the motion. The kernel computes such poles when they are read.
         if isinstance(self.source, BatchRunner) and id(motion) in self.source.unread:
             return self.source.fields(motion, sign_continuations)
         # If a run only measures the size of its tables, the numbers in them do not matter.
@@ -167,7 +166,8 @@ class RunPlan:
                 if request.poles
             )
         # The setting states the engine, and whether it computes poles from velocity
-        # equations or from great circles (the route).
+        # equations or from great circles (the route). There are a request and a sign
+        # continuation for each input, also for those without requested poles.
         return tuple(
             evaluate(
                 motion,
@@ -226,9 +226,11 @@ class RunPlan:
             _motion=motion,
             _pole_fields=pole_fields,
             _angles=continued_angles,
+            # Whether the samples are times, and not values of inputs.
             timed=sampling.is_over_time,
             _position_analysis=sampling.position_analysis,
-            # The least and greatest inputs and rates of the whole run, for axes of plots.
+            # The least and greatest inputs and rates of the whole run. An analysis that
+            # draws plots needs them for axes that are the same in all blocks.
             _run_extents=sampling.extents,
         )
 
@@ -261,10 +263,9 @@ class RunPlan:
     ) -> None:
         """Store the rows of a table for a block of samples, and count them.
 
-        The failures of an analysis are counted separately. Most analyses have rows for the
-        samples of the block. If the configuration of a sample does not exist, its rows fail
-        too, but this is no failure of the analysis. Some analyses read no samples, and
-        compute configurations of their own. All their failed rows are failures.
+        Failed rows are counted as failures of the analysis, with one exception: if the
+        configuration of a sample does not exist, the rows of this sample fail for this
+        reason. Analyses that read no samples have no such rows.
 
         Parameters
         ----------
@@ -287,7 +288,8 @@ class RunPlan:
                 for mode in self.sampling.position_analysis.assembly_modes
                 if mode.name
             }
-            # The declaration, and the rows, with a column for the names of modes.
+            # The declaration and the rows, both with a column for the names of modes if the
+            # mechanism names any.
             stored_table = table.with_names(self.mechanism)
             stored_rows = stored_table.named(rows, mode_names)
             table_store.add(analysis_name, stored_table, stored_rows)
@@ -397,8 +399,8 @@ def collect_needs(analyses: Analyses, mechanism: Mechanism) -> DeclaredNeeds:
     PlanError
         If the mechanism has no pair that can be driven.
     """
-    # Without names of other inputs, `driven_at` returns the mechanism itself. It raises an
-    # error if the mechanism cannot be driven, on which the needs of analyses rely.
+    # Analyses rely on a mechanism with inputs. `driven_at` raises the `PlanError` if it has
+    # no pair that can be driven, and returns it otherwise.
     mechanism = driven_at(mechanism)
     # The tables of an analysis are stored under its name, so it can occur only once.
     for name, count in Counter(analysis.name for analysis in analyses).items():
@@ -590,16 +592,17 @@ def extract_needed_part(study: Study, analyses: Analyses) -> Mechanism:
         try:
             needs = check_needs(analysis, mechanism)
         except PluginError:
-            # The run reports the error.
+            # The analysis is faulty. The run will not compute it, and reports the error.
             continue
         # All links on which the quantities in the needs depend.
         links = links_of(mechanism, needs)
         if needs.tracer:
-            # The analysis computes configurations beside the samples by the position
-            # analysis. It may read the whole mechanism there unless it declares `links`.
+            # The analysis computes further configurations itself, beside the samples. It
+            # may read any links of these unless it declares `links`.
             reads_whole = not needs.links
         else:
-            # No quantity of a link is declared.
+            # The analysis declares no quantity of a link, so it must read something else of
+            # the mechanism.
             reads_whole = not links
         if reads_whole:
             raise AnalysisError(

@@ -251,7 +251,8 @@ class RunState:
         status
             (n,) status codes.
         weight
-            Number of poles, for example, that share this array of codes.
+            Factor of the counts. Rows of several poles, for example, may have the same
+            codes, which are then stored and counted once.
         ignored
             Statuses that are not counted.
         """
@@ -290,7 +291,7 @@ class RunState:
         table, data
             The declared table, and its columns for the block.
         batch
-            The samples that the analysis has read. Without it failed rows are not counted.
+            The samples that the analysis has read. None if failed rows are not counted.
         has_rows_of_batch
             Whether the rows belong to the samples of the batch. Rows with the status of
             their configuration are then not counted as failed.
@@ -298,12 +299,14 @@ class RunState:
         self.counts[ROWS, analysis_name, table.name] += row_count(data)
         if batch is None:
             return
-        # If the analysis reads poles, its rows can have the statuses of these. They are not
+        # If the analysis reads numbers of poles (directions, rates, or planes of
+        # their great circles), its rows can have the statuses of these. They are not
         # counted here, because `count_block` counts the statuses of all poles.
         needs = batch.needs
         ignored = [Status.OK]
         if needs.directions | needs.rates | needs.planes:
             ignored += [Status.NO_POLE, Status.ILL_CONDITIONED]
+        # Whether the table has rows for each sample and assembly mode.
         has_sample_rows = has_rows_of_batch and table.in_assembly_modes
         for column in table.columns:
             if column.kind != "status":
@@ -316,8 +319,9 @@ class RunState:
             parts = values.parts if isinstance(values, Interleaved) else (values,)
             arrays = (np.asarray(part) for part in parts)
             for codes, part_count in _count_shared_arrays(arrays):
-                # Rows belong to samples if each sample has the same number of them. Rows
-                # with the status of their configuration are then left out.
+                # The rows of a sample are successive. If all samples have the same number
+                # of rows, each row is compared with the status of its configuration, and
+                # left out if both are the same. Otherwise the sample of a row is unknown.
                 has_equal_shares = len(batch) > 0 and len(codes) % len(batch) == 0
                 if has_sample_rows and has_equal_shares:
                     sample_codes = codes.reshape(len(batch), -1)

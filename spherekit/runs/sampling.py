@@ -198,7 +198,9 @@ class Sampling:
         passive_names = set(names) - set(self.position_analysis.inputs)
         if self.simulation is not None and passive_names:
             # A simulation has counted the revolutions of all variables already. They are
-            # added to the variables that are angles. Inputs have them in the motion too.
+            # added to the variables that are angles. For inputs they are zero, because the
+            # inputs of the motion contain their revolutions. `continue_angles` below then
+            # finds no jumps.
             assert motion.timing is not None  # a simulation always has times
             simulated_values = self.simulation.at(motion.timing.t).values
             revolutions = np.round((simulated_values - motion.values) / TURN)
@@ -359,7 +361,8 @@ def _sample_inputs(study: Study, mechanism: Mechanism, follow: bool) -> Sampling
         False if no analysis of the run needs the motion. Assembly modes are then not
         searched, and there are no configurations.
     """
-    # `input_pair=None`: the inputs are those of the mechanism.
+    # `input_pair=None`: the inputs are those of the mechanism. `crossings` says which curve
+    # a mode follows where curves of configurations cross.
     position_analysis = PositionAnalysis(
         mechanism,
         input_pair=None,
@@ -372,8 +375,9 @@ def _sample_inputs(study: Study, mechanism: Mechanism, follow: bool) -> Sampling
         crossings=study.crossings,
     )
     input_grid = position_analysis.input_grid
-    # Samples without a list are on a straight path or on a grid. They have times if they
-    # are on the straight path, or if there is one input.
+    # A time needs an order of the samples. The straight path has one, and so have the
+    # values of a single input. Samples on a grid of several inputs, or on a path that the
+    # study lists, have none. `is_path` is False for a grid.
     is_straight = study.path is None and input_grid.is_path
     timing = None
     if is_straight or len(mechanism.input_pairs) == 1:
@@ -460,7 +464,10 @@ def _simulate_study(
     )
 
     def show_progress(partial_simulation: Simulation) -> None:
-        """Pass all samples to `on_progress`, with the part that is simulated already."""
+        """Pass the unfinished simulation to `on_progress`, as samples at all times `t`.
+
+        Both names are arguments of the enclosing function.
+        """
         # Inputs and rates at the later samples are not known yet. During the simulation
         # nothing reads these attributes, because the motion at a sample is computed from
         # the simulation. A single column of NaN stands for them, even for several inputs.
