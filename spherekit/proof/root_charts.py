@@ -172,30 +172,33 @@ class ChartRoots:
         The stored z of an unknown is e^(i angle) or its inverse, whichever has a magnitude
         of at most 1: large numbers and infinity do not occur. If the inverse is stored, the
         polynomial c_0 + c_1 / z + ... + c_p / z^p is multiplied by z^p. The coefficients
-        then belong to the powers of z in reverse order.
+        then belong to the powers of z in reverse order (see `_powers`).
 
         Parameters
         ----------
         polynomials
-            For each polynomial an array (m, ..., sizes). The first axis is the choice of
-            the given variables (the inputs, and unknowns that were solved before). The last
-            axes, one for each unknown, are coefficients of powers. Axes between them, such
-            as one for derivatives of the coefficients, are kept in the result.
+            For each polynomial an array (m, ..., size_1, size_2, ...) of coefficients. They
+            depend on given variables, which are the inputs and unknowns that were solved
+            before. The first axis is one of m choices of their values. The last axes, one
+            for each unknown, are the powers of z. Axes between them, such as one for
+            derivatives of the coefficients by the given variables, are kept.
         order
             Order of the derivatives: 0, 1 or 2.
 
         Returns
         -------
-        (n, polynomials, unknowns, ...) with one axis of unknowns for each order, then the
-        axes of the polynomials before the sizes.
+        (n, polynomials, ...) values for order 0. For order 1 or 2 there are one or two axes
+        of unknowns after these. The kept axes come last.
         """
         n, count = self.z.shape
+        # One array (n, ...) for each polynomial and each unknown or pair of unknowns.
         parts = []
         for coefficients in polynomials:
             # `variables` are the unknowns by which one derivative is taken; an unknown that
             # occurs twice means a second derivative.
             for variables in np.ndindex(*[count] * order):
-                # The coefficients of the choice to which each point belongs.
+                # (n, ..., size_1, size_2, ...) coefficients at the given variables of each
+                # point.
                 part = coefficients[self.row]
                 # The axes of coefficients are summed with the powers of the unknowns, the
                 # last axis (last unknown) first. n: point, p: power.
@@ -438,15 +441,17 @@ def _bound_changes(
 
 @dataclass(frozen=True)
 class InputBoxes:
-    """m boxes of the inputs, and the motion of a system's given variables over them.
+    """m boxes of the inputs, and how the given variables of equations change in them.
 
-    Given variables are the inputs and the unknowns of systems that were solved before. They
-    change nearly linearly with the inputs.
+    The equations of a mechanism are solved in parts, called systems. The given variables of
+    a system are the inputs and the unknowns of the systems before it. They change nearly
+    linearly with the inputs. The values at the centres of the boxes are not stored here:
+    the polynomials of the system are evaluated there.
 
     Attributes
     ----------
     half
-        (m, inputs) half widths (rad).
+        (m, inputs) half widths (rad) of the boxes.
     given_rates
         (m, given, inputs) derivatives of the given variables by the inputs.
     given_error
@@ -462,10 +467,13 @@ class InputBoxes:
 class RootTubes:
     """Tubes about n approximate roots, each with exactly one root for all inputs of a box.
 
-    A root has k coordinates z. Each is e^(i angle) of an unknown or its inverse, whichever
-    has a magnitude of at most 1 at the approximate root, so that roots at infinity are like
-    any other. The axis of a tube is the approximate root, which moves linearly with the
-    inputs. The distance of two points is the largest difference of any coordinate z.
+    A root has k complex coordinates z. Each is e^(i angle) of an unknown or its inverse,
+    whichever has a magnitude of at most 1 at the approximate root. So roots at infinity are
+    like any other.
+
+    The root moves with the inputs. At the centre of the box it is near an approximate root.
+    The axis of the tube begins there and moves linearly with the inputs. The distance of
+    two points is the largest magnitude of the difference of a coordinate z.
 
     Attributes
     ----------
@@ -473,16 +481,19 @@ class RootTubes:
         (n,) whether there is proven to be exactly one root. Otherwise the other attributes
         have no meaning.
     centre_radius
-        (n,) largest distance of the root from the approximation at the centre of the box.
-    uniqueness_radius
-        (n,) radius in which the root is the only one, over the whole box.
+        (n,) largest distance of the root from the approximate root, with the inputs at the
+        centre of the box.
     tube_radius
-        (n,) largest distance of the root from the axis of its tube over the box.
+        (n,) largest distance of the root from the axis at the same inputs, for all inputs
+        of the box.
     reach
-        (n, k) largest distance of each coordinate of the root, over the box, from the
-        approximation at its centre.
+        (n, k) largest distance of each coordinate of the root from that of the approximate
+        root, for all inputs of the box. It includes the motion of the axis.
+    uniqueness_radius
+        (n,) radius about the approximate root in which the root is the only one, for all
+        inputs of the box.
     rates
-        (n, k, inputs) derivatives of the axis of each tube by the inputs (1/rad).
+        (n, k, inputs) derivatives of the axis (z, complex) by the inputs (1/rad).
     """
 
     is_proven: Bools
@@ -585,14 +596,15 @@ def enclose_roots(
 def solve_one_unknown(polynomials: Polynomials) -> ChartRoots:
     """Return approximations of all roots of an equation with one unknown.
 
-    The equation is a polynomial, with other coefficients for each of m choices of the given
-    variables. The roots are the eigenvalues of the companion matrix: it has ones below the
-    diagonal, and -c_k / c_n in the last column, with the coefficients c_0, ..., c_n.
+    The equation is a polynomial of z = e^(i angle) with coefficients c_0, ..., c_n. These
+    depend on given variables (the inputs, and unknowns that were solved before), and are
+    stored for m choices of their values. The roots are the eigenvalues of the companion
+    matrix: it has ones below the diagonal, and -c_k / c_n in the last column.
 
     If the leading coefficient c_n is 0, there are roots at infinity, and the approximations
     of this choice may be wrong. The later proof of the roots fails then.
     """
-    (coefficients,) = polynomials.coefficients
+    (coefficients,) = polynomials.coefficients  # of the only equation
     m, size = coefficients.shape
     companion = np.tile(np.eye(size - 1, k=-1, dtype=complex), (m, 1, 1))
     last_column = -coefficients[:, :-1] / coefficients[:, -1:]

@@ -350,22 +350,25 @@ def _make_saddle(
 ) -> Saddle:
     """Return a saddle, which is a box with further attributes.
 
-    A saddle is a place where two configuration curves cross or narrowly miss each other.
+    At a saddle two configuration curves cross or narrowly miss each other. The curves are
+    the zeros of a function g(u, v) that has a saddle point. They leave the box by four
+    branches, called arms.
 
     Parameters
     ----------
     box
         The box about it, whose first two coordinates are u and v.
     level_sign
-        Sign of the level, the value at the saddle point of the function g(u, v) whose zeros
-        are the curves: 0 if they cross, None if the sign is not proven.
+        Sign of the level, which is the value of g at the saddle point: 0 if the curves
+        cross, 1 or -1 if they miss each other, None if the sign is not proven.
     gap
         Largest distance (rad) at which the curves miss each other.
     central_zone
         (variables,) largest distance (rad) of each variable from the centre in the zone in
         which the curves bend.
     arm_rates
-        Signs of the rates on the four branches, the arms, and how far these reach.
+        Signs of the rates of all variables along the arms, outwards from the saddle
+        (`outward_signs`), and how far the arms extend (`reach`).
     is_monotonic
         (variables,) whether a variable has no stationary point between two joined arms.
     """

@@ -430,10 +430,11 @@ def _examine_stretch(
 def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
     """Return the start of a stretch, with a bound of the change of a variable in it.
 
-    The stretch is a part of a certified arc, and begins at its centre. It is not decided
-    whether the variable is stationary in it. The bound is the smaller one of two: the
-    extent of the stretch in this variable, and the largest rate of the variable times the
-    length of the stretch.
+    A stretch is a part of a curve of configurations in a certified arc. It begins at the
+    centre of the arc. The proof has not decided whether the variable is stationary in it.
+    Two bounds are computed, and the smaller one is returned: the size of a box about the
+    stretch in this variable, and the largest rate of the variable along the tangent times
+    the length of the stretch along the tangent.
 
     Parameters
     ----------
@@ -444,17 +445,18 @@ def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
 
     Returns
     -------
-    The centre of the arc, where the stretch begins, with the bound (rad) as its error. It
-    has the class of proven stationary points, but is listed as undecided.
+    The centre of the arc, where the stretch begins, with the bound (rad) as its error.
     """
-    piece = stretch.piece
+    piece = stretch.piece  # the certified arc
+    # Largest coordinate (rad) of the stretch along the tangent; 0 is at the centre.
     reach = min(stretch.reach, piece.half_length)
     bounds = bound_rates(piece, reach)
     largest_rate = max(abs(bounds.rate_low[variable]), abs(bounds.rate_high[variable]))
     # The stretch is in the box with coordinates up to `reach` along the tangent, and up to
     # `distance` along each of the v - 1 normals. This box contains the centre.
     distance = piece.distance_within(reach)
-    normal_count = len(stretch.end) - 1
+    variable_count = len(stretch.end)  # `end` is a configuration
+    normal_count = variable_count - 1
     distances = [distance] * normal_count
     extent = np.abs(piece.frame[variable]) @ [reach, *distances]
     # The change is counted from the configuration at s = 0, which is off the centre by up

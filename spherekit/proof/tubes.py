@@ -205,25 +205,30 @@ class TangentFrame:
 
 
 def find_frame(slopes: Floats, direction: Floats | None) -> TangentFrame | None:
-    """Return tangent and normals at a configuration, None if F' does not have full rank.
+    """Return tangent and normals of a curve of configurations, None without a tangent.
+
+    The configurations of v variables fulfil k = v - 1 equations F = 0. With the singular
+    value decomposition F' = U S V^T, the last row of V^T is the tangent t, since F' t = 0.
+    The other rows are the normals N.
 
     Parameters
     ----------
     slopes
-        (k, v) first derivatives F' of the k = v - 1 equations.
+        (k, v) first derivatives F' of the equations at a configuration.
     direction
         (v,) the tangent is oriented along this direction; without it, in either sense.
     """
     left_vectors, singular_values, right_vectors = np.linalg.svd(slopes)
-    # If the smallest singular value is only rounding, F' has lost a rank, and no tangent is
-    # defined. Otherwise the last right singular vector is the tangent, since F' t = 0.
+    # If the smallest singular value is only rounding, there may be several tangents. A
+    # frame is only the start of a proof, whose bounds test it. So this limit need not be
+    # exact.
     if not singular_values[-1] > 1e-13 * singular_values[0]:
         return None
     tangent = right_vectors[-1]
     if direction is not None and tangent @ direction < 0:
         tangent = -tangent
     frame = np.column_stack([tangent, right_vectors[:-1].T])
-    # F' N is left_vectors @ diag(singular_values), so this is its inverse.
+    # F' N is U S, so its inverse is S^-1 U^T.
     inverse = left_vectors.T / singular_values[:, None]
     return TangentFrame(frame, inverse)
 
@@ -366,8 +371,9 @@ class TubeTest:
         Parameters
         ----------
         equations
-            The equations F. Any derivative of an equation is at most `derivative_bound`
-            times the product of its `degrees` in the variables of the derivative.
+            The equations F. A derivative of an equation of any order is at most a constant
+            C (`derivative_bound`) times its degrees in the variables of the derivative. For
+            example, the derivative by the variables 1 and 2 is at most C d_1 d_2.
         derivatives
             F (k,), F' (k, v) and F'' (k, v, v) at the centre, by the variables.
         tangent_frame
@@ -376,17 +382,18 @@ class TubeTest:
         values, slopes, curvatures = derivatives
         frame = tangent_frame.frame
         inverse = tangent_frame.inverse
-        # The bound C is valid for derivatives of any order. It is used for third ones only.
+        # The constant C is used for third derivatives only.
         self.third_bound = equations.derivative_bound
         self.inverse_size = np.abs(inverse)
-        # Error bounds, each to be multiplied by the degrees of the derivative, as C is. The
-        # first part is the error of the computed derivatives (`harmonics` evaluates the
-        # equations as Fourier series). The second part is the rounding of the matrix
-        # products below. The factor 4 exceeds the number of successive products, 3.
+        # Errors of computed derivatives are bounded like derivatives, with this number in
+        # place of C. The first part is the error of the evaluation (`harmonics` evaluates
+        # the equations as Fourier series). The second part is the rounding of the matrix
+        # products below, of which at most three follow each other. The factor is 4.
         self.error = equations.harmonics.error + 4.0 * PRODUCT_ROUNDING * self.third_bound
-        # (k, v) bounds of the degrees along the frame. A step along a column of the frame
-        # changes each variable by an element of the column. `ROUND_UP` makes sums of
-        # positive terms larger than their rounding errors.
+        # (k, v) the degrees for derivatives along the columns of the frame. Such a
+        # derivative is a sum of derivatives by the variables, times the elements of the
+        # column. Its bound is the sum of their bounds. `ROUND_UP`, slightly above 1,
+        # covers the rounding of sums of positive terms.
         self.degrees = equations.degrees @ np.abs(frame) * ROUND_UP
         # (k, v, v) Y F'' along the frame.
         self.second_derivatives = np.tensordot(inverse, frame.T @ curvatures @ frame, 1)
@@ -436,11 +443,10 @@ class TubeTest:
 
         The arc is y(s) with the coordinate s along the tangent and y along the normals. F'
         are the derivatives of the equations along this frame: column 0 is by s, the others
-        are by y. Y is near the inverse of the latter. Y F' is near (0, 1), a column of
-        zeros followed by the identity matrix, so the difference D = Y F' - (0, 1) is small.
-        From F' (1, y') = 0 follows that the slope y' is at most
-        ``|column 0 of D|`` / (1 - contraction). The contraction is the largest row sum of
-        the other columns of ``|D|``.
+        are by y. Let Y be near the inverse of the latter, and Y F' = (e, 1 + E). The column
+        e and the matrix E are then small. The largest row sum of ``|E|`` is the
+        contraction. Along the arc F' (1, y') = 0, so that (1 + E) y' = -e. The slope y' is
+        therefore at most ``|e|`` / (1 - contraction).
 
         Parameters
         ----------
@@ -456,7 +462,8 @@ class TubeTest:
         reach_of_box = np.multiply.outer(half_length, along_tangent) + reach_at_centre
         # Index 0 of the first axis (2, ..., v) is the whole box, index 1 is s = 0.
         reach = np.stack(np.broadcast_arrays(reach_of_box, reach_at_centre))
-        # (2, ..., k, v) bounds of |D|.
+        # (2, ..., k, v) bounds of |e| (column 0) and |E|. The factor `ROUND_UP` is slightly
+        # above 1. It covers the rounding of the operations before it.
         change = self.bound_slope_change(reach)
         contraction = change[0, ..., 1:].sum(axis=-1).max(axis=-1) * ROUND_UP
         # Where the contraction exceeds 1 the bounds become huge, and not negative.
@@ -465,7 +472,7 @@ class TubeTest:
         slope, slope_at_centre = change[..., 0].max(axis=-1) / margin * ROUND_UP
         # The distance at s = 0 is at most |Y F| / (1 - contraction), with F at the centre
         # (`_residual` is the largest |Y F|). To this the integral of the slope is added.
-        # The bound of |D| is a polynomial of s with positive coefficients, so it is convex:
+        # The bound of |e| is a polynomial of s with positive coefficients, so it is convex:
         # its mean is at most the mean of both ends.
         mean_slope = 0.5 * slope + 0.5 * slope_at_centre
         distance = (self._residual / margin + half_length * mean_slope) * ROUND_UP

@@ -22,11 +22,12 @@ def plan_requests(
     """Return what has to be evaluated, for each input that moves while others are locked.
 
     A pole is the axis about which one link rotates relative to another. A request lists the
-    poles and links to evaluate, with the plan of how poles follow from each other. `Needs`
-    has a set of poles for each quantity: `directions`, `rates` (velocity coefficients, the
-    angular velocity per unit rate of the input), `turns` (derivatives of the direction by
-    the input) and `planes` (two great circles that intersect in the pole). The flag
-    `derivatives` states whether derivatives by the input are evaluated, too.
+    poles and links to evaluate. `Needs` has four sets of poles, by what is read of them:
+
+    - `directions`: their directions,
+    - `rates`: their velocity coefficients (angular velocity per unit rate of the input),
+    - `turns`: the derivatives of their directions by the input,
+    - `planes`: two great circles that intersect in the pole.
 
     Parameters
     ----------
@@ -42,10 +43,9 @@ def plan_requests(
     pair_links = [mechanism.pair(name).links for name in needs.pair_rates]
     links = needs.link_rates.union(*pair_links)
     link_numbers = sorted(mechanism.link_number[link] for link in links)
-    # The direction of a pole is that of a relative angular velocity. The derivative of the
-    # direction therefore follows from angular velocities and their derivatives. So the
-    # poles of `turns` are evaluated like those of `rates`. `turns` needs `derivatives`,
-    # too.
+    # The direction of a pole is that of a relative angular velocity. Its derivative follows
+    # from angular velocities and their derivatives. The poles of `turns` are therefore
+    # evaluated like those of `rates`.
     rate_poles = sorted(needs.rates | needs.turns)
     return tuple(
         request(
@@ -53,7 +53,7 @@ def plan_requests(
             input_pair=mechanism.pairs[driven].name,
             poles=sorted(needs.directions),
             rates=rate_poles,
-            derivatives=needs.derivatives,
+            derivatives=needs.derivatives,  # by the input, of all requested rates
             planes=sorted(needs.planes),
             by_rank=by_rank,
             links=link_numbers,

@@ -551,13 +551,13 @@ class Batch:
         """
         pole = pole_of(i, j)
         needs = self.needs
-        # "planes" and "pole_status" are no entries of `POLE_QUANTITIES`.
+        # Description of the quantity; None for "planes" and "pole_status".
         pole_quantity = _QUANTITY_BY_NAME.get(quantity)
         declared_in = "any" if pole_quantity is None else pole_quantity.declared_in
-        # The sets that make the quantity available: the pole has to be in one of them. A
-        # direction may be read if the pole is in one of three sets; `turns` alone is not
-        # enough. The sets are searched one by one, because this method is called for every
-        # column of every pole, and a union of them would take longer.
+        # The sets of which one must have the pole. The direction and the status of a pole
+        # are computed with its velocity coefficient and its great circles too, so they may
+        # be read if the pole is in any of three sets. The sets are searched one by one. A
+        # union would take longer, as this method is called for every column of every pole.
         declared = [needs.directions, needs.rates, needs.planes]
         declaration = "directions=..."
         if quantity == "planes":

@@ -153,9 +153,9 @@ class BlockRows:
         self.is_certified = np.ones(n, dtype=bool)
         self.status = np.zeros(n, dtype=np.int8)
         self.singular_error = nans(n)
-        # Pair variables (rad). A closed form computes all of them. Otherwise the caller
-        # writes predicted ones before `fill`, by interpolation between solved samples.
-        # Those that cannot be predicted stay NaN.
+        # Pair variables (rad). A closed form computes all of them in `fill`. Otherwise the
+        # caller has to predict them before, by interpolation between solved samples. Rows
+        # without a prediction stay NaN, and are solved singly in `fill`.
         new_array = np.empty if kernel.has_closed_form else nans
         self.values = new_array((len(position_analysis.mechanism.variable_owners), n))
 
@@ -171,7 +171,8 @@ class BlockRows:
         numbers_per_call = self._quality_function.width * SLICE_ROWS
         calls_per_slice = round(SLICE_NUMBERS / numbers_per_call)
         slice_size = max(1, calls_per_slice) * SLICE_ROWS
-        self.slices = split_rows(mode_count, n // mode_count, slice_size)
+        sample_count = n // mode_count  # rows of each mode
+        self.slices = split_rows(mode_count, sample_count, slice_size)
 
     def fill(self, samples: Indices) -> "list[tuple[int, SliceReversals]]":
         """Compute all rows of the block. Rows without certificate are solved singly.
@@ -194,7 +195,8 @@ class BlockRows:
         link rotates relative to another. The axis has two opposite directions, and the one
         that continues the direction in the previous row is chosen later.
         """
-        # One entry for each slice, None if the kernel did not certify all of its rows.
+        # For each slice, the pairs of rows between which directions may reverse. None if
+        # rows of the slice have still to be solved singly.
         reversals_by_slice = thread_map(
             self._fill_slice, self.slices, self.kernel.is_compiled
         )
@@ -206,9 +208,9 @@ class BlockRows:
             self._solve_rows(samples, uncertified)
         self.is_certified &= self.status == Status.OK
 
-        # Slices in which the kernel did not certify all rows have no entry (None): it is
-        # not known yet where their directions may reverse. `row_quality` computes the
-        # angular velocities of the links in all certified rows of these slices once more.
+        # In the slices with None, all rows are known only now. `SliceReversals` needs the
+        # angular velocities of the links in the certified rows. The kernel's function
+        # `row_quality` computes them, together with error bounds, which are not needed.
         quality_function = self.kernel.row_quality
         result: list[tuple[int, SliceReversals]] = []
         for (mode, slice_rows), reversals in zip(
@@ -218,7 +220,7 @@ class BlockRows:
             if reversals is None and len(rows):
                 columns = quality_function(self.values[:, rows])
                 reversals = SliceReversals(self.kernel, quality_function, columns, rows)
-            if reversals:
+            if reversals is not None:
                 result.append((mode, reversals))
         return result
 
@@ -345,8 +347,13 @@ class BlockRows:
         """Solve rows by the position analysis, and let the kernel certify the results.
 
         The kernel is a set of compiled functions that evaluate many rows at once. The
-        entries of these rows in `values` (pair variables), `status`, `closure` (residual
-        and configuration error), `singular_error` and `is_certified` are set.
+        entries of these rows are set in the following arrays:
+
+        - `values`: pair variables (rad), and `status`.
+        - `closure`: row 0 is the closure residual, row 1 the error of the configuration
+          (rad).
+        - `singular_error`: error bound (rad) of configurations near dead centres.
+        - `is_certified`: whether the error bounds of the kernel are small enough.
 
         Parameters
         ----------
@@ -372,8 +379,8 @@ class BlockRows:
             self.singular_error[mode_rows] = evaluated.singular_error
             residual[is_of_mode] = evaluated.residual
 
-        # The kernel gives error bounds of the solved rows, relative to the largest allowed
-        # ones (uncertainties).
+        # The kernel gives uncertainties of the solved rows: error bounds divided by the
+        # largest allowed ones. A row is certified if none exceeds 1.
         solved_rows = rows[np.isfinite(residual)]
         quality_function = self.kernel.row_quality
         columns = quality_function(self.values[:, solved_rows])
@@ -433,15 +440,15 @@ class SliceReversals:
             Its `input_columns` know the links of each pole, for each input that moves while
             the others are locked.
         quality_function
-            The function that has computed the columns. Its `slices` give the part of the
-            columns that has a name.
+            The function that has computed the columns. Its attribute `slices` has the part
+            of the columns (a Python slice) for a name and the index of an input.
         columns
             (width, n) results of this function for the n certified rows of the slice.
         rows
             (n,) numbers of these rows in the block, rising.
         """
-        # The first and the last certified row, which are compared with those of the slices
-        # before and after.
+        # The first and the last certified row. `find_stops` compares their velocities with
+        # those of the slices before and after.
         self.rows = rows[[0, -1]]
         self.end_velocities: list[Floats] = []
         self.gaps: list[Indices] = []
@@ -450,8 +457,8 @@ class SliceReversals:
             # (components, n) components of the angular velocities of all links per unit
             # rate of this input.
             velocities = columns[quality_function.slices["velocities", input_index]]
-            # A gap is a pair of rows between which a direction may reverse. It begins at an
-            # index in `rows`, and ends at the next certified row.
+            # (2, k) pairs of successive certified rows between which a direction may
+            # reverse. They are called gaps.
             gap_starts = _find_reversals(input_columns, velocities)
             self.gaps.append(np.array([rows[gap_starts], rows[gap_starts + 1]]))
             # For each pole, the velocity of its second link relative to its first.
@@ -615,13 +622,14 @@ class PendingPoles:
         (k,) numbers of rows with a configuration that are not certified. Rows without a
         configuration are not certified either, and are not among them.
     stops
-        The direction of a pole is computed up to a sign, which is chosen so that directions
-        are continuous from row to row. For each input, and by the index of the assembly
-        mode, these are the rows at which directions have to be compared to choose it; see
-        `find_stops`.
+        For each input, and by the index of the assembly mode: the rows at which the
+        directions of poles are compared. A direction is computed up to a sign, which is
+        chosen so that directions are continuous from row to row. At most rows they surely
+        do not reverse. The other rows, and the first and the last one, are stops
+        (`find_stops`).
     error_maxima
-        (inputs, 3) largest error of a direction, of a velocity coefficient and of its
-        derivative. NaN if no row is certified.
+        (inputs, 3) largest error bound in all certified rows: of directions (rad), of
+        velocity coefficients and of their derivatives. NaN if no row is certified.
     """
 
     is_certified: Bools
@@ -746,13 +754,15 @@ class BatchRunner:
         """Number of samples in a block, limited by memory.
 
         Each sample has one row in each assembly mode. The rows are evaluated by a kernel
-        (compiled functions for many rows at once). A block has at most `MAX_BLOCK_FACTOR`
-        times the samples that it would have without a kernel (`PositionAnalysis.block`). If
-        the run is recorded for the 3D viewer, it has no more than these.
+        (compiled functions for many rows at once). `BLOCK_BYTES` limits the memory of a
+        block. A second limit is a multiple of the size without a kernel
+        (`PositionAnalysis.block`). The multiple is `MAX_BLOCK_FACTOR`, or 1 if the run is
+        recorded for the 3D viewer.
         """
         position_analysis = self.sampling.position_analysis
         # A column has 8 bytes in each row.
         bytes_per_row = 8 * self.kernel.column_count
+        # Some analyses read the orientations of links (frames).
         if self.reads_frames:
             # Rotation matrices of the links need more memory than the columns.
             frame_bytes = evaluation_memory(position_analysis.mechanism, 1)
@@ -821,16 +831,18 @@ class BatchRunner:
         """
         # `motion_at` has computed these facts already: the rows at which directions are
         # compared because they may reverse (stops), the rows whose error bounds are too
-        # large for the kernel (uncertified), and the largest errors for each input.
+        # large for the kernel (uncertified), and the largest error bounds for each input.
         pending = self.unread.pop(id(motion))
         columns = KernelColumns(self.kernel, motion, self.requests, pending.uncertified)
+        # They are kept to see at the next block whether any column has been read.
         self._last_columns = columns
         sign_functions: list[SignFunction] = []
         for input_index, (input_columns, sign_continuation) in enumerate(
             zip(self.kernel.input_columns, sign_continuations, strict=True)
         ):
             if motion.is_path:
-                # Directions are continuous along a path of samples.
+                # Signs are continued from row to row along a path of samples. The compared
+                # directions are those that the kernel gives, before signs are chosen.
                 sign_function = continue_signs(
                     motion,
                     input_columns.signed_poles,
@@ -840,7 +852,8 @@ class BatchRunner:
                 )
             else:
                 # Rows of a grid of inputs do not follow each other. In each assembly mode
-                # all directions point to the side of a fixed vector.
+                # all directions have a positive component along one fixed vector. It is the
+                # sum of all pair axes at the first row.
                 sign_function = signs_by_first_axis_sums(
                     motion, pending.is_assembled, sign_continuation
                 )

@@ -25,11 +25,11 @@ CONTRACT = 1
 
 @dataclass(frozen=True)
 class Sweep:
-    """A parameter of an analysis that trades speed for accuracy, for `spherekit trade`.
+    """Declares how `spherekit trade` compares the values of a parameter of an analysis.
 
-    The command recommends the quickest value for a wanted accuracy. The analysis is run
-    with each value of the parameter. One column of a table of its results is compared with
-    the same column at the most accurate value.
+    The parameter trades speed for accuracy. The command runs the analysis with each of its
+    values (a sweep). It compares one column of the results with the same column at the most
+    accurate value, and recommends the quickest value for a wanted accuracy.
 
     Attributes
     ----------

@@ -120,8 +120,9 @@ def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int
     def extrapolate(*keys: str) -> int:
         """Return the predicted value of an entry of the cost, such as the size of a table.
 
-        The entry is a linear function of the number of samples, which two short runs give,
-        and proportional to the number of assembly modes.
+        The cost of short runs was measured: of two runs, `shorter` and `longer`, and with
+        many poles of a third one, `measured`. The prediction for `samples` samples is
+        linear in their number, and proportional to the number of assembly modes.
 
         Parameters
         ----------
@@ -131,8 +132,8 @@ def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int
         """
         is_motion = len(keys) > 1 and keys[1] == MOTION
         if has_many_poles and not is_motion:
-            # With many poles, the two short runs have no tables but that of the motion.
-            # Other tables were measured in one run of MEASURED_SAMPLES_OF_MANY_POLES
+            # With many poles, `shorter` and `longer` only have the table of the motion. All
+            # other tables were measured in one run of MEASURED_SAMPLES_OF_MANY_POLES
             # samples. They are taken to be proportional to the number of samples, because
             # the part that does not grow with it is small in tables of many poles.
             measured_value = _entry(measured["cost"], keys)
