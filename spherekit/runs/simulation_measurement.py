@@ -67,7 +67,8 @@ class TradeOptions:
         Settings to measure. By default they are all settings of a simulation if the run is
         one, otherwise all settings with which velocities at samples are computed.
     checked
-        Largest number of samples at which errors are measured.
+        Largest number of samples at which errors are measured. By default a limit for the
+        samples and one for the rows of all assembly modes apply.
     rounds
         Number of times that each setting is run. Each round has another order.
     budget
@@ -75,7 +76,8 @@ class TradeOptions:
     """
 
     # The function `spherekit.trade` also takes the fields of a `Study` as options, except
-    # for these. `apply_study_options` reads this list.
+    # for these. Each setting has its own tolerance. `verify` and `degrees` concern the
+    # tables of a run, which a trade does not have. `apply_study_options` reads this list.
     excluded_study_fields = ("tolerance", "verify", "degrees")
 
     settings: Sequence[Setting] | None = None
@@ -194,7 +196,9 @@ def compute_timed_tables(
         Poles with which the computed ones will be compared, one field for each input that
         moves while the others are locked. A pole is the axis about which one link rotates
         relative to another, and both directions along it are equally right. The computed
-        directions get the sense of these. Empty if they are not compared.
+        directions are reversed where they are opposite to these, since the difference
+        would otherwise count as an error. Empty if they are not compared, as in the runs
+        whose times are measured.
     """
     start = time.process_time()
     run_plan = make_analysis_plan(sampling, analysis, setting)
@@ -202,16 +206,20 @@ def compute_timed_tables(
 
     def make_batches() -> Iterator[Batch]:
         """Yield the data of each block of samples, as the analysis reads them."""
-        # `source` computes the motion of each block. From the motion follow the poles and
-        # the continued angles, which are pair variables without jumps of whole turns.
+        # `source` computes the motion of each block. From the motion follow the poles
+        # (`pole_fields`, one for each moving input) and the continued angles, which are
+        # pair variables without jumps of whole turns.
         blocks = run_plan.source.blocks(run_plan.block_size)
         for motion, pole_fields, continued_angles in run_plan.evaluate_blocks(blocks):
             if reference_fields:
+                # Both directions along a pole are right. Choose those of the reference, so
+                # that a reversed direction does not count as an error.
+                #
                 # Find the rows of the reference that belong to the rows of the block. Both
                 # have all rows of the first assembly mode, then those of the next one. In
                 # each mode the reference has a row for every sample, but the block only
-                # for `block_size` samples, whose numbers are in `motion.sample`.
-                block_size = motion.samples
+                # for `block_size` samples. `motion.sample` has the sample of each row.
+                block_size = motion.samples  # number of samples in the block
                 first_rows = np.arange(len(motion.assembly_modes)) * len(sampling)
                 reference_rows = motion.sample + np.repeat(first_rows, block_size)
                 pole_fields = align_directions(
@@ -393,10 +401,13 @@ def measure_simulation_settings(
 def _simulate(run_plan: RunPlan, study: Study, setting: Setting) -> Sampling:
     """Solve the simulation of a study with a setting, and return its samples.
 
+    The samples serve to measure the time and the error of the setting.
+
     Parameters
     ----------
     run_plan
-        A run of the same study. The samples are at its times.
+        A run of the same study. The samples are at its times. It has one assembly mode
+        (way to assemble the mechanism), as every run of a simulation.
     study
         Start and driving torques of the simulation.
     setting

@@ -153,7 +153,9 @@ def take_samples(sampling: Sampling, rows: Indices, search: bool) -> Sampling:
     modes = position_analysis.assembly_modes
     q = sampling.inputs[rows]
     timing = sampling.timing
-    # The samples become a path of the inputs. A run in a single assembly mode keeps it.
+    # The samples become a path of the inputs. A run in a single assembly mode is restricted
+    # to this mode again. A run in several modes has all modes of the path. `crossings` is
+    # the rule by which a mode continues where curves of configurations cross.
     return replace(
         sampling,
         position_analysis=PositionAnalysis(
@@ -364,14 +366,14 @@ def _make_trade(run_plan: RunPlan, study: Study, measurement: SettingMeasurement
     """Return the result of `trade` from measured settings.
 
     A trade shows how much accuracy is lost for speed. It has the time and the error of each
-    setting (way to compute a run), and for which run they were measured.
+    setting (way to compute a run).
 
     Parameters
     ----------
     run_plan
-        The run at whose samples errors were measured, with one analysis.
+        The measured run, with one analysis. It may have fewer samples than the user's run.
     study
-        The study of the run for which a setting is sought.
+        The study of the user's run, for which a setting is sought.
     measurement
         The settings with their times and errors, and the reference.
     """
@@ -395,7 +397,8 @@ def _make_trade(run_plan: RunPlan, study: Study, measurement: SettingMeasurement
         checked=len(sampling),
         rows=len(sampling) * len(sampling.position_analysis.assembly_modes),
         reference=measurement.reference,
-        floor=measurement.floor,
+        floor=measurement.floor,  # error of the reference values
+        # Order of the derivatives of rates that the analysis reads, 0 or 1.
         derivatives=int(run_plan.needs[0].derivatives),
         columns=tuple(columns),
         settings=tuple(measurement.settings),
@@ -477,9 +480,10 @@ def _run_with_value(
     """Run an analysis with one value of a parameter, and measure the time.
 
     An analysis with such a parameter spends its time on a search of its own, and hardly any
-    on the samples of the run. Therefore few samples are computed here, unless the parameter
-    itself is their number. The whole time counts as spent before the first sample, so that
-    it is not multiplied when the time of a run with more samples is estimated.
+    on the samples of the run. Therefore at most `MIN_CHECKED_SAMPLES` samples are computed
+    here, unless the parameter itself is their number. For the same reason the time of a run
+    with more samples is estimated to be the same: the result states all time as spent
+    before the first sample.
 
     Parameters
     ----------
@@ -493,8 +497,8 @@ def _run_with_value(
     value
         The value of the parameter. The parameter "samples" is the number of samples.
     is_compared
-        Not used, because the tables are returned in any case. All functions that
-        `measure_candidates` calls have this argument.
+        Whether the tables will be compared with reference tables. It is not used, since
+        they are computed in the same way. `measure_candidates` passes it to every function.
     """
     start = time.process_time()
     sample_count = min(study.count, MIN_CHECKED_SAMPLES)

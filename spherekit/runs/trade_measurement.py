@@ -78,6 +78,8 @@ def measure_run(run_plan: RunPlan) -> tuple[list[Deviation], int]:
 class ReferenceTables:
     """The tables of an analysis, computed from configurations and rates in many digits.
 
+    The errors of the same tables of an ordinary run are measured by them.
+
     Attributes
     ----------
     tables
@@ -86,9 +88,9 @@ class ReferenceTables:
         The poles from which they are computed, for each input that moves while the others
         are locked. A pole is the axis about which one link rotates relative to another.
     lacking
-        End of the phrase that names the reference values for users, with the number of rows
-        that have none. In "the closure equations in 20 digits, 3 rows without" it is ", 3
-        rows without". Empty if all rows have reference values.
+        Text about the rows that have no reference values, such as ", 3 rows without". It
+        is appended to the name of the reference, such as "the closure equations in 20
+        digits". Empty if all rows have reference values.
     """
 
     tables: Tables
@@ -115,14 +117,16 @@ def compute_reference_tables(
         exact.
     """
     (analysis,) = run_plan.analyses
-    # A request states which poles are read while one input moves and the others are locked.
-    # Requests without poles are left out.
+    # A pole is the axis about which one link rotates relative to another. A request states
+    # which poles are read while one input moves and the others are locked. A request
+    # without poles needs no evaluation.
     requests = [request for request in run_plan.requests if request.poles]
     pole_fields = [evaluate(motion, request) for request in requests]
     reference = compute_reference(motion, requests, pole_fields, inputs=inputs)
     reference_motion = replace(reference.motion, samples=motion.samples)
-    # Rows of the run for which no solution in many digits was computed. `exact` has an
-    # entry for each moving input, all with the same configurations.
+    # Rows of the run for which no solution in many digits was computed. `exact` has the
+    # solutions for each moving input. Configurations do not depend on which input moves,
+    # so the first entry suffices.
     is_lacking = (motion.status == Status.OK) & (reference.exact[0].status != Status.OK)
     lacking_count = np.sum(is_lacking)
     # Pair variables without jumps of whole revolutions. They begin here, because there are
@@ -131,6 +135,8 @@ def compute_reference_tables(
     batch = run_plan.make_batch(
         analysis, reference_motion, reference.pole_fields, continued_angles
     )
+    # `lacking` is appended to the name of the reference, "the closure equations in 20
+    # digits", to say that some rows are without a reference.
     return ReferenceTables(
         tables=run_plan.compute_tables(analysis, batch),
         pole_fields=reference.pole_fields,

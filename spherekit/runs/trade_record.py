@@ -205,6 +205,8 @@ class Trade:
     def plot(self, tolerance: float | None = None, columns: Columns = 2) -> "Figure":
         """Return the work-precision figure: the error of each setting against its time.
 
+        A setting is one way to compute a run, such as an engine or a tolerance.
+
         Parameters
         ----------
         tolerance
@@ -221,7 +223,8 @@ class Trade:
         OutputError
             If matplotlib is not installed.
         """
-        # `spherekit.trade` adds the function that draws; this module does not import it.
+        # `spherekit.trade` stores the function that draws in `draw`. A trade that comes
+        # from elsewhere has none.
         if self.draw is None:
             raise AnalysisError("plot: only what spherekit.trade returns can be drawn")
         return self.draw(self, tolerance, columns)

@@ -172,9 +172,10 @@ def compute_reference(
     input_pairs = [request.plan.input for request in requests]
     if not input_pairs:
         input_pairs = list(motion.assembly.inputs[:1])
-    # The geometry of a mechanism is in the frames of its pairs. By default they follow from
-    # the float64 numbers nearest to those of its file. If the run has computed some rows
-    # from the decimal numbers of the file, the frames of the reference follow from these.
+    # The frames of the pairs describe the geometry of a mechanism. A run computes them from
+    # the sizes in its file, rounded to float64. Near a dead centre this rounding matters,
+    # so the run computes such rows from the decimal sizes of the file (`is_decimal`). Then
+    # the reference also has frames from the decimal sizes.
     frames = None
     if any(np.any(pole_field.is_decimal) for pole_field in pole_fields):
         arithmetic = arithmetic or Digits()
@@ -246,8 +247,9 @@ class Verifier:
         block_rows = _BlockRows(
             motion, tuple(field.as_arrays for field in pole_fields), continued_angles
         )
-        # If an analysis reads all samples at once, the run has a single block. At the end
-        # such an analysis is computed from all its rows, with the verified ones replaced.
+        # `whole_analyses` read all samples at once, so the run has a single block. Their
+        # reference tables also need all rows. They are computed at the end from this block,
+        # in which the verified rows are replaced by their reference.
         if self._run_plan.whole_analyses:
             self._whole = block_rows
         is_valid = run_status(motion, block_rows.pole_fields) == Status.OK
@@ -615,15 +617,21 @@ def _summarize_columns(columns: Sequence[Facts]) -> Facts:
     Parameters
     ----------
     columns
-        For each column its table and name, whether it was compared (``compared``), the
-        largest deviation in units of its rounding error (``in_roundings``), the row with
-        this deviation (``worst``), and whether rounding does not explain it (``beyond``).
+        For each column:
+
+        - its table and name;
+        - ``compared``: whether it was compared;
+        - ``in_roundings``: the largest ratio of a deviation to the rounding error of the
+          reference value, which is multiplied by the condition number of the row;
+        - ``worst``: the row with this ratio;
+        - ``beyond``: whether the ratio is too large to be explained by rounding.
 
     Returns
     -------
     The compared columns, the names of the other columns, the row with the largest
     deviation, and the names of the columns that deviate by more than rounding.
     """
+    # There is at least one compared column, since the configurations are always compared.
     compared = [item for item in columns if item["compared"]]
     worst = max(compared, key=lambda item: item["in_roundings"])
 

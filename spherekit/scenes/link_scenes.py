@@ -82,7 +82,8 @@ def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
     A pole is the axis of the relative rotation of two links. A plan says how the poles
     follow from each other while one input moves and the others are locked. In each pass
     poles are found as intersections of great circles through known ones. Poles that do not
-    follow in this way belong to an irreducible part and are computed together.
+    follow in this way belong to an irreducible part (links whose poles are the solution of
+    one system of equations).
 
     Parameters
     ----------
@@ -104,8 +105,9 @@ def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
             f"relative to {markdown_text(base)}{locked_words}."
         )
         lines += ["", as_markdown(plan), ""]
-        # The steps that construct poles. Axes of pairs are known from the start and need no
-        # explanation. They have the pass number (`round`) 0.
+        # The steps that construct poles. The axis of a pair is the pole of its two links
+        # from the start (pass number `round` 0) and needs no explanation. If coaxial pairs
+        # share an axis, it is also the pole of further links, in a later pass.
         step_lines = [
             describe(plan, step)
             for step in plan.steps

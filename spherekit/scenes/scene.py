@@ -32,8 +32,8 @@ Range = tuple[float, float]
 class Axis:
     """A quantity over which the rows of a scene are plotted, such as an input or the time.
 
-    It may also be a quantity that only an analysis knows. A run is computed in blocks of
-    samples. The values are those of one block.
+    It may also be a quantity that only an analysis knows. A scene is what is drawn for one
+    block of samples, and a run has one or more blocks.
 
     Attributes
     ----------
@@ -42,9 +42,9 @@ class Axis:
     unit : str
         SI unit, rad, or empty for pure numbers.
     values : array (n,)
-        The value of each row.
+        The value of each row of the block.
     span : (low, high), or None
-        Least and greatest value of all blocks of the run, None if there are no others.
+        Least and greatest value of all blocks of the run. None if the run has one block.
     """
 
     label: str
@@ -290,8 +290,9 @@ class PlaneCurve:
 class Portrait:
     """One quantity plotted against another, with a mark that moves with the samples.
 
-    Without fixed curves, the curve is the whole path of the moving mark. A run is computed
-    in blocks of samples: x and y belong to one block, the ranges to the whole run.
+    The curve is given by `curves`. If there are none, the path of the mark is drawn. A run
+    is computed in blocks of samples: x and y belong to one block, the ranges to the whole
+    run.
 
     Attributes
     ----------
@@ -330,7 +331,7 @@ class Portrait:
     logarithmic: bool = False
 
     def placed(self) -> Floats:
-        """Return the moving mark (n, 2), as `framed` returns points."""
+        """Return the moving mark (n, 2) as fractions of the width and height."""
         return self.framed(np.stack([self.x, self.y], axis=1))
 
     def framed(self, points: Floats) -> Floats:
@@ -339,11 +340,11 @@ class Portrait:
         The limits of the frame are at 0 and 1, on logarithmic axes in logarithms.
         """
         low, high = np.array([self.x_range, self.y_range]).T
+        # `SMALLEST_POSITIVE` avoids the logarithm of 0 and, below, a division by 0.
         if self.logarithmic:
-            points, low, high = (
-                np.log10(np.maximum(values, SMALLEST_POSITIVE))
-                for values in (points, low, high)
-            )
+            points = np.log10(np.maximum(points, SMALLEST_POSITIVE))
+            low = np.log10(np.maximum(low, SMALLEST_POSITIVE))
+            high = np.log10(np.maximum(high, SMALLEST_POSITIVE))
         return (points - low) / np.maximum(high - low, SMALLEST_POSITIVE)
 
 

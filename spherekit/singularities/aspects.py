@@ -227,14 +227,15 @@ class _AspectNodes(ArrayRows):
     is_regular
         (n,) whether the configuration has no singularity of a type that divides aspects.
     determinant_two, determinant_one
-        (n,) determinants that vanish at types II and I. The first one is 0 if its sign has
-        no meaning: the sense of the basis of rates to which it refers is then arbitrary.
-        The second one is 0 if the mechanism has no output.
+        (n,) determinants that vanish at types II and I. Both refer to a basis of the rates
+        that close the loops. If the loop equations are redundant, the sense of this basis
+        is arbitrary in each configuration. The sign of `determinant_two` then has no
+        meaning, and it is set to 0. `determinant_one` is 0 if the mechanism has no output.
     slope_one
         (n, g) derivatives of `determinant_one` by the inputs, whose number is g. They show
         whether it vanishes between two nodes. They are 0 if only type II divides aspects.
-        Type II needs no derivatives: paths between nodes are followed by steps that are
-        tested not to pass it.
+        Type II needs no derivatives, since every step between nodes is verified not to pass
+        a singularity of type II.
     """
 
     values: Floats
@@ -453,6 +454,9 @@ class _AspectGraph:
     def connect_neighbours(self) -> None:
         """Follow the paths from all configurations to neighbouring samples.
 
+        The paths do not pass singularities. Configurations that they connect are therefore
+        in one aspect (a part of the configurations without a singularity inside).
+
         Configurations that are met for the first time are added and continued in turn,
         until none is new, or until the limit of time or of their number is reached. No
         paths start at singular configurations, which cannot be connected to others. All
@@ -471,6 +475,7 @@ class _AspectGraph:
             # seen from its other end, and is then left out.
             for is_downwards in (0, 1):
                 directions = np.arange(is_downwards, len(self.neighbours), 2)
+                # Rows are the new configurations, columns are the directions.
                 needs_path = ~self.is_path_known[new[:, None], directions]
                 start, direction_index = np.nonzero(needs_path)
                 self._follow_paths(new[start], directions[direction_index])
@@ -544,12 +549,15 @@ class _AspectGraph:
     def label_aspects(self, free_of: tuple[LocusName, ...]) -> Aspects:
         """Return the regular configurations with their aspects.
 
-        Aspects are the connected components of the graph.
+        An aspect is a part of the configurations that is connected without a singularity.
+        Aspects are the connected components of the graph. The result has for each aspect
+        the sign of the determinants that vanish at types II and I (`sign_two`, `sign_one`).
 
         Parameters
         ----------
         free_of
-            The types of singularity that divide aspects, which the result states.
+            The types of singularity ("I", "II") that divide aspects: each aspect is free of
+            them. The result states them.
         """
         # Numbers of the regular configurations among all, rising.
         regular_numbers = np.flatnonzero(self.nodes.is_regular)
@@ -574,8 +582,9 @@ class _AspectGraph:
             np.stack([label, nodes.sample]), axis=1, return_counts=True
         )
         np.maximum.at(modes, aspect_numbers, counts)
-        # If the determinant of type I does not change its sign at singularities, its sign
-        # has no meaning, and it counts as zero.
+        # The sign of the determinant of type I may have no meaning, for example if the
+        # output has more degrees of freedom than there are inputs, so that the matrix is
+        # not square. The determinant then counts as zero.
         determinant_one = nodes.determinant_one * self.has_sign_of_type_one
         return Aspects(
             input_grid=self.input_grid,
