@@ -112,7 +112,8 @@ def complete_configuration(
     equation
         Number of the equation that is left out.
     given
-        By number of the variable: its exact value (rad), to which whole turns may be added.
+        Exact value (rad) of each given variable, by the number of the variable. Values that
+        differ by whole turns (2 pi) are equivalent.
     position
         (v,) approximate values of all v variables (rad).
 
@@ -131,7 +132,9 @@ def complete_configuration(
         if distance > GIVEN_VALUE_TOLERANCE_RAD:
             return None
     free_variables = [j for j in range(equations.variable_count) if j not in given]
-    other_equations = [k for k in range(equations.unknown_count) if k != equation]
+    # There is one closure equation for each unknown angle.
+    equation_count = equations.unknown_count
+    other_equations = [k for k in range(equation_count) if k != equation]
     if len(free_variables) != len(other_equations):
         return None
     if not free_variables:
@@ -460,12 +463,12 @@ class Crossings:
 
         If all four axes of a loop of four pairs are in one plane, the derivatives of the
         loop's equation are zero, because reflection in this plane does not change the
-        equation. The derivatives F' of all equations then lose a rank.
+        equation. The matrix F' of the derivatives of all equations then loses a rank.
 
         `find_saddle` has proven that the configurations in its box are the zeros of a
-        function g of two coordinates with one saddle point. Where F' loses a rank, both
-        slopes of g are zero. The saddle point is then itself a zero, so that curves cross
-        there.
+        function g of two coordinates with one saddle point. Here a configuration with such
+        a planar loop is searched near the centre. Both slopes of g are zero there, because
+        F' loses a rank. The saddle point is then itself a zero, so that curves cross there.
         """
         # Largest distance (rad) of the crossing from the centre. It is a small part of half
         # the shortest side of the box (`limits` are half sides), so that the crossing is
@@ -474,9 +477,10 @@ class Crossings:
         max_distance = 1e-3 * np.min(box.limits)
         centre = exact_balls(box.centre)
         for loop in self.loops:
-            # Each of the two variables has two angles at which the axes are in one plane.
+            # The angles of two pairs of the loop are variables. Each has two values, its
+            # planar angles, at which the axes of both adjacent links are in one plane.
             # Entry (i, j) of `closes` (2, 2) says whether the loop closes if the first
-            # variable has its planar angle i and the second variable its planar angle j.
+            # variable has its planar angle i and the second its planar angle j.
             for i, j in np.argwhere(loop.closes):
                 planar_values = (loop.planar_angles[0, i], loop.planar_angles[1, j])
                 given = dict(zip(loop.variables, planar_values, strict=True))

@@ -195,9 +195,14 @@ class CertifiedCurves:
     def undecided_ranges(self) -> list[tuple[float, float]]:
         """Parts of the range (low, high) rad in which configurations may be missing.
 
-        There are three reasons: a box of space is undecided; the input may be stationary
-        near a saddle, a place where curves cross or nearly do; or it may be stationary in a
-        stretch of a curve of which this is not decided. Parts that overlap are joined.
+        There are three reasons:
+
+        - The search left a box of configuration space undecided.
+        - It is not decided whether the input is stationary near a saddle, a place where
+          curves cross or nearly do.
+        - It is not decided whether the input is stationary in some part of a curve.
+
+        Parts of the range that overlap are joined.
         """
         # 1. Undecided boxes: the input angles that each of them covers. Centres and half
         # widths are vectors of all variables, from which `input_angle` takes the input.
@@ -222,6 +227,7 @@ class CertifiedCurves:
             for points in self.input_stationary_points
             for point in points.undecided
         ]
+        # A cycle is the turns of the input after which all links are back.
         # Such a part is moved by whole cycles of the input into the range. Its middle
         # (offset 0) or one of its ends (offset -1 or 1) has to be in the range then. The
         # ends are tried because a part can reach into the range although its middle is
@@ -232,8 +238,9 @@ class CertifiedCurves:
             for offset in (-1.0, 0.0, 1.0)
         ]
         for position, error, offset in doubtful_positions:
-            # The variable makes one turn in a cycle, in which the input makes `cycle_turns`
-            # turns. So the input and its error are this number times the variable's.
+            # The variable of the input is scaled: it makes one turn in a cycle, in which
+            # the input makes `cycle_turns` turns. The error of the input (rad) is therefore
+            # this number times that of the variable.
             half_width = error * self.cycle_turns
             wrapped_input = self.wrap_into_range(
                 self.input_angle(position) + offset * half_width
@@ -413,9 +420,9 @@ class CertifiedCurves:
 
         The range is cut where this number may change: at turning points of the input, at
         crossings of curves, at inputs with whole curves of configurations, and at the ends
-        of undecided parts. Undecided parts are left out. Modes are counted on the chains
-        that represent the curves. The list is empty if two chains may belong to one curve,
-        so that modes would be counted twice.
+        of undecided parts. Undecided parts are left out. Each mode in an interval is a
+        point of a curve, and a curve is represented by a chain of arcs. The list is empty
+        if two chains may belong to one curve, so that modes would be counted twice.
         """
         if OVERLAPPING in self.problems:
             return []
@@ -431,11 +438,10 @@ class CertifiedCurves:
             )
             if self.low + SHORTEST_INTERVAL_RAD < q < self.high - SHORTEST_INTERVAL_RAD
         )
-        # The errors (rad) of turning points. Errors are known for the input's variable. The
-        # input is `cycle_turns` times this variable, so that wheels that it drives have
-        # whole multiples of the variable as well. Two cuts may be the same input if they
-        # differ by less than twice the largest error. There is then no part of the range
-        # between them.
+        # The errors (rad) of the input at its turning points, which are its proven
+        # stationary points. `point.error` is that of the input's variable, and the input is
+        # `cycle_turns` times this variable. Two cuts may be the same input if they differ
+        # by less than twice the largest error. No interval is listed between them.
         cut_errors = [
             point.error * self.cycle_turns
             for points in self.input_stationary_points
@@ -461,18 +467,19 @@ class CertifiedCurves:
     def completeness(self) -> Completeness:
         """What is guaranteed, and on which facts the guarantee is based.
 
-        There are three levels:
+        A chain is a curve of configurations that was found. It consists of pieces: boxes
+        that contain exactly one arc of the curve each. There are three levels:
 
-        - Parts of the range are undecided (`TO_BOX`). Curves may be missing there, but only
+        - `TO_BOX`: parts of the range are undecided. Curves may be missing there, but only
           if they are smaller than the widest of these parts.
-        - Otherwise, there are problems with chains, the curves that were found
-          (`COMPONENT`). Other curves may be missing. The first problem is stated.
-        - Otherwise nothing is missing (`CERTIFIED`).
+        - `COMPONENT`: no part is undecided, but the search reported problems with chains.
+          Other curves may be missing. The first problem is stated.
+        - `CERTIFIED`: nothing is missing.
 
-        If two chains may be one curve (`OVERLAPPING`), this is stated at every level,
-        because modes are not counted then.
+        If two chains may be one curve (`OVERLAPPING`), assembly modes are not counted. This
+        is therefore stated at every level.
         """
-        # A chain represents a curve by pieces: boxes with exactly one arc of it each.
+        # `saddles` are places where curves cross or nearly do.
         piece_count = sum(len(chain.pieces) for chain in self.chains)
         facts = (
             f"{counted(len(self.chains), 'curve')} of {piece_count} pieces with one arc "

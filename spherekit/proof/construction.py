@@ -348,8 +348,8 @@ def find_construction(
     Links are placed one after another. Each is joined to links placed before by one pair,
     about whose axis it rotates, or by two pairs, on whose axes it is put. The second case
     gives an equation. Each order has an upper bound (`mode_bound`) of the number of
-    isolated complex solutions of its equations. The best order is the one with the lowest
-    bound.
+    isolated complex solutions of its equations. The best order has most of the preferred
+    pairs as variables. Among orders with equally many it has the lowest bound.
 
     Parameters
     ----------
@@ -357,9 +357,7 @@ def find_construction(
         The links and pairs. Its followers are the pairs whose angles follow from the inputs
         through toothed wheels.
     preferred_pairs
-        Numbers of pairs whose angles should be variables. An order with more of them as
-        variables is preferred; the bound of complex modes decides only among orders with
-        equally many.
+        Numbers of pairs whose angles should be variables if possible.
 
     Raises
     ------

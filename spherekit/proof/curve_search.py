@@ -121,11 +121,11 @@ class CurveSearch:
     def covers(self, centres: Floats, radii: Floats) -> Bools:
         """Return which boxes (n,) are surely inside the box of a known arc or saddle.
 
-        All configurations in such a box are on known curves, so it need not be searched. An
-        arc of a known curve is alone in an oriented box, whose sides are along its tangent
-        and normals. Saddles, places where curves cross or nearly do, have oriented boxes
-        too. For each box only the arcs with the nearest centres are tried, so a box inside
-        the box of a farther arc may be overlooked.
+        All configurations in such a box are on known curves, so it need not be searched.
+        Each known arc has an oriented box, with sides along its tangent and normals. This
+        box is proven to contain no other configurations. Saddles, places where curves cross
+        or nearly do, have oriented boxes too. Only the arcs with the nearest centres are
+        tried, so a box inside the box of a farther arc may be overlooked.
 
         Parameters
         ----------
@@ -141,14 +141,15 @@ class CurveSearch:
         can_fit = np.max(radii, axis=1) < np.max(self._limits)
         rows = np.flatnonzero(~is_covered & can_fit)
         # (n, tried arcs) the numbers of the arcs with the nearest centres, the nearest
-        # first. The search tree takes angles in one turn.
+        # first. The search tree accepts only angles from 0 to 2 pi.
         _, neighbours = self._tree.query(
             _within_one_turn(centres[rows]), k=range(1, tried_count + 1)
         )
         # Half width of each box along the sides of the oriented box: n boxes, k arcs, v
         # variables, w sides.
         reach = np.einsum("nv,nkvw->nkw", radii[rows], np.abs(self._frames[neighbours]))
-        # It is enlarged, so that rounding cannot make a box outside count as inside.
+        # It is enlarged by bounds of the rounding errors of this sum and of coordinates, so
+        # that a box outside cannot count as inside.
         is_inside = self._are_inside(
             neighbours, centres[rows, None], reach * ROUND_UP + COORDINATE_ROUNDING_RAD
         )
@@ -219,28 +220,28 @@ class CurveSearch:
     def _add_curve(self, position: Floats) -> None:
         """Add the curve through a configuration (v,), unless it is known already.
 
-        A chain is a curve as a row of arcs, each alone in a box. The new curve may lead to
-        saddles, places where curves cross or nearly do. New saddles are added, and known
-        chains that pass them are cut there.
+        A chain represents a curve by successive arcs. Each arc is in a box without other
+        configurations. The new curve may lead to saddles, places where curves cross or
+        nearly do. New saddles are added, and earlier chains through them are cut there.
         """
         # The error of the position is 0 here, because only the point itself is tested.
         if self._is_known(position, 0.0):
             return
         saddle_count = len(self.crossings.saddles)
-        # The arc about the configuration. Its tangent may have either sense.
+        # The arc about the configuration. Its tangent may point either way along the curve.
         first = find_piece(
             self.equations, position, direction=None, longest=LONGEST_ARC_RAD
         )
         if first is None or self._is_known(first.centre, first.centre_error):
             return
-        # The curve is followed to the ends of the range of the input, which `self.side`
-        # tells, or to arms of saddles.
+        # The curve is followed to the ends of the range of the input, or to arms of saddles
+        # (the four branches of curves that leave a saddle). `self.side` returns -1, 0
+        # or 1 if the input is below, in or above the range.
         chain = find_chain(self.equations, first, self.side, self.crossings)
         if chain is not None:
             # A closed chain is a whole curve. An earlier chain may be a part of it that
-            # could not be followed further. The box of an arc contains no other curve. If
-            # it contains the start of an earlier chain, that chain is such a part, and is
-            # dropped.
+            # could not be followed further. It is such a part if its start is in the box of
+            # an arc of the closed chain, which contains no other curve. It is then dropped.
             closed_pieces = chain.pieces if chain.closed else ()
             other_chains = []
             for earlier in self.chains:
@@ -383,11 +384,12 @@ class CurveSearch:
     def _touches_saddle_inside(self, chain: Chain) -> bool:
         """Return whether a chain may touch a saddle other than on the arms at its ends.
 
-        A chain is a curve as a row of arcs, each alone in a box. A saddle is a place where
-        curves cross or nearly do, and an arm is one of the four branches of curves that
-        leave it. A chain that went through a saddle would belong to two of its arms. The
-        arcs at each end of the chain that are on the same arm are allowed. No other arc may
-        be in the box of a saddle.
+        A chain represents a curve by successive arcs. A saddle is a place where curves
+        cross or nearly do, and an arm is one of the four branches of curves that leave it.
+        A chain should begin and end on arms and must not pass through a saddle. Arcs at its
+        ends that are on the arm of this end are therefore allowed. Every other arc is
+        tested: none may be in the box of a saddle. If all arcs are on one arm, none is left
+        to test.
         """
         pieces = chain.pieces
         arms = [self.crossings.arm(piece) for piece in pieces]

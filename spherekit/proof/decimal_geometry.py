@@ -50,16 +50,16 @@ class CircleContact:
     radii
         Angular radii (rad) of both circles.
     sines
-        Numbers in the ratio of the sines of the radii. They are numbers of teeth if the
-        file gives these, because the ratio of teeth is exact.
+        Two numbers in the ratio of the sines of the radii, in which wheels roll. They are
+        the numbers of teeth if the file gives these, because their ratio is exact, and
+        otherwise the sines.
     sense
         1 if one circle is inside the other (internal contact), -1 if they are beside each
         other (external contact).
 
-        At the contact, the arc lengths of both circles increase in the same direction.
-        Along the first circle this is the direction of increasing azimuth. Along the second
-        one it is so only if both centres are on the same side of the contact (1).
-        Otherwise the arc length increases as the azimuth decreases (-1).
+        At the contact, the arc lengths along both circles increase in the same direction.
+        The arc length along the first circle increases with the azimuth about its centre.
+        That along the second one increases with its azimuth multiplied by this sign.
     """
 
     frames: Sequence[Frame]
@@ -80,11 +80,14 @@ class CircleContact:
         Both centres and both tangents are (3,) in any common axes. The tangents are in the
         plane of the great circle through the centres.
         """
-        # On the great circle through both centres, the tangents at the first centre towards
-        # the second one, and at the second centre away from the first one. In an external
-        # contact the contact is between the centres, so the second tangent is reversed. In
-        # an internal contact `centre_arc` is negative if the second radius is the larger
-        # one, which reverses both.
+        # Divided by a positive sine, (second - cosine first) is the tangent at the first
+        # centre towards the second one, and (cosine second - first) is the tangent at the
+        # second centre away from the first one. Three cases follow:
+        # - External contact (sense -1): the contact is between the centres. The sense
+        #   reverses the second tangent.
+        # - Internal contact, first radius larger: the contact is beyond the second centre.
+        # - Internal contact, second radius larger: it is beyond the first centre, as seen
+        #   from the second. The sine of `centre_arc` is negative, which reverses both.
         sine, cosine = self.centre_arc.sin_cos()
         first = (second_centre - cosine * first_centre) / sine
         second = self.sense * (cosine * second_centre - first_centre) / sine
@@ -200,13 +203,14 @@ class DecimalGeometry:
 
         def pair_axis(name: str, link: str) -> Vector:
             """Return the axis of an R pair in one of its links."""
-            # Row 2 of a frame is the axis.
+            # The rows of a frame are the zero direction, the side and the axis of the pair.
             return frames[name][mechanism.pair(name).links.index(link)][2]
 
         if "axes" in table:
             # Bevel gears: the file names the shaft of each gear and gives teeth or half
-            # angles. The angle between the shafts is measured in the carrier, where the
-            # axis of a pair can be opposite to that of the gear (`shaft.sense` is -1).
+            # angles. The angle between the shafts is measured in the carrier, the link in
+            # which both turn. There, the axis of the pair can be opposite to that of the
+            # gear. `shaft.sense` is then -1, otherwise 1.
             centres = tuple(map(pair_axis, table["axes"], pair.links))
             joined_links = {name: mechanism.pair(name).links for name in frames}
             gear_carrier = find_gear_carrier(

@@ -402,7 +402,8 @@ def read_decimals(
         follow from the inputs, or if the tolerance is negative or large.
     """
     structure = extract_structure(mechanism)
-    # A tolerance of 0.1 rad (6 deg) or more is taken for a mistake.
+    # A tolerance of 0.1 rad (6 deg) or more is taken for a mistake. The limit decides only
+    # about this error.
     if not 0.0 <= tolerance < 0.1:
         raise PlanError(f"a tolerance of {tolerance} rad makes no sense; give 1e-9, say")
     if document is None:

@@ -96,6 +96,8 @@ def _link_angular_velocities(
     -------
     (links, 3) balls in ground axes.
     """
+    # (equations, variables) derivatives of the closure equations. Columns are in the order
+    # of the variables: unknowns, inputs, followers.
     _, slopes = equations.evaluate(variables)
     construction = equations.construction
     structure = equations.decimal_mechanism.structure
@@ -109,7 +111,8 @@ def _link_angular_velocities(
         right_side = -(slopes[:, unknown_count:] @ rates)
         unknown_rates = solve_balls(slopes[:, :unknown_count], right_side[:, None])[:, 0]
         rates = [*unknown_rates, *rates]
-    orientations = equations.link_orientations(variables, 1)
+    # Orientations of the links in the root, with their first derivatives (order 1).
+    orientations = equations.link_orientations(variables, order=1)
     angular_velocities = exact_balls(np.zeros((structure.body_count, 3)))
     for link, jet in orientations.items():
         # A jet has the orientation R under the key (), and under (j,) its derivative by
@@ -125,5 +128,8 @@ def _link_angular_velocities(
             # R' R^T is the cross-product matrix of the angular velocity.
             spin = sum(parts) @ jet[()].T
             angular_velocities[link] = spin[2, 1], spin[0, 2], spin[1, 0]
-    # From root axes to ground axes: the ground is link 0.
-    return angular_velocities @ orientations[0][()]
+    # The rows are vectors in root axes. R_ground rotates from ground axes to root axes, so
+    # its transpose changes a column to ground axes. For rows this is the product with
+    # R_ground from the right. The ground is link 0.
+    ground_orientation = orientations[0][()]
+    return angular_velocities @ ground_orientation

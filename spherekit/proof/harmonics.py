@@ -92,8 +92,8 @@ class Harmonics:
     def derivatives(self, circle_points: Floats, order: int) -> list[Floats]:
         """Return values and derivatives of all equations at n points.
 
-        An equation is a sum of coefficients times waves e^(i j angle), one wave for each
-        variable. Its derivatives follow from those of the waves.
+        An equation is a Fourier sum. Each term is a coefficient times one harmonic (wave)
+        e^(i j angle) of each variable. Its derivatives follow from those of the waves.
 
         Parameters
         ----------
@@ -116,15 +116,16 @@ class Harmonics:
         # of the derivative, wave j, point.
         waves = _evaluate_waves(circle_points, self.max_degree, order)
         for equation, coefficients in enumerate(self.coefficients):
-            # The axes of variables that do not occur have the length 1. `squeeze` leaves
-            # out these axes and no others, since degree m has the length 2 m + 1.
+            # An axis of a variable of degree m has the length 2 m + 1. It is 1 only for
+            # variables that do not occur (m = 0), whose axes `squeeze` leaves out.
             variables = np.flatnonzero(self.degrees[equation])
             sums = _sum_waves(np.squeeze(coefficients), waves[variables]).real
             # Rows of `sums` are derivatives. Row a + b (order + 1) + c (order + 1)^2 ... is
             # the derivative of order a by variable 0, b by variable 1, c by variable 2 and
             # so on. Row 0 is the value, and row (order + 1)^j the first derivative by
             # variable j. The row numbers of two first derivatives add up to that of the
-            # second derivative by both variables.
+            # second derivative by both variables. Higher mixed derivatives are computed
+            # too, but not used.
             first_rows = (order + 1) ** np.arange(len(variables))
             results[0][:, equation] = sums[0]
             results[1][:, equation, variables] = sums[first_rows].T
@@ -161,14 +162,16 @@ class Harmonics:
             (n, g, 2 m_1 + 1, ...) their derivatives by the given angles (1/rad).
         """
         others = [j for j in range(self.degrees.shape[1]) if j not in unknowns]
-        # The given angles are inserted into the waves e^(i j angle) of the Fourier sum. The
-        # sum is taken over the axes of these angles only. The axes of the unknowns remain,
-        # and their waves are the powers of z.
+        # The given angles are inserted into the harmonics (waves) e^(i j angle) of the
+        # Fourier sum. The sum is taken over the axes of these angles only. The axes of the
+        # unknowns remain, and their waves are the powers of z. `order` 1 asks for first
+        # derivatives of the waves.
         coefficients = self.coefficients[equation].transpose([*unknowns, *others])
         waves = _evaluate_waves(given, self.max_degree, order=1)
-        # Axis 0 has the value at index 0, and the first derivative by given angle k at
-        # index 2^k. The other indices are mixed derivatives, which are not used. The last
-        # axis has the n choices of the given angles.
+        # Binary digit k of an index of axis 0 is 1 if the sum is differentiated by given
+        # angle k. So index 0 is the value, and index 2^k the first derivative by angle k.
+        # The others are mixed derivatives, which are not used. The last axis has the n
+        # choices of the given angles.
         sums = _sum_waves(coefficients, waves)
         # Without given angles the last axis has the length 1 so far.
         sums = np.broadcast_to(sums, (*sums.shape[:-1], len(given)))
@@ -182,7 +185,7 @@ def _sum_waves(coefficients: Complexes, waves: Complexes) -> Complexes:
 
     A Fourier sum of one variable is the sum over j = -m ... m of c_j e^(i j angle). Here
     the sums are taken over one axis of the coefficients for each variable. Derivatives of
-    the sums follow from derivatives of the waves e^(i j angle).
+    the sums follow from derivatives of the harmonics (waves) e^(i j angle).
 
     Parameters
     ----------
@@ -202,12 +205,13 @@ def _sum_waves(coefficients: Complexes, waves: Complexes) -> Complexes:
     # of the derivative by the first variable changes fastest in the end.
     sums: Complexes = coefficients[None, ..., None]
     for wave in waves[::-1]:
-        # The degree of this variable may be less than the largest degree. Then only the
-        # middle waves are used.
+        # `wave` has the waves -max_degree to max_degree. A variable of a lower degree m
+        # needs only those from -m to m, which are in the middle.
         unused = (wave.shape[1] - sums.shape[-2]) // 2
         wave = wave[:, unused : wave.shape[1] - unused]
         # In the sum over the waves w of this variable, n is the point, o the order of the
-        # derivative by this variable, and p the derivatives by the variables before.
+        # derivative by this variable, and p the derivatives by the variables before. In the
+        # first sum axis n of `sums` has the length 1, and is repeated for all points.
         sums = np.einsum("p...wn,own->po...n", sums, wave)
         sums = sums.reshape(-1, *sums.shape[2:])
     return sums
@@ -247,9 +251,9 @@ def _interpolate(
 ) -> tuple[Complexes, float]:
     """Return the Fourier coefficients of one equation and the error of its values.
 
-    An equation of degree m in an angle has 2 m + 1 waves. Its values at as many evenly
-    spaced angles, the nodes, give the coefficients by a discrete Fourier transform in each
-    variable.
+    An equation of degree m in an angle has 2 m + 1 harmonics (waves) e^(i j angle). Its
+    values at as many evenly spaced angles, the nodes, give the coefficients by a discrete
+    Fourier transform in each variable.
 
     Parameters
     ----------
@@ -273,13 +277,16 @@ def _interpolate(
     for index in np.ndindex(*node_counts):
         values[index] = evaluate_node(tuple(zip(index, node_counts, strict=True)))[equation]
 
-    # 2. The discrete Fourier transform of their centres, in one variable after another. The
-    # radii of the balls (values less centres) add to the error below.
+    # 2. The discrete Fourier transform of their centres, in one variable after another. A
+    # value less its centre is a ball about 0. Its largest magnitude is the radius, which
+    # adds to the error below.
     sums = exact_centres(values)
-    largest_radius = max(map(upper_magnitude, (values - sums).flat))
+    balls_about_zero = values - sums
+    largest_radius = max(map(upper_magnitude, balls_about_zero.flat))
     for axis, count in enumerate(node_counts):
         # The matrix of the transform has rows of the waves 0 to m, then -m to -1. It is
-        # rolled so that the wave -m comes first. Flint scales it by sqrt(count).
+        # rolled so that the wave -m comes first. Coefficients need the factor 1 / count.
+        # Flint's matrix has the factor 1 / sqrt(count), so this factor is applied again.
         transform = np.array(flint_library().acb_mat.dft(count).tolist())
         rows = transform / exact_ball(count).sqrt()
         wave_rows = np.roll(rows, count // 2, axis=0)
@@ -289,10 +296,10 @@ def _interpolate(
     # and radii of the balls.
     coefficients = sums.astype(complex)
     conversion_error = sum(map(upper_magnitude, (sums - coefficients).flat))
-    # Number of roundings that a value has at most. A variable with `count` waves has
-    # count // 2 powers of z = e^(i angle). Each power adds the errors of z and of one
-    # complex product, which 8 roundings exceed. The sum of `count` products has at most
-    # count + 2. The factor 2 below is an allowance.
+    # Number of roundings that a value has at most. A variable with `count` waves needs the
+    # powers of z = e^(i angle) up to count // 2. The error of each power is that of the
+    # power before, of z and of one complex product: at most 8 more roundings. The sum of
+    # `count` products has at most count + 2. The factor 2 below is an allowance.
     roundings = sum(count + 2 + 8 * (count // 2) for count in node_counts if count > 1)
     rounding_error = 2.0 * roundings * UNIT_ROUNDOFF * np.sum(np.abs(coefficients))
     # The values at the nodes are wrong by at most their radii. Between the nodes, the

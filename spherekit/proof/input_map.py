@@ -116,14 +116,14 @@ class InputMap:
         At type II a configuration is singular with locked inputs. If each input changes by
         less than the clearance, no configuration of any mode is of type II. The clearance
         is the distance of q (inputs,) rad from the nearest box that is not proven regular
-        (free of type II), or from the end of a range. It is measured in the maximum norm:
-        a box is as far away as the largest of the distances in the directions of the
-        inputs.
+        (free of type II), or from the end of a range. It is 0 if q is in such a box.
         """
         # Distance of q from each box in the direction of each input, negative inside.
         distances = np.abs(self.centres - q) - self.radii
         low = np.min(self.centres - self.radii, axis=0)
         high = np.max(self.centres + self.radii, axis=0)
+        # q reaches a box only when it is within the box in all directions. The largest
+        # distance therefore counts (maximum norm). It is negative only if q is in the box.
         gaps = np.max(distances[self.kind != REGULAR], axis=1)
         # 1e-12 rad covers the rounding of the boxes.
         return max(np.min([*gaps, *(q - low), *(high - q)]) - 1e-12, 0.0)
