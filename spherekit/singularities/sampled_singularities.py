@@ -205,8 +205,8 @@ class SampledSingularities:
         After a period of the input the mechanism is in the same configuration again. So a
         configuration occurs at several inputs if the range has several periods. If it does
         not occur in the range, the input nearest to the range is yielded, as not inside.
-        Only one input is yielded for a curve that a simulation does not pass, because no
-        input of it is inside.
+        If the rows are a simulation that does not pass the curve, no input is inside, and
+        only the first one is yielded.
 
         Parameters
         ----------
@@ -233,11 +233,13 @@ class SampledSingularities:
         first_curve, _ = places[0]
         low, high = self.range
         input_on_curve = values[[self._driven]]
+        # All inputs in the range that differ from it by whole periods.
         inputs, _ = turns_in_range(input_on_curve, low, high, self._period(first_curve))
         if self._passed_ranges is not None and first_curve not in self._passed_ranges:
             inputs = inputs[:1]
         for q in inputs.tolist():
-            # Both ends of a range of whole periods are the same configuration.
+            # Both ends of a range of whole periods are the same configuration. For other
+            # ranges `whole_range` is 0.
             if high - q < margin and self.whole_range(first_curve):
                 q = low
             # A piece is a part of a curve that is one assembly mode.
@@ -253,8 +255,9 @@ class SampledSingularities:
 
         A piece is a part of the curve that is one assembly mode. The same configuration, at
         arc length s, occurs at inputs that differ by whole periods. If the range has
-        several periods, the same part of the curve is several pieces, which differ by the
-        input. Only the pieces whose input at s is q are yielded.
+        several periods, the same part of the curve is one piece in each of them. The inputs
+        of these pieces differ by `Piece.shift`, a multiple of the period. Only the pieces
+        whose input at s is q are yielded.
 
         Parameters
         ----------
@@ -267,7 +270,8 @@ class SampledSingularities:
         # Inputs that differ by a multiple of this number of periods count as the same.
         counted_periods: float
         if self.is_simulation:
-            # A simulation has no range, so any number of periods is allowed.
+            # A simulation has no range, so inputs may differ by any number of periods: by
+            # any multiple of one period.
             counted_periods = 1
         elif number_in_range := self.whole_range(curve):
             # The range has a whole number of periods. Both ends are the same configuration.
@@ -280,12 +284,11 @@ class SampledSingularities:
         laps = (0, 1, -1) if arc_curve.closed else (0,)
         for lap in laps:
             for piece in self.configurations.curves[curve].pieces:
-                # The input of the piece at s in this lap is the sum of three terms (rad):
-                # the input on the curve at s, its growth `rise` in each lap, and `shift`, a
-                # multiple of the period by which the piece differs from the curve. The sum
-                # differs from q by a whole number of periods.
-                rise = lap * arc_curve.rise[self._driven]
-                difference = input_offset + rise + piece.shift
+                # The input of the piece at s in this lap is the input of the curve at s,
+                # plus the growth of the input in the laps (`arc_curve.rise` in each), plus
+                # `shift`. It differs from q by a whole number of periods.
+                growth_in_laps = lap * arc_curve.rise[self._driven]
+                difference = input_offset + growth_in_laps + piece.shift
                 periods = round(difference / self._period(curve))
                 if periods % counted_periods != 0:
                     continue
@@ -369,12 +372,14 @@ class SampledSingularities:
     def angle(self, kind: Type, curve: int, s: Floats, output: int) -> Floats:
         """Return the angular distance of an output from type I or II along a curve.
 
-        At type I the output rests while the input moves. The tangent of the angle is the
-        absolute value of the velocity coefficient y'/q', the rate of the output divided by
-        that of the input. Primes are derivatives by the arc length of the curve. At type II
-        the input rests while the output moves. The sine of the angle is the transmission
-        measure, which states from 0 to 1 how firmly the locked input holds the output.
-        Where it is a number, the angle vanishes at singularities of this type only.
+        - At type I the output rests while the input moves. The tangent of the angle is the
+          absolute value of the velocity coefficient y'/q', the rate of the output divided
+          by that of the input. Primes are derivatives by the arc length of the curve.
+        - At type II the input rests while the output moves. The sine of the angle is the
+          transmission measure (`Transmission`), which states from 0 to 1 how firmly the
+          locked input holds the output.
+
+        An angle that is not NaN vanishes only at singularities of its type.
 
         Parameters
         ----------
@@ -395,7 +400,8 @@ class SampledSingularities:
         if kind is Type.I:
             # `speeds` returns the relative angular velocity of two links by the arc length,
             # as an absolute value, and its derivative. `report.input` are the links of the
-            # input. If neither input nor output moves, the ratio of the rates is unknown.
+            # input. If both speeds are at most `MIN_OUTPUT_MOTION`, that is zero up to
+            # rounding, their ratio is unknown.
             output_speed, _ = link_motion.speeds(output_links)
             input_speed, _ = link_motion.speeds(self.report.input)
             is_moving = np.hypot(output_speed, input_speed) > MIN_OUTPUT_MOTION
@@ -459,9 +465,10 @@ class SampledSingularities:
         """Return the transmission angle of each output at configurations.
 
         It is the transmission angle of the dyad (two links in series) that places the
-        output: the acute angle between the planes of the arcs of both links. A mechanism is
-        placed group by group. A group is a set of bodies that become one rigid body when
-        its pairs are closed, and a body is a set of links that earlier groups have joined.
+        output: the acute angle between the planes of the arcs of both links. The links of a
+        mechanism are placed group by group, here for given inputs. A group is a set of
+        bodies with the pairs that fix them relative to each other. A body is a link, or
+        several links that earlier groups have fixed to each other.
 
         Parameters
         ----------
@@ -475,8 +482,9 @@ class SampledSingularities:
         axes = self.position_analysis.solver.closure.linearise(values).axes
         angles = []
         for output in self.report.outputs:
-            # The group that places the output joins its two links: it is the first one in
-            # which they belong to different bodies.
+            # The output is the motion of one link relative to another. The group that fixes
+            # them to each other places the output: the first one of which they are in two
+            # bodies. Earlier groups have at most one of them, later ones both in one body.
             joining_group = None
             for group in self.position_analysis.solver.assembly.groups:
                 bodies_of_output = sum(
@@ -573,8 +581,10 @@ class SampledSingularities:
     def output_angle(self, curve: int, output: int, s: Floats) -> Floats:
         """Return the angle (n,), in rad, of an output along a curve.
 
-        If an R pair joins the links of the output, the angle is the variable of this pair.
-        Otherwise it is the integral of their relative rate since the first arc length.
+        If an R pair joins the links of the output, the angle is the variable of this pair:
+        the angle of its second link relative to its first one. Otherwise it is the integral
+        of their relative rate since the first arc length, by the trapezoidal rule. Its
+        error decreases with the square of the distance of the arc lengths.
 
         Parameters
         ----------
@@ -622,7 +632,10 @@ class SampledSingularities:
         return ends
 
     def _input_margin(self, number: int, output: int, kind: Type, s: Floats) -> Floats:
-        """Return the change of the input along a curve to the nearest singularity.
+        """Return the difference of the input to that of the nearest singularity on a curve.
+
+        The singularities before and after each arc length are compared. The smaller
+        difference of inputs counts, also if the input turns back in between.
 
         Parameters
         ----------
@@ -631,11 +644,11 @@ class SampledSingularities:
         kind
             Type of the singularity. Crossings count for every type.
         s
-            (n,) arc lengths from which the change is measured (rad).
+            (n,) arc lengths (rad).
 
         Returns
         -------
-        (n,) sizes of the changes (rad), NaN if the curve has no such singularity.
+        (n,) absolute differences (rad), NaN if the curve has no such singularity.
         """
         curve = self.curves[number]
         # Singular points state their output by the numbers of its two links.

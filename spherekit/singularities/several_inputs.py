@@ -89,7 +89,8 @@ class RowClassification:
         (n, g) rate of input i, and size of the output's angular velocity, in the unit
         motion in which input i moves alone; NaN if that motion is not unique.
     alone
-        (n, g, 3) unit vectors along the output's angular velocity in that motion.
+        (n, g, 3) unit vectors along the output's angular velocity in the unit motion in
+        which input i moves alone.
     type_two
         (n,) transmission measure from 0 to 1, which vanishes at type II.
     type_one
@@ -98,17 +99,16 @@ class RowClassification:
         rates with the output at rest.
     hold
         (n,) smallest singular value of the closure equations with locked inputs. It is zero
-        if the locked inputs do not hold all links. `type_two` says this for the output
-        link.
+        if any link can move with the inputs locked. (`type_two` is zero if the output link
+        can.)
     reciprocal_condition
         (n,) smallest singular value of the closure Jacobian divided by the largest one.
     type
         (n,) `RowType` of each row: type I, II or III, regular, self-motion or unknown.
     group
-        (n,) 0 for rows that are not of types I, II or III. If all inputs but one are
-        locked, a mechanism with one degree of freedom remains, one for each input. A
-        singular row is in group 1 if one of these mechanisms is singular, in group 2 if
-        none is.
+        (n,) 0 for rows that are not of types I, II or III. For these rows, each input in
+        turn is made the only one that moves, with all others locked. The group is 1 if one
+        of these mechanisms of one degree of freedom is singular, and 2 if none is.
     """
 
     input_rate: Floats
@@ -379,14 +379,16 @@ def _pole_axis(
     Returns
     -------
     (n, 3) unit vectors in ground axes; NaN where the links rest and no plan gives the axis.
+    The sense of an axis by the plan need not be that of the relative angular velocity.
     """
     if pole == input_pole:
         relative = input_axis
     else:
         relative = angular_velocities[:, pole[0]] - angular_velocities[:, pole[1]]
     size = np.linalg.norm(relative, axis=1, keepdims=True)
-    # The motion has unit length. A relative angular velocity below this limit counts as
-    # zero, as it does in the measures of singularities, and has no direction.
+    # In this motion the vector of the rates of all variables has unit length. A relative
+    # angular velocity below this limit counts as zero, as it does in the measures of
+    # singularities, and has no direction.
     axis = relative / np.where(size > SINGULAR_TRANSMISSION, size, np.nan)
     return np.where(np.isfinite(planned_axes[pole]), planned_axes[pole], axis)
 
@@ -487,8 +489,9 @@ def _measure_type_one(input_rates: Floats, output_rates: Floats) -> tuple[Floats
     sine of the smallest principal angle between this space and the space of all rates with
     the output at rest.
 
-    If there are more independent rates than rates of the output (m), some motions always
-    have the output at rest. Of the principal angles only the m largest are then counted.
+    If there are more independent motions than the m rates of the output, some motions have
+    the output at rest in every configuration. Their principal angles are always zero and
+    say nothing, so only the m largest angles count.
 
     Parameters
     ----------
@@ -517,9 +520,9 @@ def _measure_type_one(input_rates: Floats, output_rates: Floats) -> tuple[Floats
     # to the rates with the output at rest, the largest first.
     sines = np.linalg.svd(output_part, compute_uv=False)
     # The rank is the number of independent rates of inputs and output that occur together.
-    # Of the principal angles the first min(rank, m) are counted, so the last of these has
-    # the smallest sine. If nothing moves (rank 0), the measure is 1, which the first column
-    # has.
+    # Of the principal angles the first min(rank, m) count, and the last of these has the
+    # smallest sine. A column of ones before the first sine is the measure if nothing moves
+    # (rank 0).
     sines = np.pad(sines, ((0, 0), (1, 0)), constant_values=1.0)
     rank = np.sum(is_moving, axis=1)
     counted_angles = np.minimum(rank, output_count)
@@ -676,17 +679,19 @@ def _insert_direction(
 ) -> list[_VanishingCandidates]:
     """Return the quantities that may vanish, with those that concern a pointing direction.
 
-    The output is a direction. It rests if the output link turns about it. This happens to a
-    motion of one input whose pole axis is along the direction. If two pole axes are
-    coplanar with the direction, a combined motion of both inputs turns the link about it.
+    The output is a direction. It rests if the output link turns about it. If one input
+    moves alone, the link turns about a pole axis, so the direction rests if this axis is
+    along it. If two pole axes are coplanar with the direction, a combined motion of both
+    inputs turns the link about it.
 
     Parameters
     ----------
     tiers
-        Two sets of quantities, as `_vanishing_candidates` returns them: the coefficients c
-        and d of c_i w_i = d_i q_i' and conditions on axes, then the sines between any two
-        axes. Each set is reported only in rows in which no quantity of an earlier set
-        vanishes.
+        Two sets of quantities (`_vanishing_candidates`). The first one begins with the
+        coefficients c_i and d_i of all inputs, which relate the rate w_i of the output to
+        the rate q_i' of input i by c_i w_i = d_i q_i'. Sines and triple products of pole
+        axes follow. The second set has the sines between any two pole axes. Each set is
+        reported only in rows in which no quantity of an earlier set vanishes.
     inputs
         Names of the g inputs.
     u

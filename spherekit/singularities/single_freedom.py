@@ -139,9 +139,10 @@ class SingleFreedomSingularities:
         The input is the rotation of a link i relative to r, with the rate q'. An output is
         the rotation of a link o relative to s. A relation is an equation c y' = d q' whose
         coefficients follow from the poles of these links. In form i, y' is the rate of the
-        output. In form ii it is the rate of o relative to r; an auxiliary link takes the
-        place of s if s is r. Each form has other configurations at which c = d = 0, so that
-        it says nothing. The class explains the parameters.
+        output. In form ii it is the rate of o relative to r. Link s is needed there, too:
+        c and d contain the axes of o and i relative to s. They are zero if s is r, so
+        another link then takes its place. Each form has other configurations at which
+        c = d = 0, so that it says nothing. The class explains the parameters.
         """
         mechanism = position_analysis.mechanism
         if len(position_analysis.inputs) != 1:
@@ -160,7 +161,9 @@ class SingleFreedomSingularities:
             pairs does not give one degree of freedom.
             """
             try:
-                return plan(mechanism, poles, None, position_analysis.by_rank)
+                # `by_rank`: counting links and pairs gives a wrong number of degrees of
+                # freedom, but the rank of the velocity equations gives one.
+                return plan(mechanism, poles, by_rank=position_analysis.by_rank)
             except PlanError:
                 return None
 
@@ -396,10 +399,10 @@ class SingleFreedomSingularities:
     ) -> list[tuple[RelationAt, ...]]:
         """Return the relations of an output at singularities, compared with the rates.
 
-        A relation is an equation c y' = d q' with the rate q' of the input. c and d follow
-        from pole axes, the axes about which links turn relative to each other. In form i,
-        y' is the rate of the output, of link o relative to s. In form ii it is the rate of
-        o relative to the reference link r of the input.
+        A relation is an equation c y' = d q' with the rate q' of the input, of link i
+        relative to r. c and d follow from pole axes, the axes about which links turn
+        relative to each other. The output is the motion of link o relative to s. In form i,
+        y' is the rate of o relative to s. In form ii it is the rate of o relative to r.
 
         At a singularity of type I y' is zero, so d should vanish. At type II q' is zero, so
         c should vanish. This is compared with the types that follow from the rates.
@@ -422,7 +425,7 @@ class SingleFreedomSingularities:
         names = self.position_analysis.mechanism.links
         poles = tuple(self.poles(output))
         # The order in which poles are constructed from each other depends on the mechanism
-        # only, so that of the first curve applies to all curves.
+        # only. It is the same for all configuration curves, so the first one is asked.
         pole_plan = self.curve_motions[0].plan_poles(poles)
         axes = links.pole_axes(poles, pole_plan)
         # Whether the two links of a pole rest relative to each other: their relative speed
@@ -487,10 +490,11 @@ class SingleFreedomSingularities:
     def crossings(self) -> list[SingularPoint]:
         """The configurations at which the closure equations lose rank, for each output.
 
-        Curves of configurations end there, because generally several curves cross. The
-        velocity equations then have at least two independent solutions. In one combination
-        of them the input rests, and in another one the output rests. So the configuration
-        is of type III.
+        Generally several curves of configurations cross there. No curve is followed through
+        a crossing: it ends there, because its direction behind the crossing is open. The
+        velocity equations have at least two independent solutions. In one combination of
+        them the input rests, and in another one the output rests. So the configuration is
+        of type III.
         """
         points: list[SingularPoint] = []
         for curve_end in self._singular_curve_ends():
@@ -500,6 +504,7 @@ class SingleFreedomSingularities:
                 point = SingularPoint(
                     type=Type.III,
                     output=output_links,
+                    # The number of each curve that ends here, with the arc length.
                     places=tuple(curve_end.places),
                     error=np.nan if crossing is None else crossing.error,
                     values=curve_end.values,
@@ -596,9 +601,9 @@ class SingleFreedomSingularities:
         A mechanism with one degree of freedom has configuration curves, and the result is
         None. Without curves, the number follows from the rank of the closure equations. It
         is the smallest one of some configurations, because the rank is lower at singular
-        ones. These are all assembly modes at a few samples, and the configuration in which
-        all variables are zero, if the loops close there. The result is also None if the
-        number is 1 or 0.
+        ones. These are all assembly modes (ways to assemble the mechanism) at a few values
+        of the input. If the loops close with all variables zero, this configuration is
+        added. The result is also None if the number is 1 or 0.
         """
         if self.curve_motions:
             return None
@@ -624,7 +629,8 @@ class _SingularCurveEnd:
     """A configuration at which curves of configurations end.
 
     The loop-closure equations lose rank at this configuration. Generally curves cross at
-    it.
+    it. Each curve is followed up to the crossing only, because its direction behind the
+    crossing is open.
 
     Attributes
     ----------
@@ -759,9 +765,9 @@ def explain_doubts(
     Parameters
     ----------
     rests
-        The n points at which the input or the output rests: arc lengths `s` and their
-        errors. Where both rest, `distances` (rad) are those between the two computed points
-        at which the input and the output rest.
+        The n points at which the input, the output, or both do not move: arc lengths `s`
+        and their errors (rad). If both do not move, two arc lengths were computed, one for
+        the input and one for the output. `distances` (rad) are the differences of these.
     types
         Their types.
     is_input
@@ -771,7 +777,8 @@ def explain_doubts(
     s = rests.s.tolist()
     errors = rests.errors.tolist()
     distances = rests.distances.tolist()
-    # Points at which both rest.
+    # Points at which input and output both rest. They are uncertain if the error of their
+    # arc length exceeds `MAX_SHARED_ERROR_RAD`.
     for k, kind in enumerate(types):
         is_uncertain = errors[k] > MAX_SHARED_ERROR_RAD
         if not is_input and kind == Type.SELF_MOTION and is_uncertain:

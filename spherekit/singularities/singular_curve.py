@@ -93,9 +93,9 @@ class SingularCurve:
         """Return points of the curve between its nodes.
 
         Each point is selected by its projection onto the chord from one node to the next.
-        Newton's method brings it onto the curve: it solves for the configuration and its
-        singular motion (unit rates in which the inputs or the output rest) together. It
-        starts from values between those of the two nodes.
+        Newton's method brings it onto the curve. Its unknowns are the configuration and its
+        singular motion, a vector of rates of all V variables with unit length, in which the
+        inputs or the output rest. It starts from values between those of the two nodes.
 
         Parameters
         ----------
@@ -111,8 +111,8 @@ class SingularCurve:
         # Singular motions (n, V) for the start, interpolated between the nodes.
         start_motions = nodes.motions[chord_numbers]
         motion_changes = nodes.motions[chord_numbers + 1] - start_motions
-        # The projection of the result onto each chord is given by one linear equation in
-        # the variables: the component along the chord has a given value.
+        # One linear equation, borders . values = targets, prescribes the component of the
+        # variables along each chord.
         projections = np.vecdot(directions, nodes.values[chord_numbers])
         points = self.locus.correct(
             values=self.chords.predict(chord_numbers, parts),
@@ -180,11 +180,12 @@ class SingularCurve:
             near 1, such as determinants of unit vectors.
         """
         node_values = function(self.nodes)
-        # The sign of the function may depend on the basis of possible rates that each point
-        # has (`LocusPoints.basis`). The basis of a node is aligned with that of the node
-        # before. Only the last node of a closed curve has the basis of the first node, with
-        # which it coincides. The last value is therefore computed again, at the end of the
-        # last chord, with a basis that is aligned with that of the last node but one.
+        # A function such as a determinant uses the basis of possible rates that each point
+        # has (`LocusPoints.basis`). Its sign changes if a vector of the basis is reversed.
+        # So the basis of each node is aligned with that of the node before. An exception is
+        # the last node of a closed curve: it is the first node, and has its basis. The last
+        # value is therefore computed again with a basis that is aligned with that of the
+        # last node but one. On an open curve this changes nothing but rounding.
         last_chord = np.array([len(node_values) - 2])
         node_values[-1] = function(self.points_on_chords(last_chord, np.ones(1)))[0]
         starts = node_values[:-1]
@@ -205,9 +206,10 @@ class SingularCurve:
     def cusps(self) -> LocusPoints:
         """Return the cusps of the curve in the plane of the inputs or of the output.
 
-        At a cusp the tangent of the curve is the singular motion, in which the inputs (type
-        II) or the output (type I) rest. The image of the curve in the plane of the inputs,
-        or of the output, therefore turns back.
+        At a cusp the tangent of the curve is parallel to the singular motion, in which the
+        inputs (type II) or the output (type I) rest. A point that moves along the curve
+        passes the cusp with the inputs, or the output, momentarily at rest. Their path
+        generally reverses its direction there.
 
         The mechanism has two degrees of freedom. If only a part of it moves in singular
         motions, and this part has fewer, no cusps are searched.
@@ -220,8 +222,10 @@ class SingularCurve:
             """Return the determinant (n,) of singular motion and tangent, 0 at a cusp."""
             # (n, V, 2) motion and tangent, as rates of all V variables.
             rates = np.stack([points.motions, points.tangents[:, :, 0]], axis=2)
-            # (n, V, 2) orthonormal basis of the possible motions. The products with it are
-            # two coordinates of the motion, and two of the tangent.
+            # The last columns of `basis` are an orthonormal basis (n, V, 2) of the possible
+            # motions. The first columns, as many as degrees of freedom, are for changes of
+            # the configuration. The products are two coordinates of the motion, and two of
+            # the tangent. Their determinant is zero if both are parallel.
             motion_basis = points.basis[:, :, self.locus.degrees_of_freedom :]
             return np.linalg.det(np.swapaxes(motion_basis, 1, 2) @ rates)
 
