@@ -108,7 +108,8 @@ class LinkMotion:
         values, tangents, bends
             (n, variables) pair variables (rad) and their first and second derivatives by
             the parameter of the motion, for example the arc length of a curve. NaN second
-            derivatives denote that the motion is given exactly.
+            derivatives denote that values and tangents are given exactly. Accelerations are
+            then NaN, too.
         """
         self.values = values
         self.motion = make_motion(position_analysis.solver, values)
@@ -126,13 +127,14 @@ class LinkMotion:
         reciprocal_condition = np.maximum(
             bordered_reciprocal_condition(equations, left_inverse(equations)), EPS
         )
-        # Motions that are given exactly, and not as a point of a curve, have no second
-        # derivatives. Their errors are not amplified.
+        # Motions that are given exactly do not follow from these equations, so errors are
+        # not amplified by their inverse.
         is_given_exactly = np.isnan(bends[:, 0])
         reciprocal_condition[is_given_exactly] = 1.0
         # With the reciprocal condition number k, the configuration has an error of about
-        # EPS / k, and quantities that follow from it EPS / k^2. The bound is a sum of both
-        # terms, with the factors 8 and 0.25. Larger factors give wider bounds.
+        # EPS / k, and quantities that follow from it EPS / k^2. The bound is a sum of
+        # multiples of both. Larger factors than 8 and 0.25: more rates count as zero and
+        # more axes as unknown; smaller: the bound may not hold.
         largest_w = np.linalg.norm(self.w, axis=2).max(axis=1, initial=1.0)
         amplification = 8.0 / reciprocal_condition + 0.25 / reciprocal_condition**2
         self.rounding = EPS * largest_w * amplification
@@ -193,10 +195,11 @@ class LinkMotion:
         """Return the axis (n, 3) along the derivative of w, and its error bound (n,).
 
         w is the angular velocity of the pole's second link relative to the first, along the
-        unit vector u of the axis. At a zero of w, its derivative w' has the direction of u.
-        At a distance x from the zero, the direction of w' deviates from u by about x |u'|,
-        and x is about |w| / |w'|. In addition to rounding (`self.rounding`), the bound of
-        the error is therefore |w| (1 + |u'|) / |w'|. The 1 widens it by x.
+        unit vector u of the axis. At a zero of w, its derivative w' by the arc length has
+        the direction of u. At an arc length x from the zero, w is about x w', so x is about
+        |w| / |w'|. The part of w' across u is |w| |u'|, so w' deviates from u by about
+        x |u'|. The bound is x (1 + |u'|) plus rounding. The 1 is there so that it does not
+        vanish with |u'|.
         """
         _, dw = self.relative(*pole)
         # `speed` is |w|, and `growth` is |w'|.
@@ -206,7 +209,8 @@ class LinkMotion:
         axis_derivative = (dw - axis * np.vecdot(axis, dw)[:, None]) / speed[:, None]
         axis_rate = np.linalg.norm(axis_derivative, axis=1)
         # Near the zero of w its direction is only rounding, and the computed |u'| can be
-        # huge. If the direction has the error e (rad), |u'| is limited to 1 / e.
+        # huge, which would make the axis unknown. It is limited to 1 / e, where e (rad) is
+        # the error of the direction.
         axis_rate = np.minimum(axis_rate, 1.0 / np.clip(axis_error, EPS, 1.0))
         deviation = speed * (1.0 + np.nan_to_num(axis_rate))
         return dw / growth[:, None], (self.rounding + deviation) / growth
@@ -322,10 +326,11 @@ class CurveMotion:
     def _continuous_direction(self, s: Floats, pole: Pole) -> Floats:
         """Return unit vectors (n, 3) along a pole, continuous on the whole curve.
 
-        They have the direction of w, the angular velocity of the pole's second link
-        relative to the first. After each zero at which w reverses, they have the opposite
-        direction, so that they are continuous. Near zeros they have the direction of the
-        derivative of w. They are zero if the links never move relative to each other.
+        They are along w, the angular velocity of the pole's second link relative to the
+        first. At the start of the curve they have its direction. At each zero at which w
+        reverses, the sign changes: direction of w, opposite direction, and so on. Near
+        zeros they are along the derivative of w. They are zero if the links never move
+        relative to each other.
 
         Parameters
         ----------
@@ -347,9 +352,9 @@ class CurveMotion:
         sign_changes = rest_points.s[~rest_points.is_double]
         # On a closed curve s may be in the next lap.
         sign_changes = np.append(sign_changes, sign_changes + self.curve.length)
-        # At a zero the derivative has the sense of w after the zero. Points near a zero,
-        # nearer than `NEAR_REST_RAD`, get the direction of the derivative, and so have to
-        # count as if they were behind the zero. Twice this distance is surely behind it.
+        # At a zero the derivative has the sense of w after the zero, so points near a zero
+        # have to count as if they were behind it. They are at most `NEAR_REST_RAD` before
+        # it, and are moved forward by twice this distance.
         compared_s = s + 2.0 * NEAR_REST_RAD * is_near_rest
         passed_zeros = np.searchsorted(sign_changes, compared_s, side="right")
         sense = np.where(passed_zeros % 2 == 1, -1.0, 1.0)
@@ -382,8 +387,8 @@ class CurveMotion:
             # A zero at the start of a closed curve is one at its end, too. It counts once.
             zeros = zeros.merge_seam(curve.length)
         is_double = zeros.double
-        # Rounding moves the zeros of one component. The minimum of the whole vector nearby
-        # is more accurate.
+        # Rounding moves the zeros of one component. Newton's method moves them to the
+        # minimum of the whole vector nearby, which is more accurate.
         s = self._refine_zeros(zeros.places, is_double, pole)
         # Bounds of the errors of the arc lengths, first as if all zeros were simple.
         links = self.links_at(s)
@@ -393,9 +398,10 @@ class CurveMotion:
         # division by zero.
         errors = links.rounding / np.maximum(slope, EPS) + rounding_of_s
         # Double zeros get another bound. Near one the rate is a parabola, c x^2 / 2 at the
-        # distance x, which is below the rounding r up to x = sqrt(2 r / c). The second
-        # derivative c is estimated from the slope a little aside (a thousandth of the
-        # length), towards the middle of the curve.
+        # distance x, which is below the rounding r up to x = sqrt(2 r / c). The slope there
+        # is c x, so the second derivative c is estimated from the slope at a distance of a
+        # thousandth of the length, towards the middle of the curve. Larger distances: the
+        # curve is no parabola; smaller: the slope is only rounding.
         step = 1e-3 * curve.length
         double_s = s[is_double]
         aside = np.where(double_s > 0.5 * curve.length, -step, step)
@@ -404,13 +410,14 @@ class CurveMotion:
         errors[is_double] = np.sqrt(2.0 * links.rounding[is_double] / curvature)
         errors = np.minimum(errors, curve.length)
         # The links rest where the whole vector vanishes, up to a multiple of its rounding.
+        # At other zeros only the component along `PROJECTION` vanishes.
         is_rest = speed <= REST_ROUNDING_FACTOR * links.rounding
         distances_to_ends = (s, curve.length - s)
         for end_status, distance in zip(curve.ends, distances_to_ends, strict=True):
             if end_status == Status.AT_SINGULARITY:
                 # At a crossing with other curves, where this curve ends, every rate may
-                # vanish. A zero that cannot be distinguished from this end, by a few times
-                # its error, is left out.
+                # vanish. A zero that cannot be distinguished from this end is left out: one
+                # nearer than four times its error. Larger: more zeros are left out.
                 is_rest &= distance > 4.0 * errors
         return RestPoints(s[is_rest], is_double[is_rest], errors[is_rest])
 

@@ -43,14 +43,15 @@ class FulfilledCondition:
     Attributes
     ----------
     label
-        Name of the condition, such as ``III.4``.
+        Name of the condition, such as ``III.4``: the type of singularity, and a number or
+        letter by which R. Di Gregorio's lecture on singularities names the condition.
     words
         The condition in words, with the names of the links.
     residual
         The largest sine of the angles between axes or planes that should coincide.
     certain
-        Whether the residual is within the tolerance. False if it is larger, but less than
-        `UNDECIDED_FACTOR` times the tolerance.
+        Whether the residual is within the tolerance, which follows from the error bounds of
+        the axes. False if it is larger, but less than `UNDECIDED_FACTOR` times as large.
     """
 
     label: str
@@ -94,8 +95,9 @@ class CoincidentPlanes:
     def sine(self, poles: SixPoles) -> Floats:
         """Return the sine (n,) of the angle of the planes, NaN if an axis is unknown.
 
-        Axes that are parallel have no plane. The planes then count as coincident if one
-        plane contains all six axes.
+        Each plane is that of three axes. If three axes are parallel, up to
+        `VANISHING_SINE`, they have no plane. The result then is the largest sine of the
+        angles between all six axes and one plane, the best one: 0 if it contains them.
         """
         # The normal of each plane, and the sine of the largest angle between its axes.
         first_normal, first_sine = poles.plane(self.first)
@@ -442,7 +444,8 @@ def _explain_disagreement(
     if len(links.different) == 2:
         return "the output is the input, and c and d are constant"
     # If all six axes are in one plane, every triple product is 0, and says nothing about
-    # rates. With other links the axes need not be in one plane.
+    # rates. In form ii of the relation any fourth link can be chosen. With another one the
+    # axes need not be in one plane.
     if kind == Type.III:
         cause = "the six axes of the chosen links lie in one plane"
         if resting_links:

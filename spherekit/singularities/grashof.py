@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from spherekit.arrays import Floats
 from spherekit.geometry.triangle import arc
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import link_axes
@@ -63,11 +64,20 @@ def grashof(mechanism: Mechanism) -> Grashof | None:
     links = four_bar_links(mechanism)
     if links is None:
         return None
+    fixed_link, input_link, coupler, output_link = links
+    # For each link a mapping of its two axes, by the names of the pairs.
     axes_by_link = list(link_axes(mechanism).values())
-    arcs = [arc(*axes_by_link[link].values()) for link in links]
-    _, input_link, _, output_link = links
+
+    def arc_of(link: int) -> Floats:
+        """Return the arc (rad) between the two axes of a link."""
+        first_axis, second_axis = axes_by_link[link].values()
+        return arc(first_axis, second_axis)
+
+    grashof_class = class_of(
+        arc_of(fixed_link), arc_of(input_link), arc_of(coupler), arc_of(output_link)
+    )
     return Grashof(
-        name=str(class_of(*arcs)),
+        name=str(grashof_class),
         input=mechanism.links[input_link],
         output=mechanism.links[output_link],
     )

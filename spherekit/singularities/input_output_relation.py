@@ -146,7 +146,8 @@ class SixPoles:
 def make_six_poles(links: FourLinks, pole_axis: Callable[[Pole], Floats]) -> SixPoles:
     """Return the pole axes of any two of four links, the six fields of `SixPoles`.
 
-    The field of two links that are the same link is NaN.
+    A field is named by two of the links, such as "os": the input link i, its reference link
+    r, the output link o and its reference link s. It is NaN if both are the same link.
 
     Parameters
     ----------
@@ -256,25 +257,26 @@ def find_third_axis(form: Form, links: FourLinks) -> ThirdAxis:
     Axes have the names of fields of `SixPoles`: "io" is the pole axis of the links i and o.
     Where the name is a word of Python, an underscore follows.
 
-    In the relation c y' = d q', the sign of d is -1 if the rotations of output and input
-    follow one another, such as o relative to s and s relative to r. Their sum is then the
-    third rotation, o relative to r. If both end at the same link, the third rotation is
-    their difference, and the sign is 1.
-
-    R. Di Gregorio's lecture numbers the conditions for singularities of this relation in
-    two cases, .2 and .3. In the other cases the label has no number.
+    The third rotation is the sum or the difference of output and input. The sign of d in
+    the relation c y' = d q' is -1 for the sum, 1 for the difference. R. Di Gregorio's
+    lecture on singularities numbers the conditions for two of the cases, .2 and .3. In the
+    others the label has no number.
     """
-    # 1. Form ii: the output is o relative to r, like the input i relative to r.
+    # Form ii: o and i, both relative to r. The difference is o relative to i.
     if form == "ii":
         return ThirdAxis("os" if links.s == links.i else "io", 1.0, "")
-    # 2. The input is s relative to r, or the output is r relative to s.
+    # The output is o relative to s, the input is s relative to r (i = s). The sum is o
+    # relative to r.
     if links.i == links.s:
         return ThirdAxis("or_", -1.0, "")
+    # The output is r relative to s (o = r), the input is i relative to r. The sum is i
+    # relative to s.
     if links.o == links.r:
         return ThirdAxis("is_", -1.0, "")
-    # 3. Both are rotations of the same link, or relative to the same link r = s.
+    # The same link relative to s and to r (o = i). The difference is r relative to s.
     if links.o == links.i:
         return ThirdAxis("rs", 1.0, ".2")
+    # o and i, both relative to r = s. The difference is o relative to i.
     return ThirdAxis("io", 1.0, ".3")
 
 

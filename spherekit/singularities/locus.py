@@ -103,10 +103,10 @@ class SingularityMeasure:
 
         A configuration is singular if rates x close the loops and satisfy E x = 0, where E
         x are the rates of the inputs (type II) or of the output (type I). N is a basis of
-        the rates that close the loops, and B = E N. `value` is det B. It is det(B^T B) if B
-        is not square, or if a vector of the basis may be replaced by its opposite, which
-        changes the sign of det B. Both derivatives follow from d det B = trace(adj(B) dB).
-        The adjugate exists where B is singular, too.
+        the k rates that close the loops, and B = E N. `value` is det B. It is det(B^T B) if
+        B is not square, or if the sense of the basis N is not fixed: det B would change its
+        sign with it. Both derivatives follow from d det B = trace(adj(B) dB), with the
+        adjugate adj(B), which exists where B is singular, too.
 
         The derivatives are along the g columns of the basis of the tangent space, which
         are the changes of the configuration that keep the loops closed.
@@ -114,9 +114,10 @@ class SingularityMeasure:
         degrees_of_freedom = self.space.dimension
         basis = self.motion_space.basis[:, None]
         # B changes because E changes, and because N must continue to close the loops
-        # (`rate_corrections`). Both arrays have g + 1 directions. The last one, a step that
-        # closes slightly open loops, is left out.
+        # (`rate_corrections`). Axis 1 of both arrays has g + 1 directions of change. The
+        # last one, a step that closes slightly open loops, is left out.
         derivatives = self.constraint.equation_derivatives(self.space)
+        # (n, g, m, k) derivatives of B.
         derivatives = derivatives[:, :degrees_of_freedom] @ basis
         corrections = self.motion_space.rate_corrections[:, :degrees_of_freedom]
         equations = self.constraint.equations(self.space.linearisation)
@@ -277,19 +278,20 @@ class SingularityLocus:
     ) -> TangentSpace:
         """Return the space of motions among which singular motions are sought.
 
-        A motion is given by the rates of all V variables, which close the loops. The space
-        of motions is `space`, unless only a part of the mechanism moves with the output
-        (`self.part`). Motions of the rest are then no singularities of this output. The
-        space therefore has the k motions of the part, in which all other variables rest.
+        A motion is given by the rates of all V variables, which close the loops. It is
+        singular if the inputs rest in it (type II), or if the output does (type I). The
+        space of motions is `space`, unless only a part of the mechanism moves with the
+        output (`self.part`). It then has the k motions of the part, in which all other
+        variables rest, since motions of the rest are no singularities of this output.
 
         Parameters
         ----------
         space
             All g independent rates that close the loops of the mechanism.
         reference_basis
-            (n, V, g + k) bases of neighbouring configurations: g columns for `space`, then
-            k columns for the motions. The basis of the result is rotated to be as near as
-            possible to the k columns, so that it changes continuously.
+            (n, V, g + k) two bases side by side at neighbouring configurations: g columns
+            of `space`, then k columns of motions. The basis of the result is rotated to be
+            as near as possible to the k columns, so that it changes continuously.
         """
         if self.part is None:
             return space
@@ -558,42 +560,47 @@ class SingularityLocus:
     ) -> tuple[Floats, Floats, Floats]:
         """Return the tangents of the locus at n points of it, and how regular it is there.
 
-        The null space of the linearised equations consists of changes of the configuration
-        (g coordinates) with the changes of the singular motion (k coordinates) that keep
-        the configuration singular. It has g - 1 dimensions at a regular point.
+        A point of the locus is a configuration of V variables with a singular motion: unit
+        rates x that close the loops and satisfy the m equations E x = 0. A change of both
+        has g + k coordinates: g for the configuration, along the rates that close the
+        loops, and k for x, along the motions among which x is sought. Changes along the
+        locus are the null space of the linearised equations. It has g - 1 dimensions at a
+        regular point.
 
         Parameters
         ----------
         linearised
-            The system of the locus, linearised at n points.
+            The equations of the locus at n points.
         equations
-            (n, m + 1, g + k) its equations E x = 0 and |x| = 1, without the equations
-            (borders) that select one point of the locus.
+            (n, m + 1, g + k) the linearised equations E x = 0 and |x| = 1, over the g + k
+            coordinates.
 
         Returns
         -------
         tangents, motion_derivatives
             (n, V, g - 1) orthonormal changes of the variables along the locus, and the
-            derivatives of the singular motion along them.
+            derivatives of x along them.
         reciprocal_condition
             (n,) 0 where the locus crosses itself, or where a row is not finite.
         """
         g = self.degrees_of_freedom
-        # At a regular point, k + 1 of the equations E x = 0 and |x| = 1 are independent, so
-        # that the null space has (g + k) - (k + 1) dimensions.
+        # At a regular point, k + 1 of the m + 1 equations are independent, so that the null
+        # space has (g + k) - (k + 1) dimensions.
         rank = self.motion_dimension + 1
         svd = decompose(equations)
         null_space = np.swapaxes(svd.right[:, rank:], 1, 2)
+        # The coordinates of the configuration. The k coordinates of x follow them.
         value_part = null_space[:, :g]
-        # The motion changes along its k coordinates, and because it has to close the loops
-        # in the changed configuration.
+        # x changes along its k coordinates, and in addition by `motion_corrections` for
+        # each of the g coordinates, because it has to close the loops in the changed
+        # configuration.
         motion_changes = linearised.motion_space.basis @ null_space[:, g:]
         motion_changes += linearised.motion_corrections[..., :g] @ value_part
         # The basis of the null space is replaced by one whose changes of the variables are
         # orthonormal: with the singular value decomposition U S W of these changes, they
-        # become U, and the changes of the motion are multiplied by W^T S^-1. If an element
-        # of S (`lengths`) is zero, the locus is not regular. The smallest divisor then only
-        # prevents a division by zero.
+        # become U, and the changes of x are multiplied by W^T S^-1. If an element of S
+        # (`lengths`) is zero, the locus is not regular. The smallest divisor, a ratio that
+        # serves elsewhere to recognise redundant equations, then prevents a division by 0.
         left, lengths, mixing = np.linalg.svd(value_part, full_matrices=False)
         divisors = np.maximum(lengths, REDUNDANT_EQUATION_RATIO)[:, None]
         tangents = linearised.space.basis @ left

@@ -264,8 +264,9 @@ def local_minima(
 ) -> tuple[Floats, Floats]:
     """Return the local minima of the sine of an angle along a configuration curve.
 
-    An end of the range of the input is included if the sine increases inwards from the end.
-    The same applies to an end of an open curve. If curves cross at one end of a curve,
+    An end of the range of the input is included if the sine is not smaller a little inwards
+    from it (at the part `INWARD_PART` of the length). The same applies to an end of an open
+    curve. If curves cross at one end of a curve,
     neither of its ends is included. The curve ends a little before the crossing, where
     other curves continue it.
 
@@ -289,8 +290,8 @@ def local_minima(
     grid = curve.s
     if curve.closed:
         # A minimum at the start of a closed curve must have a cell of the grid on both
-        # sides to be found. Two cells of the next lap are added, and minima are taken from
-        # the lap that begins one cell later.
+        # sides to be found. Two cells of the next lap are added at the end, so that it is
+        # found there. Minima are taken from one lap, from the second point of the grid on.
         grid = np.append(grid, grid[1:3] + curve.length)
 
     def squared_sine(s: Floats) -> Floats:

@@ -62,7 +62,7 @@ def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingP
     Links that only follow are left out. The part is used only if two conditions hold:
 
     - Each assembly mode (way to assemble the links) of the whole contains one mode of the
-      part: the configurations of the part's pairs agree at some samples of the input.
+      part: the angles of the part's pairs agree at some samples of the input.
     - Whole and part have the same dead centres, at which the input turns back. Otherwise
       links that are left out would stop the input where the part alone moves on.
 
@@ -78,7 +78,8 @@ def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingP
     mechanism = whole.mechanism
     # No part is used in two cases:
     # 1. The numbers of links and pairs give a wrong mobility. It was then determined from
-    #    the rank of the velocity equations (`by_rank`), for the whole mechanism only.
+    #    the rank of the velocity equations (`by_rank`) of the whole mechanism. A part is
+    #    chosen by counting links and pairs.
     # 2. Wheels roll on each other. Their phases depend on all wheels.
     if not whole.by_rank:
         part_mechanism = part_for(mechanism, links)
@@ -89,6 +90,7 @@ def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingP
             for pair in part_mechanism.pairs:
                 number = mechanism.pair_number[pair.name]
                 variables += mechanism.variables_of(number)
+            # For each mode of the part the modes of the whole that contain it, or None.
             whole_modes = _match_modes(whole, part, variables)
             if whole_modes is not None and _have_same_turning_points(whole, part):
                 return PlacingPart(part, variables, whole_modes)
@@ -139,7 +141,8 @@ def _match_modes(
     Returns
     -------
     Numbers of modes of the whole by the number of each mode of the part. None if a mode of
-    the whole contains no mode of the part, or has no configuration at the samples.
+    the whole contains no mode of the part, or if this cannot be seen, because it has no
+    configuration at the samples.
     """
     # The whole mechanism at few samples of the input, in all its modes.
     motion = whole.sparse(COMPARED_SAMPLES)
@@ -160,9 +163,8 @@ def _match_modes(
         has_configuration = status == Status.OK
         if not np.any(has_configuration):
             return None
-        # The first mode of the part that agrees. `SAME_MIDDLE_RAD` is the tolerance for
-        # recognising a mode by its configuration at the middle of a curve's piece. Here it
-        # is used at all samples.
+        # The first mode of the part that agrees. The tolerance is the one by which modes
+        # are recognised elsewhere, too, at the middle of a piece of a curve.
         part_number = None
         for number, values_of_part in part_values.items():
             differences = wrap((values_of_part - values)[has_configuration])
