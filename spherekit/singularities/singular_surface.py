@@ -200,9 +200,10 @@ class SingularSurface:
         input_gradient = tangents[:, variable]
         level_coordinates = input_gradient[:, ::-1] * [-1.0, 1.0]
         second_rows = np.vecmat(level_coordinates, np.swapaxes(tangents, 1, 2))
-        # The mesh may have been cut before, at a limit of another input. This input is
-        # constant along the edges there, and has to keep its value at the new point. (The
-        # limited input itself is not constant along edges that cross its limit.)
+        # The mesh may have been cut before, at a limit of another input. Along the edges of
+        # that cut the other input is constant. There the second equation says instead that
+        # the other input keeps its value. (The limited input itself is not constant along
+        # edges that cross its limit.)
         for other_variable in driven:
             edge_change = np.abs(guess.edge_vectors[:, other_variable])
             is_constant = edge_change < EQUAL_INPUT_TOLERANCE_RAD
@@ -317,8 +318,9 @@ def _subdivide_triangle(
 ) -> list[tuple[int, ...]]:
     """Return the triangles that cover the inside part of a triangle.
 
-    Sides get new vertices in two cases: where a limit cuts them, or in their middles, when
-    a mesh with all corners inside is refined.
+    When a mesh is cut at a limit, a side across the limit has a new vertex at the limit,
+    and the part with the corners outside is removed. When a mesh is refined, all corners
+    are inside, and some sides have a new vertex in their middle.
 
     Parameters
     ----------
@@ -349,8 +351,8 @@ def _subdivide_triangle(
         return [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
     if not polygon:
         return []
-    # All triangles share one vertex (a fan): the first new one, or the first corner if
-    # there is no new vertex.
+    # All triangles share one vertex (a fan). It is a new vertex, if there is one: a corner
+    # and a new vertex on a side at this corner would give a triangle without area.
     start = next((k for k, vertex in enumerate(polygon) if vertex in side_vertices), 0)
     apex, *rim = polygon[start:] + polygon[:start]
     return [(apex, rim[k], rim[k + 1]) for k in range(len(rim) - 1)]

@@ -45,8 +45,9 @@ class SingularPoints(ArrayRows):
         The type that was looked for. It says what rests in `motion`. II: the inputs; I: the
         output; self-motion: both.
     type
-        (n,) `spherekit.singularities.several_inputs.RowType` of each configuration. It can
-        be singular in another way, too, so this can be III where `kind` is I or II.
+        (n,) the type of each configuration, as a number of
+        `spherekit.singularities.several_inputs.RowType`. A configuration that is of types I
+        and II at once has the type III, whichever was looked for.
     values
         (n, V) variables (rad).
     motion

@@ -104,7 +104,7 @@ def _follow_slices(
 
     One curve of each slice is followed at a time, all slices side by side. Starts are the
     assembly modes at some values of the free input. A curve is missed if it passes none of
-    these values.
+    these values. A curve that does not close is ended after `MAX_SLICE_CURVE_LENGTH_RAD`.
 
     Parameters
     ----------
@@ -118,6 +118,8 @@ def _follow_slices(
     time_limit
         No further curves are followed after this time.
     """
+    # Modes take little time in closed form, that is, if all groups of links are dyads.
+    # Otherwise they have to be searched, so fewer values are examined.
     if solver.assembly.has_closed_form:
         value_count = FREE_INPUT_VALUES_OF_DYADS
     else:
@@ -255,11 +257,12 @@ def singular_points_on_slice(curve: ArcCurve, locus: SingularityLocus) -> LocusP
         """Return the measure (n,) of the locus and its derivative by the arc length."""
         space = locus.tangent_space(points.values)
         measure = locus.measure(space)
-        # The tangent space has the rates that close the loops. The gradient is given by its
-        # components along an orthonormal basis of this space, so the tangent of the curve
-        # is too. Their scalar product is the derivative along the curve.
+        # The tangent space has the rates that close the loops, and an orthonormal basis.
+        # The gradient has its components along this basis. The tangent of the curve is
+        # converted to such components, too. Their scalar product is the derivative.
         tangent_coordinates = np.vecmat(points.tangents, space.basis)
         return measure.value, np.vecdot(measure.gradient, tangent_coordinates)
 
     zeros = curve.locate(measure_along_curve)
+    # `project` applies Newton's method.
     return locus.project(curve.at(zeros.places).values)

@@ -48,9 +48,10 @@ class InputsLocked:
     def equation_derivatives(self, space: TangentSpace) -> Floats:
         """Return the derivatives (n, g + 1, m, V) of E along `space.directions`: zero.
 
-        E (m, V) is constant. The g + 1 directions are changes of the configuration: a basis
-        of those that keep the loops of g degrees of freedom closed, and the step that
-        closes loops which are slightly open.
+        E has m equations for the rates of V variables, and is constant. A mechanism with g
+        degrees of freedom has g + 1 directions: a basis of the changes of the configuration
+        that keep the loops closed, and the Newton step that closes loops which are slightly
+        open.
         """
         n, variables, directions = space.directions.shape
         return np.zeros((n, directions, self.equation_count, variables))
@@ -109,16 +110,18 @@ class OutputStationary:
         so the derivative has two terms.
 
         A configuration has g degrees of freedom. It changes along the g rates of a basis of
-        the tangent space (the rates that close the loops), and along the step that closes
-        loops which are slightly open.
+        the tangent space (the rates that close the loops). The last direction is the Newton
+        step that closes loops which are slightly open.
         """
         linearisation = space.linearisation
         directions = self._constrained_directions(linearisation)
         angular_velocities = self._angular_velocities(linearisation)
         # 1. The directions turn with the output link. `tree.paths` has, for each link, 1 or
-        # -1 for the variables on the path from body 0 to it, 0 for others. The sum of these
-        # numbers times rates times vectors is the angular velocity of the link.
-        # The letters are: n configuration, v variable, g direction of change, k component.
+        # -1 for the variables on the path from body 0, the ground, to it, and 0 for others.
+        # The sum of these numbers times rates times vectors is the angular velocity of the
+        # link relative to the ground. All vectors are in ground axes.
+        # In the einsum n is the configuration, v the variable, g the direction of change
+        # (of g + 1), and k the component.
         link_vectors = linearisation.tree.paths[self.link][:, None] * linearisation.vectors
         link_velocity = np.einsum("nvg,nvk->ngk", space.directions, link_vectors)
         direction_changes = cross(link_velocity[:, :, None], directions[:, None])

@@ -259,15 +259,17 @@ class SurfaceFront:
         coordinates = np.stack([np.real(offsets), np.imag(offsets)], axis=1)
         guess = starts.values + np.matvec(starts.tangents, coordinates)
         motion_guess = starts.motions + np.matvec(starts.motion_derivatives, coordinates)
-        # Newton's method moves the guess at right angles to the tangent plane.
-        borders = np.swapaxes(starts.tangents, 1, 2)
-        targets = np.matvec(borders, guess)
-        points = self.report.locus.correct(guess, motion_guess, borders, targets)
+        # Newton's method moves the guess at right angles to the tangent plane. Two linear
+        # equations say that the coordinates along the two tangents do not change.
+        plane_rows = np.swapaxes(starts.tangents, 1, 2)
+        targets = np.matvec(plane_rows, guess)
+        points = self.report.locus.correct(guess, motion_guess, plane_rows, targets)
+        # Where surfaces cross, all these equations together are nearly singular.
         is_crossing = points.reciprocal_condition < SURFACE_CROSSING_CONDITION
         is_regular = points.is_on_locus & ~is_crossing
         # The singular values of the product of two orthonormal bases are the cosines of the
         # angles between the tangent planes. The last one is the smallest.
-        overlap = np.where(is_regular[:, None, None], borders @ points.tangents, 0.0)
+        overlap = np.where(is_regular[:, None, None], plane_rows @ points.tangents, 0.0)
         plane_cosine = np.linalg.svd(overlap, compute_uv=False)[:, -1]
         # Sheets that pass each other have different singular motions, whose signs are
         # arbitrary.
@@ -429,11 +431,15 @@ class SurfaceFront:
         # The area is positive if the apex is on the same side as the ideal one.
         outward_sense = np.sign(_twice_area(a, b, positions[NEW_VERTEX]))
         twice_area = outward_sense * _twice_area(a, b, apex_position)
-        # Twice the area is the height times the length of the edge.
+        # Twice the area is the height times the length of the edge. Rounding would decide
+        # whether a flatter triangle overlaps others.
         if twice_area < MIN_TRIANGLE_HEIGHT * self.edge_length * abs(b - a):
             return False
         # The two new sides, from each end of the edge to the apex.
         for end in edge:
+            # An edge has at most two triangles. `directed_edges` has the edges of all
+            # triangles, with their vertices in the order of the triangle. `open_edges` has
+            # those with one triangle, with the lower vertex first.
             new_edge = _sorted_edge(end, apex)
             has_triangle = (
                 new_edge in self.directed_edges or new_edge[::-1] in self.directed_edges

@@ -186,10 +186,12 @@ class TangentSpace:
         directions of change: a basis of the rates that close the loops of the whole
         mechanism, and the step that closes loops which are slightly open.
         """
-        # This tangent space may be that of the part of a mechanism that moves an output. J
-        # belongs to the part, but configurations change as those of the whole mechanism.
+        # This tangent space may be that of a part of the mechanism, the links that move an
+        # output. J then has the loops of this part only. The directions in which
+        # configurations change are those of the whole mechanism in any case.
         mechanism_space = self.mechanism_space or self
-        # (n, directions, V, 3) derivatives of the velocity vectors of all variables.
+        # (n, directions, V, 3) derivatives of the velocity vectors of all variables. The
+        # Jacobian is linear in these vectors, so that of their derivatives is J'.
         derivatives = mechanism_space.vector_derivatives
         n, directions, variables, _ = derivatives.shape
         part_derivatives = derivatives[:, :, self.variables]

@@ -90,7 +90,11 @@ def array_function(
         return [*np.array([*program.constants.values()], dtype=dtype)[:, None]]
 
     def evaluate(inputs_array: Array, out: Array | None = None) -> Array:
-        """Return the outputs (outputs, n) at inputs (inputs, n), see `ArrayFunction`."""
+        """Return the outputs (outputs, n) at inputs (inputs, n).
+
+        They are written to `out`, if it is given.
+        """
+        # The type of the inputs, or `number` if that has more digits.
         dtype = np.result_type(inputs_array, number)
         sample_count = inputs_array.shape[1]
         if out is None:
@@ -108,6 +112,8 @@ def array_function(
                     *out[:, block],
                     *work_block,
                 ]
+                # The operations are in an order in which arguments are computed before they
+                # are used. Each writes its result to a row.
                 for ufunc, first, second, result in operations:
                     if second is None:
                         ufunc(rows[first], rows[result])
@@ -181,7 +187,9 @@ class _ProgramStep:
     Attributes
     ----------
     operation
-        Operation of an `ExpressionNode`, or ``positive``, which copies its argument.
+        Operation of an `ExpressionNode`, or ``positive``. This is the unary operator + (and
+        a function of NumPy), which copies its argument. Outputs are copied that are a
+        constant, an input or another output.
     arguments
         Names of the values on which it operates.
     result

@@ -88,9 +88,10 @@ def _frames_from_pose(
     """Return the frames of a pair whose axis is given in the reference pose.
 
     The reference pose is a configuration in which the file gives the axes of all pairs.
-    Link axes and ground axes coincide in it. The zero direction of a pair in its first link
-    points east, along the circle of latitude of the axis. Any direction would do, since the
-    value of the variable in this pose then gives that in the second link.
+    Link axes and ground axes coincide in it. The variable of a pair is the angle between
+    its zero directions in both links. In the first link this direction points east, along
+    the circle of latitude of the axis, which is a free choice. In the second link it
+    follows from the value of the variable in this pose.
 
     Parameters
     ----------
@@ -113,15 +114,16 @@ def _frames_from_pose(
     axis = direction_from_angles(longitude, latitude)
     east = vector([-1.0 * sine(longitude), cosine(longitude), 0.0])
     frame = np.stack([east, cross(axis, east), axis], axis=1)
-    # The design may change arcs and angles between the axes of a link, which moves the axis
-    # of the pair in this link.
+    # The design may change arcs and angles between the axes of a link. This rotates the
+    # frame of the pair relative to the link, and leaves it unchanged in the other link.
     first_frame, second_frame = (
         _rotate_by_size_changes(mechanism, design, link, pair.name, frame)
         for link in pair.links
     )
     # In general R_second = R_first first_frame Z(v) second_frame^T, with the variable v and
     # the orientations R of the links. In the reference pose both orientations are the unit
-    # matrix and v has this value, so second_frame = first_frame Z(value).
+    # matrix and v has this value, so second_frame = first_frame Z(value). Changed sizes are
+    # factors on the left of each frame.
     value = design.get(("values", pair.name), geometry.values.get(pair.name, 0.0))
     return first_frame, second_frame @ about_z(value)
 

@@ -96,9 +96,9 @@ def convert_to_graph(
             full_result = operations[name](*arguments)
         else:
             full_result = function(name, *arguments)
-        # Sums of reduced values differ from the full result by whole revolutions. So does
-        # the product of an integer k and a reduced value: k (x - n turns) is k x, less k n
-        # turns. The reduced value of the number k is k.
+        # Sums of reduced values differ from the full result by whole revolutions. So do
+        # products of an angle x and an integer number k: k (x - n turns) is k x, less k n
+        # turns. (Numbers are not reduced.)
         is_integer_multiple = name == "*" and any(
             isinstance(x, float) and x % 1.0 == 0.0 for x in full_operands
         )

@@ -198,15 +198,20 @@ class Integrator:
         """
 
         def set_sign(adaptive: Any, sign: int) -> bool:
-            """Note the event, set the parameter, and return whether the run continues."""
+            """Note the event, set the parameter, and return whether the run continues.
+
+            `adaptive` is heyoka's integrator, `sign` the sign of the rate of the function
+            whose zero is the event. The function has this sign afterwards.
+            """
             time = float(adaptive.time)
             self.seen_events.append((index, time))
-            # If the rate is zero, the sign is 0 and the parameter stays as it is.
-            # `event.switch` is the index of the parameter.
+            # `event.switch` is the index of the parameter that has the sign of the
+            # function. If the rate is zero, the parameter stays as it is.
             if sign:
                 adaptive.pars[event.switch] = sign
-            # `event.sticks`, if given, tests whether dry friction would hold a body at
-            # rest. It gets copies, because both are views of the integrator's own arrays.
+            # Dry friction can hold a body at rest. The motion would then switch to and fro
+            # without progress, so the run ends. `event.sticks`, if given, tests for this.
+            # It gets copies, because both arrays are views of the integrator's own.
             would_switch_back = event.sticks and event.sticks(
                 adaptive.state.copy(), time, adaptive.pars.copy()
             )

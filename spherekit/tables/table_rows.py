@@ -108,8 +108,9 @@ class JoinedBlocks(Mapping[str, Array]):
         the rows of the next mode. This method sets `_spans`: for each block its slices of
         rows, with the first position of each slice in the joined columns.
         """
-        # A single block needs no sorting, and a table without assembly modes has no order
-        # to sort by.
+        # A single block remains in the order in which it was computed, and a table without
+        # assembly modes in the order of its blocks. Their rows are treated as those of one
+        # mode: with `by_mode=False`, `sort_by_mode` returns the block unchanged.
         needs_sorting = len(self._blocks) > 1 and self._table.in_assembly_modes
         # Number of the mode, number of the block, and the slice of rows in the block.
         mode_spans = []

@@ -165,17 +165,19 @@ class PairRotations:
         """Return the axis (3,) of an R pair in the axes of its first and second link."""
         # R_second = R_first C_0 Z C_1, where Z rotates about the z axis of a joint frame.
         # C_0 has the axes of this frame in the first link as columns. C_1 has its axes in
-        # the second link as rows.
+        # the second link as rows. `constants` is the tuple (C_0, C_1).
         chain = self.chains[pair]
         return chain.constants[0][:, 2], chain.constants[-1][2]
 
     @property
     def sides_with_columns(self) -> tuple[ProfileSide, ...]:
-        """The profiles (sides of contacts) with symbols in the expressions.
+        """The profiles (sides of contacts) that are no circles.
 
-        The symbols are tangent, point and curvature at the contact. In the arguments of a
-        compiled function, their values come after the pair variables, profile by profile in
-        this order.
+        A circle is written as a rotation about its centre. For another profile, symbols in
+        the expressions stand for the tangent, the point and the curvature at the contact
+        (`column_symbols`). A series along the profile has these numbers as its columns. In
+        the arguments of a compiled function they come after the pair variables, profile by
+        profile in this order.
         """
         return tuple(
             side

@@ -204,9 +204,11 @@ def _rolling_vector(
     prime denotes the derivative by s, and k' is called the slope of a profile:
 
     - The derivative of the vector (``slide``) is (k1 - k2) t + (k1 - k2)' p.
-    - Its second derivative is 2 (k1 - k2)' t + (k1 - k2) (k n - p) + (k1 - k2)'' p. The
-      sum of the lengths of the first two terms is the bound ``slide_change``. That of the
-      last term is added by `CarriedVector.slide_change_bound`.
+    - Its second derivative is 2 (k1 - k2)' t + (k1 - k2) (k n - p) + (k1 - k2)'' p.
+
+    Error bounds of velocities need a bound of the length of the second derivative. The sum
+    of the lengths of its first two terms is ``slide_change``. The last term has its largest
+    length along the profile as a bound, which `CarriedVector.slide_change_bound` adds.
 
     Parameters
     ----------

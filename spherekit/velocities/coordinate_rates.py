@@ -63,7 +63,7 @@ class CoordinateRates(VelocityEquations):
         variables: Sequence[Expr],
         placed: Sequence[LinkOrientation] = (),
     ) -> None:
-        """Place all links, and write the vectors of all variables.
+        """Form symbolic expressions of the vectors of all variables.
 
         The vector of a variable is the relative angular velocity of the links of its pair
         per unit rate of the variable.
@@ -71,19 +71,19 @@ class CoordinateRates(VelocityEquations):
         Parameters
         ----------
         structure
-            The mechanism with its inputs and groups.
+            The mechanism with its inputs, and its groups of links that are placed together.
         variables
-            Expressions (rad) of all variables. Contact points depend on those of contacts,
-            the arc lengths along the profiles. The others have no effect if orientations
-            are given.
+            Expressions (rad) of all variables: angles of R pairs, and arc lengths along
+            profiles, on which contact points depend. If orientations of links are given,
+            the angles are not used.
         placed
             Orientations of all links. By default they follow from the variables.
         """
         self.structure = structure
         mechanism = structure.mechanism
         placed = placed or place_by_variables(mechanism, structure.pairs, variables)
-        # The vector of two circles that roll on each other is written as the sum of two
-        # rotations about their centres. An expression by the contact point would be longer.
+        # The vector of two circles that roll on each other is the sum of two rotations
+        # about their centres. An expression by the contact point would be longer.
         super().__init__(mechanism, structure.pairs, placed, variables, about_centres=True)
 
     def _solve_groups(
