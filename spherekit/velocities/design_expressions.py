@@ -569,14 +569,14 @@ class DesignExpressions:
             first, _ = self.mechanism.ends[self.mechanism.variable_owners[variable]]
             sense = 1.0 if first == other else -1.0
             return self._variable_rates[moving][variable] * sense
-        # The velocity coefficient of links that rest relative to each other is 0. It would
-        # be the divisor in the unit vector below.
+        # Links that rest relative to each other have no direction of relative rotation: the
+        # division by their velocity coefficient, 0, is avoided.
         if self._rest_together(link_name, other_name, moving):
             return 0.0
-        # The relative angular velocity is the coefficient times a unit vector, with its
-        # sign if the unit vector is the axis of a pair. The derivative of the unit vector
-        # is perpendicular to it. So the component of the derivative along the unit vector
-        # is the derivative of the coefficient.
+        # The relative angular velocity is the coefficient times a unit vector: the axis of
+        # a pair, or the direction of the velocity itself. The derivative of a unit vector
+        # is perpendicular to it. So the component of the derivative of the velocity along
+        # the unit vector is the derivative of the coefficient.
         dw = self._link_velocity_derivatives[moving]
         direction = self._relative_direction(link_name, other_name, moving)
         return dot(dw[link] - dw[other], direction)
@@ -607,17 +607,17 @@ class DesignExpressions:
             return direction
         # The relative velocity of links at rest is a rounding error, which has a direction
         # too. Links count as at rest if their relative velocity is less than `NO_MOTION`
-        # times the velocity of one of the links, or times 1 if that is larger. It is the
-        # link with the larger number, as in runs, so that both give NaN in the same rows.
+        # times a reference: the velocity of the link with the larger number, at least 1.
+        # Runs use the same link, so both give NaN in the same rows.
         w = self._link_velocities[moving]
         reference_velocity = w[max(link, other)]
         relative_velocity = w[link] - w[other]
-        least_square = NO_MOTION**2 * function(
+        square_limit = NO_MOTION**2 * function(
             "maximum", 1.0, dot(reference_velocity, reference_velocity)
         )
         square = dot(relative_velocity, relative_velocity)
         # The sign is -1 for links at rest, and its root is then NaN. Otherwise both are 1.
-        one_or_nan = function("sqrt", sign_of(square - least_square))
+        one_or_nan = function("sqrt", sign_of(square - square_limit))
         return direction * one_or_nan
 
     def _relative_direction(self, link_name: str, other_name: str, moving: int) -> Exprs:
@@ -710,10 +710,11 @@ class DesignExpressions:
         These symbols are:
 
         - the angle of the input;
-        - the pair variables, unless they have a closed form. Expressions then contain the
-          inputs and constant signs instead, and there are no profile columns;
-        - the profile columns of contacts: tangent, point and curvature of each profile
-          (other than circles) at the contact. Their values come from series.
+        - the pair variables. In closed form they are no symbols: expressions contain the
+          inputs and constant signs instead;
+        - the profile columns: tangent, point and curvature of each profile (other than
+          circles) at the contact, as functions of the arc length. Mechanisms with a closed
+          form have none.
 
         Rates are per unit rate of the moving input.
         """
@@ -723,7 +724,8 @@ class DesignExpressions:
             rates |= zip(
                 self.configuration_symbols, self._variable_rates[moving], strict=True
             )
-        # A side is one of the two profiles of a contact.
+        # A side is one of the two profiles of a contact. The rate of a column is its
+        # derivative by the arc length times the rate of the arc length.
         for side in self.structure.pairs.sides_with_columns:
             # The arc length at which the contact is on this profile is a pair variable.
             arc_length = self.configuration_symbols[side.track.variable]
@@ -749,8 +751,9 @@ class DesignExpressions:
         """
         mechanism = self.mechanism
         rates = self.coordinate_rates
-        # If friction follows from reactions, the next call raises an error. It advises to
-        # make a run instead, with the name of the column that has the same torque.
+        # If friction follows from reactions, the next call raises an error. The text is the
+        # end of its sentence "its friction depends on the reaction of pair ..., which ...".
+        # It advises to make a run, with the name of the column that has the same torque.
         column = f"dynamics.dynamics: abs(tau_{self.inputs[moving]})"
         if len(self.inputs) == 1:
             column = "eksergian.eksergian: abs(tau)"
@@ -758,8 +761,8 @@ class DesignExpressions:
             mechanism,
             f'a kernel of designs does not solve for; runs do: --reduce "max({column})"',
         )
-        # Loads such as springs depend on angles with their whole revolutions. For passive
-        # pairs, the angles of whole revolutions are symbols (rad).
+        # Loads such as springs depend on whole revolutions of their pairs. Those of passive
+        # pairs are symbols, in rad (2 pi for each revolution).
         angles = self._angles()
         revolutions = {
             self._variable(pair): angle * (1.0 / TURN)
@@ -772,10 +775,12 @@ class DesignExpressions:
             w=rates.w,
             variables=angles,
             revolutions=[revolutions.get(v, 0.0) for v in range(len(angles))],
+            # Rates of all variables at the rates of the inputs.
             rates=rates.motion_rates(self._speeds).variable_rates,
             # The last symbol of a sample.
             time=self.sample_symbols[-1],
             sign_of_condition=sign_of,
+            # A torque given by a table is a symbol.
             table_torque=self.table_symbols.__getitem__,
         )
         # `tau` and `w` are the rates of variables and links at the rate 1 of each input,

@@ -178,13 +178,16 @@ def signs_by_axis_sums(axis_sums: Floats) -> SignFunction:
     """Return a function of the signs that make pole directions agree with given vectors.
 
     The direction of a pole (the axis about which two links turn relative to each other) is
-    determined up to its sign. Each assembly mode has a vector, usually the sum of all pair
-    axes. A direction that makes an obtuse angle with it gets the sign -1, any other 1.
+    determined up to its sign. A direction that makes an obtuse angle with the vector of its
+    assembly mode gets the sign -1, any other 1. So the sign depends on the direction alone,
+    not on other rows. It jumps where the direction passes the plane at right angles to the
+    vector.
 
     Parameters
     ----------
     axis_sums
-        (modes, 3) the vector of each assembly mode.
+        (modes, 3) a constant vector for each assembly mode, usually the sum of all pair
+        axes in one configuration.
     """
 
     def find_signs(directions: Floats, rows: Any, modes: Any) -> Floats:
@@ -222,8 +225,8 @@ def signs_by_first_axis_sums(
         added in place.
     """
     axis_sums = np.zeros((len(motion.assembly_modes), 3))
-    # Some rows that were selected from a motion count as one mode, although the motion
-    # still lists all modes. So `has_configuration` can be shorter.
+    # A motion can also be a selection of rows. It still lists all modes, but
+    # `has_configuration` then has one row for all of them. `strict=False` allows this.
     for mode_index, (mode, is_valid) in enumerate(
         zip(motion.assembly_modes, has_configuration, strict=False)
     ):
@@ -355,26 +358,28 @@ def _continue_along_path(
 ) -> Floats:
     """Return the continuous signs (k,) of a direction along a path of samples.
 
-    The direction follows the relative angular velocity v of the links of its pole: where v
-    passes through zero and reverses between two samples, so does the sign. If the scalar
-    product of its values at both samples is not negative, it counts as not reversed. If it
-    is negative, v can have turned instead, and an interpolation of v decides. The last
-    sample is stored, so that the next block of samples continues from there.
+    The direction is along the relative angular velocity v of the links of its pole. Where v
+    passes through zero and reverses between two samples, the sign changes. v counts as not
+    reversed if the scalar product of its values at both samples is not negative. If it is
+    negative, v may have reversed, or it may have turned by more than 90 degrees. An
+    interpolation of v decides. The last sample is stored, so that the next block of samples
+    continues from there.
 
     Parameters
     ----------
     sign_continuation
         Signs at the end of the previous block. It is updated in place.
     key
-        Number of the assembly mode and the two links of the pole.
+        Three numbers: of the assembly mode and of the two links of the pole.
     start_sign
         The sign at the first sample, if there is no previous block.
     path
-        (8, k) at each sample the coordinate (index 0), the sense of the input (1), v (2 to
-        4) and its derivative (5 to 7).
+        (8, k) at each sample the coordinate along the path, such as the input (index 0),
+        the sense in which the input moves, 1 or -1 (1), v (2 to 4) and its derivative by
+        the coordinate (5 to 7).
     may_reverse
-        (k - 1,) whether v may reverse between a sample and the next one. The others are
-        not examined.
+        (k - 1,) whether the gap between a sample and the next one is examined. In the other
+        gaps v does not reverse.
     """
     # -1 for the gaps between two samples in which v reverses, otherwise 1.
     reversals = np.ones(len(may_reverse))

@@ -238,11 +238,14 @@ def _axis_frame(a: Exprs, b: Exprs) -> Exprs:
 def _inverse_axis_frame(a: Exprs, b: Exprs) -> Exprs:
     """Return the inverse (3, 3) of the matrix with the columns a + b, a - b and a x b.
 
-    The columns take the place of the axes a, b and a x b of a body, because they keep their
-    digits if a and b nearly coincide or are nearly opposite. a and b are unit vectors (3,),
-    so that a + b and a - b are perpendicular: their scalar product is |a|^2 - |b|^2, which
-    is only a rounding error. If a - b is short, this error is not small compared with
-    |a - b|^2. The scalar product is therefore taken into account (`tilt`), to first order.
+    The unit vectors a and b (3,) are two axes of a body. The rotation that leads them to
+    new directions a' and b' is the matrix with the columns a' + b', a' - b' and a' x b',
+    times this inverse. Sums and differences are used instead of a and b, because they keep
+    their digits if a and b nearly coincide or are nearly opposite.
+
+    a + b and a - b are perpendicular: their scalar product is |a|^2 - |b|^2, which is only
+    a rounding error. If a - b is short, this error is not small compared with |a - b|^2.
+    The scalar product is therefore taken into account (`tilt`). Its square is neglected.
     """
     axis_sum = a + b
     axis_difference = a - b

@@ -187,6 +187,9 @@ def _judge_candidates(
 ) -> list[tuple[float, list[int]]]:
     """Return the sets of variables for which the equations of one loop can be solved.
 
+    A loop has three equations, of which some may follow from others. A set has as many
+    variables as there are independent equations.
+
     The column of a variable in the equations is its axis. The independence of the axes of a
     set is the product of their singular values, divided by the product of their lengths. It
     is 1 for axes at right angles, and 0 for dependent axes. The least value of all
@@ -195,15 +198,15 @@ def _judge_candidates(
     Parameters
     ----------
     rows
-        (k, 3, variables) equations of the loop at k configurations. Variables that were
-        eliminated before, with other loops, are inserted.
+        (k, 3, variables) equations of the loop at k configurations. Variables for which
+        other loops were solved before are replaced by their solutions.
     loop_variables
         Numbers of the variables that these equations contain.
 
     Returns
     -------
-    The independence and the variables of each set. Each set has as many variables as the
-    equations give. The list is empty if they give none.
+    The independence and the variables of each set. The list is empty if the loop has no
+    independent equation.
     """
     if not loop_variables:
         return []
@@ -302,13 +305,14 @@ def eliminated_inverse_sizes(jacobians: Floats, order: EliminationOrder) -> Floa
     """Return the Frobenius norms of the left inverses that an elimination order gives.
 
     The order consists of pivots: a loop with the variables for which its equations are
-    solved. This function does numerically what
+    solved. An order with a much larger inverse than the smallest possible one amplifies
+    rounding errors and is not used. This function does numerically what
     `spherekit.velocities.loop_inverse.loop_inverse` does with expressions.
 
     Parameters
     ----------
     jacobians
-        (n, 3 loops, variables) closure Jacobians of n configurations.
+        (n, 3 * loops, variables) closure Jacobians of n configurations.
     order
         The pivots that give all passive variables.
 
@@ -331,7 +335,8 @@ def eliminated_inverse_sizes(jacobians: Floats, order: EliminationOrder) -> Floa
                 inverse = left_inverse(axes)
             else:
                 # Some of the three equations of this loop follow from those of other loops.
-                # So there are fewer variables, which normal equations (least squares) give.
+                # The pivot then has fewer than three variables. The equations are solved
+                # for them by least squares (normal equations).
                 transposed = np.swapaxes(axes, 1, 2)
                 inverse = left_inverse(transposed @ axes) @ transposed
             # The equations of this loop, solved for the variables of the pivot, are

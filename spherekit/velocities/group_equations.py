@@ -366,7 +366,9 @@ def _solve_private_rates(
     Private variables occur in no other loop. The rates of the other variables of the group
     are solved already, times the determinant D of its equations. The private rates satisfy
     x a + y b + s = 0 with the vectors a and b of the private variables. s is D times the
-    known vector c, plus the sum of vector times rate of all other unknown variables.
+    known vector c, plus the sum of vector times rate of all other unknown variables. The
+    component of this equation along a x b is among the equations that were solved before.
+    So s is in the plane of a and b, and two components give x and y.
 
     Parameters
     ----------
@@ -388,10 +390,11 @@ def _solve_private_rates(
     # the group has one loop of three unknown variables.
     is_dyad = len(rates) == 1 and len(other_variables) == 1
     if is_dyad:
-        # The vectors of the three variables are a, b and d. The component along a x b has
-        # given the rate z of the third one, so D is (a x b) . d. Cramer's rule for
-        # x a + y b + z d + c = 0 gives D x = b . (c x d) and D y = -a . (c x d). It needs
-        # no division. No digits are lost, whereas they may cancel in the sum s.
+        # The vectors of the three variables are a, b and d. Their only equation before was
+        # the component along a x b, z (a x b) . d + (a x b) . c = 0, with the rate z of the
+        # third variable. So D is (a x b) . d. Cramer's rule for x a + y b + z d + c = 0
+        # gives D x = b . (c x d) and D y = -a . (c x d). It needs no division. No digits
+        # are lost, whereas they may cancel in the sum s.
         normal = cross(known_part, vectors[other_variables[0]])
         return dot(b, normal), -1.0 * dot(a, normal)
     # The vector s.
@@ -401,8 +404,9 @@ def _solve_private_rates(
     # With n = a x b, the vectors n x b and a x n are at right angles to b and to a. So the
     # scalar products of x a + y b + s = 0 with these give x = (n x b) . s / |n|^2 and
     # y = (a x n) . s / |n|^2.
-    # The quotients with vectors are formed first: they depend on a and b alone. Calls with
-    # other s, for each input and for accelerations, then share their expressions.
+    # The quotients with vectors are formed first, since they depend on a and b alone. This
+    # function is called again with another s for each input and for accelerations. All
+    # calls then share the expressions of the quotients.
     normal = cross(a, b)
     inverse_square = 1.0 / dot(normal, normal)
     return (

@@ -82,10 +82,11 @@ def find_group_loops(
 def _find_leaves(group: Group) -> dict[int, list[int]]:
     """Return the leaves of a group, each with its two pairs.
 
-    A group is a set of bodies whose loops are closed together. A leaf is a body that two
-    pairs join to two different other bodies. Only one loop passes through a leaf, so the
-    rates of both pairs can be eliminated from the equations of this loop. The equations of
-    the group become fewer.
+    A group is a set of bodies whose loops are closed together. A leaf is a body with two
+    pairs, which join it to two different bodies. The independent loops of the group can be
+    chosen such that only one of them passes through a leaf. The rates of both pairs can
+    then be eliminated from the equations of this loop, and the equations of the group
+    become fewer.
 
     The loop leads from one neighbour of the leaf to the other through bodies that are no
     leaves. Leaves are therefore chosen such that no two of them are neighbours and the
@@ -93,6 +94,8 @@ def _find_leaves(group: Group) -> dict[int, list[int]]:
     """
     leaves: dict[int, list[int]] = {}
     body_count = len(group.bodies)
+    # Bodies are tried from the last one on. Of two neighbours only the one that is tried
+    # first can become a leaf.
     for body in reversed(range(body_count)):
         body_pairs = [k for k, ends in enumerate(group.ends) if body in ends]
         neighbours = {end for k in body_pairs for end in group.ends[k]} - {body}

@@ -147,14 +147,17 @@ class InputColumns:
         self._request = request
         tree = rows.tree
         moving_variable = rows.pair_variables[request.plan.input][0]
-        # `solve_loops` solves for the passive variables while all inputs rest. It takes an
-        # offset for a pair: a vector that is subtracted from the relative angular velocity
-        # of its links. So the velocity of the moving input at unit rate, its vector, is
-        # given as a negative offset. Its rate 1 is added to the solution.
+        # `solve_loops` returns rates at which the loops stay closed while all inputs rest.
+        # An offset e of a pair is subtracted from the relative angular velocity of its
+        # links. With e = -v, where v is the angular velocity of the moving input at unit
+        # rate, v is added. The rates are then those that the moving input causes. Its own
+        # rate, 1, is entered afterwards.
         self._rates = rows.solve_loops(
             {request.plan.input: -1.0 * rows.vectors[moving_variable]}
         )
         self._rates[moving_variable] = 1.0
+        # Velocities of pairs are summed along the spanning tree of the links, from the
+        # ground on. Then follow the accelerations, with the input at constant rate.
         pair_velocities = rows.pair_velocities(self._rates)
         self._w = sum_along_paths(tree, pair_velocities)
         self._accelerations, pair_accelerations = rows.solve_accelerations(
@@ -452,15 +455,17 @@ class InputColumns:
     def signed_quantities(self, columns: Floats) -> dict[str, Floats]:
         """Return views (components, poles, n) of the signed columns by their quantity.
 
-        The two senses of a pole axis are equally right. Signed columns belong to poles
-        whose sense is chosen after the evaluation: they have the direction and all
-        quantities that change their sign with it. Changing a view changes `columns`.
+        The direction of a pole axis can be reversed. For some poles this is decided only
+        after the evaluation of `columns`. Their directions, and all quantities that change
+        their sign with them, are the signed columns. Changing a view changes `columns`.
 
         Parameters
         ----------
         columns
             (columns, n) all output columns of the kernel, at n configurations.
         """
+        # All signed columns with the axes component, pole and configuration. The components
+        # of all quantities follow each other.
         part = self.signed_part(columns)
         quantities = {}
         start = 0

@@ -190,9 +190,10 @@ class InputMoments:
 
         It is the moment that the inertia of the links requires, without loads. Velocities
         per unit rate of an input are written times the determinant D of the velocity
-        equations, so that they need no division. Each product in `matrix` contains two such
-        velocities, so the inertia matrix is `matrix` / D^2. `velocity_moments` contain one,
-        and are divided by D.
+        equations, so that they need no division. The elements of `matrix` are sums of
+        products of two such velocities, so the inertia matrix is `matrix` / D^2. The terms
+        of `velocity_moments` are products with one such velocity and the rates of the
+        inputs, so they are divided by D.
 
         Parameters
         ----------
@@ -203,6 +204,8 @@ class InputMoments:
         """
         coordinate_rates = self._coordinate_rates
         inverse_scale = 1.0 / coordinate_rates.scale  # 1 / D
+        # The velocities at these rates of the inputs. `scaled_speeds` are the rates of the
+        # inputs divided by D.
         motion_rates = coordinate_rates.motion_rates(speeds)
         bias_accelerations = coordinate_rates.bias_accelerations(
             motion_rates.variable_rates, motion_rates.w

@@ -197,9 +197,10 @@ class KinematicStructure:
 
         The vector of a variable is the relative angular velocity of the links of its pair,
         per unit rate of the variable. That of an R pair is its axis, which is fixed in both
-        links. A sliding contact of circles moves along each circle with one variable. The
-        vector of this variable is a multiple of the axis of the circle, and is fixed in the
-        link of the circle. Other vectors are fixed in no link.
+        links. A sliding contact has two variables, the arc lengths of the contact point
+        along both profiles. If a profile is a circle, the vector of its variable is a
+        multiple of the axis of the circle, which is fixed in the link of the circle. Other
+        vectors are fixed in no link.
 
         Returns
         -------
@@ -213,8 +214,10 @@ class KinematicStructure:
             return dict(zip(ends, self.pairs.axes(pair), strict=True))
         pair_variables = self.mechanism.variables_of(pair)
         index = pair_variables.index(variable)
-        # The rotation from the link of the profile to the contact: a constant rotation, one
-        # that depends on the variable, and another constant one.
+        # The rotation from the link of the profile to the frame at the contact. It has
+        # three factors: a constant rotation to the frame of the circle, whose z axis is the
+        # axis of the circle; a rotation about z that depends on the variable; and another
+        # constant rotation.
         chain = sides[index].chain
         (rotation,) = chain.rotations
         # The vector of a rolling contact, which has one variable, is fixed in no link, nor
@@ -222,11 +225,13 @@ class KinematicStructure:
         is_rolling = len(pair_variables) == 1
         if is_rolling or not isinstance(rotation, AxisRotation):
             return {}
-        # The axis is the third column of the first constant rotation. `scale` is the angle
-        # per unit of the variable, an arc length. The vector along the second circle has
-        # the opposite sign.
+        # `scale` is the angle about the axis per unit of arc length. The angular velocity
+        # of a pair is that of its second link relative to the first. It consists of that of
+        # the contact frame relative to the first link, and that of the second link relative
+        # to the contact frame. So the vector of the second circle has the opposite sign.
         sense = (1.0, -1.0)[index]
-        return {ends[index]: chain.constants[0][:, 2] * (sense * rotation.scale)}
+        circle_axis = chain.constants[0][:, 2]
+        return {ends[index]: circle_axis * (sense * rotation.scale)}
 
 
 def _find_closed_configuration(

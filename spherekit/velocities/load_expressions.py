@@ -185,11 +185,13 @@ def _ground_moment(
     # link axes to ground axes is the product of `basis` (expressions of the variables) and
     # `basis_from_link` (constant).
     if axes != "ground":
+        # Arm and components are in link axes. Their product is rotated.
         moment = components if arm is None else cross(vector(list(arm)), components)
         return orientation.basis @ (constants(orientation.basis_from_link) @ moment)
     if arm is None:
         return components
-    # An arm with a size that varies is an expression, whose length is no number.
+    # The components are in ground axes, so the arm is rotated (`direction`). If a size of
+    # the arm varies, its entries are expressions instead of numbers.
     if not all(isinstance(entry, float) for entry in arm):
         return cross(orientation.direction(vector(list(arm))), components)
     # Components of the rotated arm that are 0 or 1 up to rounding become exactly 0 or 1 in

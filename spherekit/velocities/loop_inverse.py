@@ -28,7 +28,8 @@ def loop_inverse(equations: Exprs, pivots: Sequence[Pivot]) -> Exprs:
     equations
         (loops, 3, variables) coefficients of the rates of all variables.
     pivots
-        The loop and the variables of each pivot, in the order of elimination.
+        The loop and the variables of each pivot, in the order of elimination. The caller
+        has chosen them such that the vectors of the variables are linearly independent.
 
     Returns
     -------
@@ -42,13 +43,14 @@ def loop_inverse(equations: Exprs, pivots: Sequence[Pivot]) -> Exprs:
     rows = [*np.concatenate([equations, unit], axis=2)]
     inverse = np.zeros((variable_count, loops, 3)).astype(object)
     for loop, variables in pivots:
-        # (m, 3) the vectors of the m variables of the pivot. The matrix (m, 3) of
-        # `_axes_inverse` gives the components of a vector along them, and so solves the
-        # three equations for the m rates.
+        # (m, 3) the vectors of the m variables of the pivot.
         axes = rows[loop][:, variables].T
         # The columns of these variables become a unit matrix, which is not needed any more.
         # They are set to zero before the product.
         rows[loop][:, variables] = 0.0
+        # `_axes_inverse` (m, 3) gives the components of a vector along these m axes. Its
+        # product with the three equations of the loop gives m rows, one for the rate of
+        # each variable of the pivot.
         rows[loop] = _axes_inverse(axes) @ rows[loop]
         for other_loop in range(loops):
             if other_loop != loop:

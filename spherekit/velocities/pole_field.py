@@ -37,9 +37,10 @@ class PoleQuantity:
     changes_sign
         Whether it changes its sign if the direction of the pole is reversed.
     declared_in
-        The set of poles in the `Needs` of an analysis that makes it available: "rates" or
-        "turns", or "any" if each of the sets `directions`, `rates` and `planes` does.
-        `Needs` declares what an analysis reads.
+        `Needs` declares what an analysis reads. It has sets of poles: `directions`, `rates`
+        (velocity coefficients), `planes` (great circles) and `turns` (derivatives of
+        directions). This is the set in which a pole must be so that the quantity is
+        available: "rates" or "turns", or "any" for any of the first three.
     is_derivative
         Whether it is a derivative by the input, so that `Needs` has to have
         ``derivatives=True``.
@@ -47,9 +48,9 @@ class PoleQuantity:
         "none" if there is no bound of its error, "bounded" if there is one, and "reported"
         if a run also reports the largest one of all rows.
     locked_value
-        Its value for two links that the locked inputs hold together, and that therefore
-        have no pole: 0, which is exact and has the error bound 0, or NaN, with the bound
-        NaN.
+        Its value for two links without relative motion, because the inputs that are locked
+        hold them together. They have no pole. The value is 0, which is exact and has the
+        error bound 0, or NaN, with the bound NaN.
     """
 
     name: str
@@ -72,7 +73,10 @@ class PoleQuantity:
 
     @property
     def error_column(self) -> str:
-        """The name of this bound in tables and in `Batch`."""
+        """The name of this bound in tables and in `Batch`.
+
+        That of the direction, the main quantity of a pole, is just "error_bound".
+        """
         return "error_bound" if self.name == "direction" else f"{self.name}_error_bound"
 
 
