@@ -207,8 +207,9 @@ class PlannedPoles:
         null_motion = solve_null_motion(tree, vectors)
         # (n, bodies, 3) angular velocities, up to a common factor.
         w = tree.body_rates(vectors, null_motion.rates)
-        # The equations have errors of about `EPS`. They change the rates by up to this
-        # error times the norm of the inverse.
+        # The rates are the unit null vector of the equations A. Rounding changes A by about
+        # `EPS`, and the rates change by the inverse of A (with the rates as a further row)
+        # times this change. So their errors are up to `EPS` times the norm of the inverse.
         error_growth = np.linalg.norm(null_motion.inverse, axis=(1, 2))
         for pole in step.poles:
             i, j = (body_index[link] for link in pole)
@@ -226,8 +227,8 @@ class PlannedPoles:
         With the bodies a and b of the input and the direction u_ik of the pole of bodies i
         and k, the angular velocity of body k relative to a is w_k = x u_ak. The factor x
         follows from u_ab = x u_ak + y u_bk, the vector form of eq. (5) of Di Gregorio
-        (2024). It is 0/0 only if the axes u_ak and u_bk coincide, and not if the rate about
-        one of them vanishes.
+        (2024): the cross product with u_bk eliminates y. Where the axes u_ak and u_bk
+        coincide, x is 0/0.
 
         Parameters
         ----------
@@ -253,7 +254,7 @@ class PlannedPoles:
             for body in set(bodies) - {a, b}:
                 pole_a = pole_of(a, body)
                 pole_b = pole_of(b, body)
-                # The cross product of the equation of x and y with u_bk gives x.
+                # u_ab x u_bk = x (u_ak x u_bk), and `normal` is u_ak x u_bk.
                 normal = cross_columns(self.directions[pole_a], self.directions[pole_b])
                 square = dot_columns(normal, normal)
                 along = dot_columns(

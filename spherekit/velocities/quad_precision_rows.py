@@ -95,9 +95,10 @@ def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
     """Return at most `BATCH_ROWS` rows, computed in quad precision.
 
     Newton's method first closes the loops, for all rows together, until all steps are small
-    or their number is `MAX_NEWTON_STEPS`. A row keeps its variables if its last step was
-    not small. It also keeps them if it has moved by more than `MAX_QUAD_CORRECTION_RAD`,
-    because it may then have reached another solution.
+    or their number is `MAX_NEWTON_STEPS`. It fails in a row if the last step was not small,
+    or if the row has moved by more than `MAX_QUAD_CORRECTION_RAD` and may have reached
+    another solution. The columns of such a row are computed at the given variables, and
+    `is_closed` is False, so that the opening of its loops counts in the error bounds.
 
     Parameters
     ----------
@@ -126,14 +127,16 @@ def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
 
     extended = append_profile_columns(x, kernel.profiles, expansion_point=values)
     columns = kernel.all_columns.function(extended).astype(float)
+    # Condition numbers and residuals by which a row is judged.
     bounds = kernel.row_bounds.function(extended).astype(float)
-    # The bounds contain the inverse of the loop equations: the movement of each passive
+    # They contain the inverse of the loop equations: the movement of each passive
     # variable per unit opening of each loop about three axes.
     inverse = bounds[kernel.row_bounds.slices["inverse"]].reshape(
         len(passive), 3 * kernel.loop_count, values.shape[1]
     )
-    # The sizes of a mechanism are rounded to float64, so its loops remain open by tiny
-    # angles. The changes of the columns per unit opening give bounds of their errors.
+    # The sizes of a mechanism are rounded to float64, so the loops of the true mechanism
+    # remain open by tiny angles. These angles times the changes of the columns per unit
+    # opening are bounds of the errors of the columns.
     opening_changes = _sum_opening_changes(kernel, x.astype(float), inverse)
     return QuadPrecisionRows(columns, bounds, opening_changes, is_closed)
 

@@ -108,10 +108,10 @@ class RowExpressions(VelocityEquations):
         # Tangent, point and curvature of a profile that is no circle are symbols.
         pairs = pair_rotations(mechanism, any_profile=True)
         placed = place_by_variables(mechanism, pairs, variables)
-        # The vector of the variable of two rolling circles is (k1 - k2) p, with the
-        # curvatures k1 and k2 and the contact point p. The same vector is also a sum of
-        # vectors along the centres of both circles. That sum takes fewer expressions, but
-        # loses digits if the circles are small, so it is not used here (`about_centres`).
+        # The vector of the variable of two circles that roll on each other is (k1 - k2) p,
+        # with the curvatures k1 and k2 and the contact point p. With `about_centres` it is
+        # written as the sum of two vectors along the centres of the circles. This takes
+        # fewer expressions, but loses digits if the circles are small.
         super().__init__(mechanism, pairs, placed, variables, about_centres=False)
         input_variables = [self.pair_variables[pair][0] for pair in inputs]
         self.passive_variables = [
@@ -119,13 +119,14 @@ class RowExpressions(VelocityEquations):
         ]
         # (loops, 3, variables) the Jacobian of the loop equations: the vector of each
         # variable, times 1 or -1 for the direction in which the loop passes its pair, or
-        # times 0 outside of the loop. Inputs are fixed, so their columns are zero. The
-        # inverse then has zero rows for the inputs.
+        # times 0 outside of the loop. The equations are solved for the passive variables
+        # alone, so the columns of the inputs, and their rows in the inverse, are zero.
         equations = np.stack(self.vectors, axis=1) * self.tree.signs[:, None]
         equations[..., input_variables] = 0.0
         self.inverse = loop_inverse(equations, pivots)
         self.residual = root(self.closure_residual_square)
-        # Bounds of the errors that open loops and rounded sizes cause.
+        # Bounds of the errors of variables, orientations and axes, which open loops and
+        # rounded sizes cause.
         self._set_error_bounds()
 
     def _set_error_bounds(self) -> None:
@@ -196,12 +197,13 @@ class RowExpressions(VelocityEquations):
     ) -> tuple[Expr, Expr]:
         """Return bounds of the errors of a carried vector and of its slide.
 
-        A carried vector is fixed in a link, such as the axis of an R pair, or slides on the
-        link as a variable changes, as at a contact. Its slide is its derivative by this
-        variable, seen from the link. The loops of a computed configuration are open by
-        small angles. Compared with the closed configuration, the link is therefore turned,
-        and the variable differs. In addition, rounding of the sizes tilts the vector by up
-        to `tilt_rad`.
+        A carried vector is fixed in a link, such as the axis of an R pair, or depends on a
+        variable, such as a contact point that moves along a profile of the link. Its slide
+        is its derivative by this variable, seen from the link; it is 0 for a fixed vector.
+
+        The loops of a computed configuration are open by up to `opening_rad`. Compared with
+        the closed configuration, the link is therefore turned, and the variable differs. In
+        addition, rounding of the sizes tilts the vector by up to `tilt_rad`.
 
         Parameters
         ----------
@@ -250,12 +252,12 @@ class RowExpressions(VelocityEquations):
     def solve_loops(self, offsets: Mapping[int, Exprs]) -> list[Expr]:
         """Return the rates of all variables that balance given offsets, inputs at rest.
 
-        An offset e (3,) of a pair says that the angular velocity of its second link
-        relative to the first is that of its variables minus e. Around each loop the
-        relative angular velocities have to add up to 0, so the variables have to supply the
-        sum of the offsets: the rates are the inverse of the loop equations times this sum.
-        Offsets are, for example, minus the angular velocity of an input that moves, or the
-        angles by which loops are open, for a step of Newton's method.
+        The relative angular velocity of a pair with an offset e (3,) is that of its
+        variables minus e. Around each loop the relative angular velocities add up to 0.
+        Those of the variables therefore add up to the sum of the offsets, and the rates are
+        the inverse of the loop equations times this sum. Offsets are, for example, minus
+        the angular velocity of an input that moves, or the angles by which loops are open,
+        for a step of Newton's method.
 
         Parameters
         ----------
@@ -272,7 +274,9 @@ class RowExpressions(VelocityEquations):
                 for pair, offset in offsets.items()
             )
             loop_offsets.append(offset_sum)
-        return [dot(row.flat, np.ravel(loop_offsets)) for row in self.inverse]
+        # `inverse` has for each variable an array (loops, 3), as the offsets have.
+        flat_offsets = np.ravel(loop_offsets)
+        return [dot(row.flat, flat_offsets) for row in self.inverse]
 
 
 def curvature_uncertainties(rows: RowExpressions) -> list[Expr]:
@@ -280,15 +284,17 @@ def curvature_uncertainties(rows: RowExpressions) -> list[Expr]:
 
     Profiles of equal curvature fit into each other, and do not determine their relative
     motion. The number is 2 `EQUAL_CURVATURE` / (k1 - k2), with the curvatures k1 and k2 of
-    the two profiles. It exceeds 1 if the difference is below twice the one at which a row
-    counts as undetermined. It is NaN if k2 exceeds k1, because the profiles then overlap.
+    the first and the second profile. A row counts as undetermined if the difference is
+    below `EQUAL_CURVATURE`. The number exceeds 1 from twice this difference on, so that
+    rows near this limit are not certified. It is NaN if k2 exceeds k1: the profiles then
+    overlap.
 
     Contacts of two circles are left out, because their curvatures do not change.
     """
     uncertainties: list[Expr] = []
     for first, second in rows.pairs.sides.values():
         difference = first.curvature - second.curvature
-        # The curvatures of circles are numbers, and so is their difference.
+        # The difference is a plain number for two circles, and an expression otherwise.
         if isinstance(difference, ExpressionNode):
             # The product of two roots is NaN for negative differences.
             positive_difference = root(difference) * root(difference)

@@ -268,11 +268,11 @@ class RowKernel:
         2. the number in Kantorovich's theorem: if it is at most 1/2, Newton's method
            converges, and there is exactly one solution near,
         3. the sum of the uncertainties, which are error bounds and condition numbers
-           relative to the largest allowed ones: if it is at most 1, all are allowed,
+           relative to the largest allowed ones: if it is at most 1, none exceeds its limit,
         4. the closure residual (rad),
-        5. the sum (3,) of the vectors of all variables (for R pairs their axes). The sign
-           of a pole direction is arbitrary. At the start of a motion it is chosen so that
-           the scalar product with this sum is positive,
+        5. the sum (3,) of the vectors of all variables (for R pairs their axes). Of the two
+           opposite directions of a pole, the one with a positive scalar product with this
+           sum is chosen at the start of a motion,
         6. all columns: velocities and poles, with error bounds.
 
         Outputs 2 to 6 are computed at the variables before the step.
@@ -318,24 +318,26 @@ class RowKernel:
                 numbers = self._scalar_function(values)
             except (ArithmeticError, ValueError):
                 return None
-            # The outputs are all variables (after a Newton step), these three numbers, the
-            # sum (3,) of the vectors of all variables, and all columns.
+            # The outputs in their order, with the `count` variables first.
+            computed_variables = numbers[:count]
             kantorovich_number, uncertainty_sum, residual = numbers[count : count + 3]
+            axis_sum = numbers[count + 3 : count + 6]
+            columns = numbers[count + 6 :]
             # "not <=" also refuses NaN.
             if not kantorovich_number <= MAX_KANTOROVICH_NUMBER:
                 return None
             if residual <= self.closure_rounding_rad:
                 if not uncertainty_sum <= 1.0:
                     return None
-                # The columns were computed at `values`, before the Newton step.
-                variables = numbers[:count] if self.has_closed_form else values
-                axis_sum = numbers[count + 3 : count + 6]
-                return EvaluatedRow(variables, residual, axis_sum, numbers[count + 6 :])
+                # A closed form has computed the variables of this row. Otherwise they are
+                # `values`, because the computed ones are those after a Newton step.
+                variables = computed_variables if self.has_closed_form else values
+                return EvaluatedRow(variables, residual, axis_sum, columns)
             # The loops are open. Newton's method does not apply to a closed form, whose
             # arguments are signs and inputs.
             if self.has_closed_form:
                 return None
-            values = numbers[:count]
+            values = computed_variables
         return None
 
     def _make_function(
@@ -348,13 +350,13 @@ class RowKernel:
     def _quality_expressions(self) -> dict[Any, Sequence[Expr]]:
         """Expressions that decide whether a row is certified, by name.
 
-        - ``"uncertainty_sum"``: the sum of the uncertainties. The row is certified if it is
-          at most 1. Otherwise other code computes the row in another way.
+        - ``"uncertainties"``: error bounds or condition numbers relative to the largest
+          allowed ones. At a limit an uncertainty is 1.
+        - ``"uncertainty_sum"``: their sum. If it is at most 1, none exceeds its limit, and
+          the row is certified. Otherwise the row is computed in another way.
         - ``"closure"``: closure residual and error of the configuration (rad).
-        - ``"uncertainties"``: the uncertainties themselves, error bounds or condition
-          numbers relative to the largest allowed ones.
-        - ``("velocities", k)``: `InputColumns.velocity_components` of input k, which show
-          where directions may reverse.
+        - ``("velocities", k)``: `InputColumns.velocity_components` of input k. Where such a
+          relative velocity passes zero, the direction of a pole may reverse.
         - ``("errors", k)``: for each kind of error bound in `REPORTED_ERRORS`, the largest
           bound of any pole, while input k moves.
         """
@@ -387,10 +389,11 @@ class RowKernel:
     def closed_form_quality(self) -> ColumnFunction:
         """All variables and the quality measures, as a function of inputs and signs.
 
-        The quality measures decide whether the velocities and poles of a row are certified
-        to be accurate. A dyad (two links in series) can be closed in two ways, between
-        which its sign chooses. The output also has the square of the triple product of the
-        axes of each dyad, which is negative if its arcs do not reach each other.
+        The quality measures (`_quality_expressions`), such as error bounds, decide whether
+        the velocities and poles of a row are certified to be accurate. A dyad (two links in
+        series) can be closed in two ways, between which its sign chooses. The output also
+        has the square of the triple product of the axes of each dyad, which is negative if
+        its arcs do not reach each other.
         """
         assert self._closed_form is not None
         closed_form = self._closed_form
@@ -404,7 +407,8 @@ class RowKernel:
             **quality,
             "squares": closed_form.triple_squares,
         }
-        # A mechanism with a closed form has no profiles that are described by columns.
+        # Profiles that are no circles need further arguments (tangents, points and
+        # curvatures). A mechanism with a closed form has none.
         return ColumnFunction(
             parts, closed_form.arguments, profiles=(), compiled=self.is_compiled
         )
@@ -423,9 +427,9 @@ class RowKernel:
     def row_bounds(self) -> ColumnFunction:
         """Condition of the loops, their inverse, and residuals for the first input.
 
-        `RowVelocities` decides with these quantities about rows that are not certified in
-        float64, and about rows in quad precision. It takes one input that moves while the
-        others are locked, so its kernel has one input. The quantities are:
+        Rows that are not certified are examined by `RowVelocities`, in float64 or in quad
+        precision. It judges them by these quantities. One input moves while the others are
+        locked, so the kernel has one input here. The quantities are:
 
         - ``"condition_number"`` of the loop equations.
         - ``"kantorovich_number"``: if it is at most 1/2, exactly one solution is near.

@@ -230,9 +230,9 @@ class RowVelocities:
         velocities of links per unit rate of the moving input. The plan does not give their
         derivatives dw, so these remain those of the equations.
 
-        The difference of both w is added to the error of the velocity coefficients. The
-        error bounds of the equations do not apply to w by the plan, so no row counts as
-        certified or as computed in quad precision any more. Rows in which the plan
+        The equations have error bounds, which do not apply to w by the plan. No row counts
+        as certified or as computed in quad precision any more, and the difference of both w
+        is added to the error of the velocity coefficients. Rows in which the plan
         determines directions only with an error above `USABLE_DIRECTION` (rad) become
         ILL_CONDITIONED. All changes are made in place.
 
@@ -241,8 +241,9 @@ class RowVelocities:
         planned_poles
             The poles by the plan, at the same rows.
         """
-        # `w` has the angular velocity of each body of the plan: a set of links that do not
-        # move relative to each other while the other inputs are locked.
+        # `w` has the angular velocity of each body of the plan. A body is a set of links
+        # that do not move relative to each other while all inputs but the moving one are
+        # locked.
         w, direction_error = planned_poles.link_rates(self.request.bodies)
         self.is_certified[:] = False
         self.is_quad_precision[:] = False
@@ -491,8 +492,10 @@ class RowVelocities:
         name, key
             Name of the quantity, and its pole or the number of its link.
         """
+        # Each component of the quantity, such as x, y and z of a vector, is a column.
+        columns = self._column_indices[name][key]
         # (components, k) absolute changes, which are summed over loops and axes already.
-        changes = quad_rows.opening_changes[self._column_indices[name][key]]
+        changes = quad_rows.opening_changes[columns]
         return np.sum(changes, axis=0)
 
     def _link_rotations(self, rows: Indices, inverse: Floats) -> Floats:
@@ -534,8 +537,8 @@ class RowVelocities:
         leaves no correct digit. The method computes w, the angular velocities of links per
         unit rate of the input, their derivatives dw by the input, and the poles (axes of
         relative rotation of two links). The columns, error bounds and flags of the rows for
-        which the computation succeeds are changed in place. Other rows stay as they are,
-        and so do all rows if the mechanism is not supported.
+        which the computation succeeds are changed in place. Other rows stay as they are.
+        `DecimalRates` cannot compute some mechanisms; then all rows stay.
 
         Parameters
         ----------
@@ -548,7 +551,7 @@ class RowVelocities:
         decimal_rates = DecimalRates.from_motion(self.motion.rows(rows), plan.input)
         if decimal_rates is None:
             return
-        # Which of the rows have rates now. From here on, `rows` are only these.
+        # (k,) which of the rows have rates now. From here on, `rows` are only these.
         has_rates = decimal_rates.is_known & (
             decimal_rates.relative_error_bound <= MAX_RATE_ERROR
         )
@@ -560,7 +563,7 @@ class RowVelocities:
             """Write the components of a quantity of a pole or link to the columns.
 
             `values` (components, k) are given for all k rows; those that have rates are
-            written.
+            written. `_column_indices` has the column of each component.
             """
             indices = self._column_indices[name][key]
             for index, column in zip(indices, values, strict=True):
@@ -575,10 +578,9 @@ class RowVelocities:
         pairs = axis_pairs(plan)
         for pole, errors in self.pole_errors.items():
             # Links that do not move relative to each other while other inputs are locked
-            # are one body. The plan has the poles of bodies. If that of the bodies of these
-            # two links is the axis of a pair, `pairs` has the number of this pair. Its axis
-            # is then taken as it is, and does not follow from the relative angular
-            # velocity.
+            # are one body. If the pole of the bodies of these two links is the axis of a
+            # pair, `pairs` has the number of this pair. The axis is known even where the
+            # relative angular velocity is zero, so the direction is taken from the pair.
             body_pole = plan.pole(*pole)
             assert body_pole is not None
             quantities, bounds = decimal_rates.pole(pole, pairs.get(body_pole))

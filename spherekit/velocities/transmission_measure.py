@@ -222,9 +222,10 @@ def passive_equations(
       C times relative velocities is 0 if these add up to 0 around each loop, as those of
       moving bodies do.
 
-    The singular values of C P are therefore the sines of the angles between two spaces: the
-    velocities that the pairs allow, and those that moving bodies can have. A value of 0
-    means that the passive pairs allow a motion of the bodies.
+    C P maps velocities that the pairs allow to the openings of the loops that they would
+    cause. Both bases are orthonormal, so its singular values are the sines of the angles
+    between two spaces: the velocities that the pairs allow, and those of moving bodies with
+    closed loops. A value of 0 means that the passive pairs allow a motion of the bodies.
 
     Parameters
     ----------
