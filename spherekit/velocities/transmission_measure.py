@@ -341,8 +341,8 @@ def _motion_by_singular_values(output_motion: Floats, loops: Floats) -> Floats:
     left, sizes, right = np.linalg.svd(loops, full_matrices=False)
     moved = output_motion @ np.swapaxes(right, 1, 2)
     is_resting = np.linalg.norm(moved, axis=1) < MIN_OUTPUT_MOTION
-    # A singular value this small counts as zero. Its reciprocal, by which the result is
-    # multiplied, is only a product of rounding.
+    # A motion of the passive pairs whose singular value is this small has no misfits. If
+    # the output rests in it, it is left out. Otherwise its large reciprocal remains.
     is_self_motion = (sizes < 1.0 / MAX_INVERSE_ENTRY) & is_resting
     # The smallest divisor prevents a division by zero.
     inverse_sizes = np.where(is_self_motion, 0.0, 1.0 / np.maximum(sizes, 1e-300))

@@ -115,10 +115,12 @@ class VelocityEquations(ABC):
         self.variables = variables
         self.tree = LoopTree.of_mechanism(mechanism)
         # The vector of an R pair is fixed in a link. That of a contact changes its
-        # direction relative to the link as the contact moves. The contact line of a rolling
-        # contact is the direction to the contact point. The vector of its variable is a
-        # multiple of it, which is 0 if both curvatures are equal. The line itself is never
-        # 0.
+        # direction relative to the link as the contact moves.
+        #
+        # The contact line of a rolling contact is the direction to the contact point. It is
+        # stored because the vector of the variable, a multiple of it, can be 0: this
+        # happens if both curvatures are equal. Pairs whose vectors are computed about the
+        # centres have no contact line here.
         self.carried, self.contact_lines = carried_vectors(
             mechanism, pairs, placed, variables, about_centres
         )
