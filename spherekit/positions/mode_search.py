@@ -293,7 +293,7 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
 
     Its groups are placed one after another. The first groups are dyads in many mechanisms.
     If one of them closes at no sample, the message names it. Otherwise it names the first
-    group that is not a dyad.
+    group that is not a dyad, or the last group if all are dyads.
     """
     name = solver.mechanism.name
     inputs = solver.mechanism.names_of(solver.assembly.inputs)
@@ -303,7 +303,8 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
         for pair, low, high in zip(inputs, lows, highs, strict=True)
     )
     # Place the first groups as long as they are dyads, at up to `PROBED_RANGE_INPUTS`
-    # samples. A dyad that closes does so in two ways. The sign 1 chooses one of them.
+    # samples. A dyad that closes does so in two ways. The sign 1 chooses one of them; the
+    # other one is not tried.
     state = solver.start(input_grid.q[spread_rows(len(input_grid), PROBED_RANGE_INPUTS)])
     with np.errstate(invalid="ignore", divide="ignore"):
         for group in solver.assembly.groups:

@@ -147,7 +147,7 @@ class ModesOverRange:
         self.input_grid = input_grid
         # Results. `claim` states how complete the modes are. `methods` has the method by
         # which the configurations of each group were computed; a group is a set of links
-        # that are placed together. `probes` counts the inputs at which they were computed.
+        # that are placed together. `probes` is the number of examined inputs.
         # At `crossings` curves of configurations cross.
         self.groups = solver.assembly.groups
         self.assembly_modes: list[AssemblyMode] = []
@@ -166,8 +166,8 @@ class ModesOverRange:
         # links and pairs then gives a wrong number. Otherwise the list stays empty.
         self._mobilities: list[int] = []
         self._steps_along_modes = 0
-        # Number of the first modes (in `assembly_modes`) whose curves were followed beyond
-        # the ends of the mode already.
+        # The curves of so many modes, from the first one in `assembly_modes` on, were
+        # already followed beyond the ends of the mode.
         self._extended_modes = 0
         self._progress = ProgressReporter("searching the assembly modes")
 
@@ -175,9 +175,9 @@ class ModesOverRange:
         if search or not self.assembly_modes:
             self.claim = self._search_all_modes()
         # A configuration from which a curve is followed must have one degree of freedom. If
-        # there is no mode, the reason may be another number of them. An error then says so.
-        # The least number is compared, because singular configurations have more. If no
-        # number was computed, it is 1 by counting.
+        # there is no mode, the mechanism may have more or fewer degrees of freedom. An
+        # error then says so. The least number is compared, because singular configurations
+        # have more. If no number was computed, it is 1 by counting.
         if not self.assembly_modes:
             check_mobility(solver, min(self._mobilities, default=1))
         # Enough: the limit of modes, or of steps along them, is reached.
@@ -409,10 +409,11 @@ class ModesOverRange:
         return Completeness(Guarantee.SAMPLED, reason)
 
     def _find_by_elimination(self) -> Completeness | None:
-        """Find all modes at one input in each interval between meetings of modes.
+        """Find all modes at one input in each interval between turning points.
 
         Two modes meet, and end, at a turning point of the input. Between two turning points
         the number of modes is constant, so one input in each interval shows all of them.
+        Where curves of configurations cross (`crossings`), modes meet but none ends.
         At these inputs, elimination reduces the closure equations of each group of links to
         a polynomial, whose roots are all its configurations.
 
@@ -437,8 +438,9 @@ class ModesOverRange:
         if not turning_points.gap(step):
             return claim
         # A mode that begins and ends between two examined inputs has not been found. Two
-        # searches may find it: along the curves of the known modes, whose parts are modes,
-        # and from random starts.
+        # searches may find it. At the end of a mode the curve of its configurations turns
+        # back and continues as another mode, so curves are followed beyond the ends of the
+        # modes. The other search begins at random starts.
         self._follow_modes_beyond_their_ends()
         statistics = self._search_from_random_starts()
         # A component is a connected curve of configurations.

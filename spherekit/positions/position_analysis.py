@@ -234,10 +234,11 @@ class PositionAnalysis:
     def _pass_crossings(self) -> None:
         """Replace the modes by those that follow smooth curves through crossings.
 
-        `_modes_with_constant_signs` keeps the former modes, which end at crossings. A
-        smooth curve gets the number of the former mode that is on it at the input of the
-        reference pose, if this input is in the range and not at a crossing. Otherwise it
-        gets the number of the former mode at the low end of the range.
+        `_modes_with_constant_signs` keeps the former modes. The sign that says in which of
+        two ways a dyad closes is constant along each, but may change at a crossing on a
+        smooth curve. A smooth curve gets the number of the former mode that is on it at the
+        input of the reference pose, if this input is in the range and not at a crossing.
+        Otherwise it gets the number of the former mode at the low end of the range.
 
         Raises
         ------

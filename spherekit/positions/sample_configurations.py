@@ -167,8 +167,10 @@ def _polish(solver: PositionSolver, values: Floats) -> Floats:
 def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
     """Return all configurations at one batch of inputs q (n, inputs), in rad.
 
-    The groups are solved one after the other, so the errors of earlier groups remain in the
-    configurations. The caller removes them by a Newton step of all loops together.
+    A group is a set of links that are placed together, such as a dyad, on links that the
+    inputs or earlier groups have placed. The groups are solved one after the other, so the
+    errors of earlier groups remain in the configurations. The caller removes them by a
+    Newton step of all loops together.
     """
     # A row is a partial configuration of one sample, in which the groups up to the current
     # one are placed. `sample` has the sample of each row, and `state` the placed bodies.
@@ -188,8 +190,8 @@ def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
                 state = state.rows(parent)
             else:
                 # The equations of the group are written for each row. Rows of one sample
-                # can have equal equations, which are solved once. In `solutions` the rows
-                # take the place of samples: `solutions.sample` is the row of each solution.
+                # can have equal equations, which are solved once. In `solutions` each row
+                # counts as a sample, so `solutions.sample` is the row of each solution.
                 closure = group_closure(state, group)
                 solutions = _eliminate_distinct_rows(group, closure, sample)
                 is_complete[sample[~solutions.is_complete]] = False
@@ -200,6 +202,7 @@ def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
                 )
                 state = state.rows(parent)
                 state.merge(group, rotations)
+                # Store the angles of the pairs of this group.
                 state.values[:, group_variables(state, group)] = solutions.values
             sample = sample[parent]
     return SampleConfigurations(

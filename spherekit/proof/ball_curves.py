@@ -333,7 +333,7 @@ def _make_spline(spline_path: SplinePath) -> Path:
     Between two knots the spline is a polynomial, and the one at the centre of a ball is
     used for the whole ball. If the ball contains a knot u_k, the polynomial beyond the knot
     differs by a multiple of (u - u_k)^5, because derivatives up to the fourth agree at the
-    knot. This difference is neglected.
+    knot. This difference is neglected, so the radius of the result does not cover it.
 
     Returns
     -------
@@ -348,19 +348,21 @@ def _make_spline(spline_path: SplinePath) -> Path:
         """Return points (n, 3) on the unit sphere and their derivatives by the parameter.
 
         The spline is a curve in space, which is projected from the centre of the sphere.
-        The parameter (n,) is an array of balls (intervals with a centre and a radius), or
-        of power series with such coefficients. The results are of the same kind.
+        The parameter (n,) is an array of balls, or of power series with balls as
+        coefficients, which also give derivatives. The results are of the same kind.
         """
         # The first and the last degree + 1 knots are the ends of the spline.
         inner_knots = spline_knots[degree + 1 : len(control_points)]
         # The interval between knots is chosen by the centre of the ball; for a power
-        # series by the centre of its constant coefficient. A ball that contains a knot
-        # is evaluated with one of two polynomials, which hardly differ within the ball.
+        # series by the centre of its constant coefficient. If a ball contains a knot, the
+        # polynomial of its centre is used for the whole ball, and the difference to the
+        # other polynomial is neglected.
         parameter_floats = centre_floats(series_coefficient(parameter, 0))
         # Number of the interval between knots in which each parameter is.
         first = np.searchsorted(inner_knots, parameter_floats, side="right")
-        # The control points (degree + 1, n, 3) and knots (2 degree, n, 1) on which each of
-        # the n rows depends.
+        # In interval i the spline depends on the control points i to i + degree and on the
+        # knots i + 1 to i + 2 degree. The arrays have the shapes (degree + 1, n, 3) and
+        # (2 degree, n, 1).
         points = control_points[first + np.arange(degree + 1)[:, None]]
         knots = exact_balls(
             spline_knots[first + np.arange(1, 2 * degree + 1)[:, None], None]

@@ -426,9 +426,9 @@ class Crossings:
 
         A loop of four pairs has two variables. Each has two planar angles, at which both
         links of its pair are in one plane. If `variable` has one of these, the loop may
-        close for all values of the other variable. The configurations with this value are
-        then one curve. Each arc of the chain is alone in a box. If the curve passes through
-        the box of one arc, the whole chain is on it.
+        close for all values of the other variable. `variable` is then constant on a curve.
+        Each arc of the chain contains all configurations in its box. If the curve passes
+        through the box of one arc, the whole chain is on this curve.
         """
         # Any arc would do; the one in the middle of the chain is tried.
         piece = pieces[len(pieces) // 2]
@@ -439,8 +439,10 @@ class Crossings:
             position = loop.variables.index(variable)
             other_variable = loop.variables[1 - position]
             # `closes` (2, 2) says with which planar angles of the first variable (rows) and
-            # of the second (columns) the loop closes. If it closes with both planar angles
-            # of the other variable, it closes with all values of the other variable.
+            # of the second (columns) the loop closes. With `variable` at a planar angle,
+            # the loop equation is a + b cos(y) = 0, where y is the other variable, counted
+            # from a planar angle. If y = 0 and y = pi are solutions, a and b are zero, and
+            # the loop closes with all values of y.
             closes_with_both = np.all(loop.closes, axis=1 - position)
             for value in loop.planar_angles[position][closes_with_both]:
                 # Configuration with this value, near the centre of the arc. Planar angles

@@ -261,8 +261,8 @@ class CertifiedCurves:
 
         Returns
         -------
-        For each saddle the largest change (rad) of the variable from its centre; 0 if the
-        variable is stationary nowhere but at the crossing itself.
+        For each saddle the largest change (rad) of the variable from its centre. It is 0 if
+        the variable is not stationary near the saddle, except at the crossing itself.
         """
         is_constant = self.find_constant_chains(variable)
         arms_of_moving_chains = [
@@ -272,11 +272,12 @@ class CertifiedCurves:
             for arm in arms
             if arm
         ]
-        doubts = []
+        stationary_distances = []
         for number, saddle in enumerate(self.saddles):
             # If curves miss each other, they bend in a central zone between the arms. Signs
             # of rates on arms do not apply there. The level sign is 0 if curves cross:
-            # there is no such zone then.
+            # there is no such zone then. `is_monotonic` says that the variable is proven to
+            # have no stationary point on the bends.
             centre_is_decided = saddle.level_sign == 0 or saddle.is_monotonic[variable]
             distances = [0.0 if centre_is_decided else saddle.central_zone[variable]]
             # Arms on which the rate of the variable has no proven sign.
@@ -285,8 +286,8 @@ class CertifiedCurves:
                 for saddle_number, quadrant in arms_of_moving_chains
                 if saddle_number == number and not saddle.outward_signs[quadrant][variable]
             ]
-            doubts.append(max(distances))
-        return doubts
+            stationary_distances.append(max(distances))
+        return stationary_distances
 
     @property
     def saddles(self) -> list[Saddle]:

@@ -189,17 +189,18 @@ class Construction:
         """By number of a link: its reference, and the degrees of its relative orientation.
 
         The orientation of a link relative to its reference is a trigonometric polynomial in
-        the variables.
+        the variables. From its degrees follow those of the closure equations.
 
         - A link that one pair joins to a link placed before (its parent) has this parent as
-          reference. It rotates by the angle of the pair, so the degree in the variable is
-          1, or k if the angle is k times a variable that several wheels share.
+          reference. It rotates by the angle of the pair. If this angle is a variable, the
+          degree in it is 1. If it is k times a variable, as for wheels, the degree is k.
         - A link that is put on the axes of two pairs (a dyad) has as reference the first
-          link that the paths of its two parents have in common. A path leads from a link to
-          its reference, and so on to the root. Let U and W be the directions of the two
-          axes relative to the reference. Each has the sum of the degrees of all links on
-          its path. The orientation is U a^T + W b^T + (U x W) n^T, with constant vectors a,
-          b and n. It contains products of U and W, so the degrees of both are added.
+          link, from the parents on, that the paths of both have in common. A path leads
+          from a link to its reference, and so on to the root. Let U and W be the directions
+          of the two axes relative to the reference. Each has the sum of the degrees of all
+          links on its path. The orientation is U a^T + W b^T + (U x W) n^T, with constant
+          vectors a, b and n. It contains products of U and W, so the degrees of both are
+          added.
         """
         # One degree for each variable.
         variables = np.arange(len(self.pairs))

@@ -363,6 +363,7 @@ class CurveSearch:
         for use in self._list_arm_uses():
             if use.chain_ends:
                 continue
+            # Find a certified arc on the arm, near the border of the box of the saddle.
             saddle_number, quadrant = use.arm
             saddle = self.crossings.saddles[saddle_number]
             position = correct_configuration(

@@ -233,8 +233,8 @@ class DecimalMechanism(DecimalGeometry):
 
         A mesh is a rolling contact of two wheels, with the link that carries both. The
         followers are the R pairs whose angles follow from the inputs through the meshes.
-        They are counted in `structure`, which has the R pairs of the mechanism in its
-        order, without the contacts.
+        `structure` has only the R pairs of the mechanism, in the same order. The numbers of
+        followers refer to it; `_structure_pair` converts them from those of `mechanism`.
 
         Raises
         ------
@@ -263,9 +263,10 @@ class DecimalMechanism(DecimalGeometry):
             self._structure_pair(pair) for mesh in meshes for pair in mesh.pairs
         }
         followers = tuple(sorted(related_pairs - set(structure.inputs)))
-        # The train has the lengths that wheels have rolled. None if the meshes do not
-        # determine the angles, or if no whole turns of the wheels, among those that are
-        # tried, agree with all meshes.
+        # The train has the lengths that wheels have rolled. Pair angles are known only up
+        # to whole turns, which change these lengths, so combinations of turns are tried.
+        # None if no tried one agrees with all meshes, or if these do not determine the
+        # angles.
         train = find_gear_train(mechanism, driven_pairs(mechanism))
         # Each mesh gives a linear equation, and each follower is an unknown.
         if train is not None and len(followers) == len(meshes):

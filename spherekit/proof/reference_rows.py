@@ -360,17 +360,17 @@ def exact_direction(reference: ExactRows, pole: Pole, toward: Floats) -> Array:
         if joining_pair is not None:
             vector = reference.axes[:, joining_pair]
         else:
-            # Rounding error of relative velocities, in the unit of `_relative_size`. The
-            # equations for derivatives contain velocities and are solved with the same
-            # matrix, so that the condition number multiplies their error once more.
+            # Rounding error of relative velocities, in the unit of `_relative_size`.
             rounding = reference.arithmetic.eps * reference.condition
             speed = _relative_size(velocity, reference.w, pole)
             change = _relative_size(derivative, reference.slopes, pole)
             # The links move if rounding cannot rotate the velocity by more than 1e-6 rad.
-            # They are at relative rest if the velocity is of the size of rounding errors.
-            # In between there is no direction.
+            # They are at relative rest if the velocity is at most `ROUNDING_STEP_RATIO`
+            # times its rounding error. In between there is no direction.
             moves = speed > DIRECTION_ROUNDING_RATIO * rounding
             rests = ~(speed > ROUNDING_STEP_RATIO * rounding)
+            # The error of velocities enters the equations of the derivatives. Their
+            # solution multiplies it by the condition number of the same matrix.
             starts_moving = (
                 change > DIRECTION_ROUNDING_RATIO * rounding * reference.condition
             )

@@ -190,13 +190,15 @@ def bound_arm_rates(form: SaddleForm, errors: ArmErrors) -> ArmRates:
     """
     outward_signs = {}
     reach = {}
+    # Two arms have a positive slope v / u, and two a negative one; `sign` is this sign.
     for sign, slope_bounds in _bound_arm_slopes(form.hessian, errors.form).items():
+        # At both bounds: the gradient (g_u, g_v), and the sign of the rate of each variable
+        # along the tangent (-g_v, g_u), 0 if not proven.
         first, last = (
             _evaluate_direction(form, slope, errors.slope) for slope in slope_bounds
         )
-        # The rates are those along the tangent (-g_v, g_u). If g_u > 0 at both bounds, the
-        # tangent points towards larger v on the whole arm. Otherwise its orientation is not
-        # known, and all signs become 0: not proven.
+        # If g_u > 0 at both bounds, the tangent points towards larger v on the whole arm.
+        # Otherwise its orientation is not known, and all signs become 0: not proven.
         is_oriented = first.gradient[0] > 0 and last.gradient[0] > 0
         common_signs = np.where(first.signs == last.signs, first.signs, 0)
         # Directions between both bounds form a cone. Its points with max(|u|, |v|) = 1 are
@@ -216,7 +218,7 @@ def bound_arm_rates(form: SaddleForm, errors: ArmErrors) -> ArmRates:
             quadrant = sign * v_sign, v_sign
             outward_signs[quadrant] = v_sign * is_oriented * common_signs
             # Change from the saddle to the border of the rectangle, whose largest |u| or
-            # |v| is `form.size`, and from the centre of the coordinates to the saddle.
+            # |v| is `form.size`, plus the distance of the saddle from u = v = 0.
             reach[quadrant] = largest_changes * form.size + errors.centre
     return ArmRates(outward_signs, reach)
 

@@ -459,7 +459,7 @@ def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array)
     1. g is positive on the sides of constant u.
     2. g is negative at the points (0, v) with ``|v|`` above an inner height, the part
        `INNER_HEIGHT_RATIO` of the height of the rectangle.
-    3. The saddle point of g is below the inner height.
+    3. The saddle point of g has ``|v|`` below the inner height.
 
     For each v above the inner height, g is then negative at u = 0 and positive at both
     sides. Because it is convex in u, it has exactly one zero with u > 0 and one with u < 0.
@@ -490,13 +490,14 @@ def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array)
     # concave in v, it descends further beyond.
     inner_height = INNER_HEIGHT_RATIO * v
     descent = 0.5 * least_vv * inner_height**2 - slope_v * inner_height
-    # The small numbers cover rounding.
+    # 1e-12 here and 1.001 below are larger than the rounding of these few float64 products.
     is_positive_on_sides = value_on_sides > 1e-12 * u * u
     # Condition 2: g descends by more than its value at the centre.
-    # Condition 3: let m(v) be the least value of g over u. The saddle point is at the v
-    # with the largest m, which is concave. Since g is convex in u, m(0) is at least the
-    # value at the centre less u times the slope. At the inner height, m is at most the
-    # value at the centre less the descent. If the descent is larger, m decreases from 0 to
-    # the inner height. (u times the slope would be enough, and twice this is required.)
+    # Condition 3: let m(v) be the least value of g over u. As the least of functions that
+    # are concave in v, m is concave. The saddle point is at the v with the largest m. Since
+    # g is convex in u, m(0) is at least the value at the centre less u times the slope. At
+    # the inner height, m is at most the value at the centre less the descent. If the
+    # descent is larger, m decreases from 0 to the inner height. The test requires more than
+    # this, twice u times the slope.
     descends_enough = descent > 1.001 * max(value_size, 2.0 * u * slope_u)
     return bool(is_positive_on_sides and descends_enough)

@@ -473,6 +473,7 @@ def _find_middle_piece(
 
     They are the centre of another certified arc, and the end, a configuration in the box of
     this arc. A certified arc is a part of the curve that is proven to be alone in its box.
+    The new arc serves to cut the stretch between the two configurations.
 
     Parameters
     ----------
@@ -490,11 +491,12 @@ def _find_middle_piece(
     -------
     None if no such arc is proven.
     """
-    # Coordinate along the tangent of the given arc: the distance of both configurations.
+    # Distance (rad) of both configurations along the tangent of the given arc.
     end_coordinate = piece.coordinates(end)[0]
     position = piece.centre + ratio * wrap(end - piece.centre)
-    # Half lengths (rad) of the new arc are tried from twice this distance downwards. From a
-    # centre between the configurations, a half length of the distance reaches both.
+    # Half lengths (rad) of the new arc are tried from twice this distance downwards, but
+    # not from less than `SHORTEST_STRETCH_RAD`. The distance itself would reach both
+    # configurations.
     longest = max(2.0 * end_coordinate, SHORTEST_STRETCH_RAD)
     middle = find_piece_ahead(equations, piece, position, longest)
     if middle is None or not piece.coordinates(middle.centre)[0] < end_coordinate:

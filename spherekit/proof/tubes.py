@@ -414,9 +414,9 @@ class TubeTest:
         so that Y F' is near (0, 1), a column of zeros followed by the identity matrix.
 
         F' is expanded about the centre: F' = F'(0) + F''(0) x + remainder, where x are the
-        coordinates along the frame. The remainder is bounded by third derivatives. These
-        are at most a constant times the product of the degrees of the equation, a
-        trigonometric polynomial, along the three coordinates.
+        coordinates along the frame. The remainder is bounded by third derivatives. Each
+        equation is a trigonometric polynomial with a degree along each coordinate. Its
+        derivative by coordinates i, j and l is at most C d_i d_j d_l, with these degrees d.
 
         Parameters
         ----------
@@ -429,12 +429,13 @@ class TubeTest:
         """
         # (..., k) sum over all coordinates of the degree of an equation times the reach.
         sums = reach @ self.degrees.T
-        # (..., k) The remainder of F', and the errors of F'(0) and F''(0) x, each divided
-        # by the degree along the coordinate of the derivative.
+        # (..., k) Bounds of the remainder of F' (0.5 C sums^2), of the error of F'(0)
+        # (`error` times 1) and of that of F''(0) x (`error` times sums). All contain the
+        # degree along the coordinate of the derivative as a factor, which is left out here.
         remainder = 0.5 * self.third_bound * sums**2 + self.error * (1.0 + sums)
         # (..., k, v) |Y F''(0)| times the reach, summed over its last axis but one.
         bending = (reach[..., None, None, :] @ self._second_magnitudes)[..., 0, :]
-        # (..., k, v) |Y| times the remainder, multiplied by the degrees again.
+        # (..., k, v) |Y| times the remainder, which now gets the degree as a factor.
         from_remainder = self.inverse_size @ (remainder[..., None] * self.degrees)
         return (self._slope_error + bending + from_remainder) * ROUND_UP
 

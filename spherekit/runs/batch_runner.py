@@ -781,7 +781,7 @@ class BatchRunner:
             Number of samples in the first block. If it is `block_size`, the number that
             fits into memory with all columns, later blocks may be larger. They grow while
             no column of the blocks is read, because then only pair variables are in memory.
-            If it is smaller than `block_size`, all blocks have this size.
+            With any other size all blocks have this size.
         first_sample
             Number of the first sample.
         """
@@ -798,8 +798,8 @@ class BatchRunner:
             while start < len(self.sampling):
                 yield np.arange(start, min(start + count, len(self.sampling)))
                 start += count
-                # `fields` stores the columns of the last block for which it was called. If
-                # the next block is computed ahead, block k - 1 decides about block k + 1.
+                # `_last_columns` are the columns of the last block that was evaluated. If
+                # blocks are computed ahead, that is not yet the block before the next one.
                 if self._last_columns is not None:
                     was_read = self._last_columns.was_read
                     count = size if was_read else min(2 * count, largest_size)
