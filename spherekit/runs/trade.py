@@ -256,7 +256,8 @@ def _choose_sampling(
     """
     sampling = run_plan.sampling
     # Each sample has a configuration (row) in each assembly mode, a way to assemble the
-    # mechanism.
+    # mechanism. By default the number of rows is limited, because it decides about the
+    # time. With many modes a minimum of samples remains.
     mode_count = len(sampling.position_analysis.assembly_modes)
     default_count = max(MIN_CHECKED_SAMPLES, MAX_CHECKED_ROWS // mode_count)
     max_count = min(MAX_CHECKED_SAMPLES, trade_options.checked or default_count)
@@ -268,9 +269,12 @@ def _choose_sampling(
         side = max(2, int(max_count ** (1.0 / axis_count)))
         samples = tuple(min(axis_samples, side) for axis_samples in sampling.shape)
         return make_sampling(replace(study, samples=samples))
-    # On a path of the inputs, samples are added where poles have large error bounds. The
-    # first request has the poles that move with the first input.
-    rows = choose_check_samples(sampling, max_count, run_plan.requests[0])
+    # On a path of the inputs, `max_count` samples are spread evenly. Further ones are added
+    # where poles have large error bounds. The run has one request for each input: the poles
+    # to compute while this input moves. More are added only with one input, so the first
+    # request is passed.
+    first_request = run_plan.requests[0]
+    rows = choose_check_samples(sampling, max_count, first_request)
     # Assembly modes are searched again at these samples if the study asks for it.
     return take_samples(sampling, rows, study.search)
 
@@ -331,9 +335,10 @@ def _trade_samples(run_plan: RunPlan, study: Study, trade_options: TradeOptions)
         """
         if is_compared:
             return compute_timed_tables(sampling, analysis, setting, reference.pole_fields)
-        # The user's run may be long enough for a kernel, which only the default setting
-        # uses. The few samples at which errors are measured are too few for it, so the
-        # default setting is timed at other samples.
+        # Long runs with the default setting, `ORDINARY`, use a kernel: compiled functions
+        # for many rows. The samples at which errors are measured are too few for it, so the
+        # default setting is timed at other samples. `kernel_sampling` has these samples. It
+        # is None if the user's run is too short for a kernel.
         timed_sampling = kernel_sampling if setting == ORDINARY else None
         if timed_sampling is None:
             return compute_timed_tables(sampling, analysis, setting)

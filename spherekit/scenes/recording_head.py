@@ -17,20 +17,22 @@ class RecordingHead:
     Attributes
     ----------
     scenes : sequence of Scene
-        Primitives without samples: the ground, the graph, texts.
+        Drawings that do not change with the samples: the ground, the graph, texts.
     inputs : array (n,) rad, or None
         All input values of the run, which determine the unit of the input timeline.
         None if the run does not have exactly one input.
     assembly_modes : mapping
-        Number and title of each assembly mode, in the order of their pages. An assembly
-        mode that is missing here gets its page with its first block.
+        Number and title of each assembly mode (a way to assemble the mechanism), in the
+        order of their pages in the viewer. The results arrive in blocks of samples. An
+        assembly mode that is missing here gets its page with its first block.
     properties : mapping
         Words about the run that the recording carries: versions, hashes.
     focus : array (3,), or None
         Unit vector to the middle of the mechanism, from which the viewer looks at first.
     row : int, or None
-        Number of successive samples that are neighbours, in a grid of inputs. The paths of
-        poles are cut after each such row. By default all samples are neighbours.
+        Length of a row in a grid of inputs: the number of successive samples that are
+        neighbours. The paths of poles are cut after each row. By default all samples are
+        neighbours.
     times : array (n,) s, or None
         All times of the run, if its samples are times. They then replace the inputs.
     """

@@ -106,10 +106,12 @@ class _SceneRows:
     Attributes
     ----------
     count
-        Number of rows: of samples, or of values of an axis.
+        Number of rows. A scene is drawn over the samples of a block, or over the values of
+        its own axes.
     input_column_counts
-        Allowed numbers of columns of the arrays of inputs that marks have (field `inputs`
-        of `InputMarks`). Messages name the first of them.
+        Allowed numbers of columns of the field `inputs` of marks (`InputMarks`). Over
+        samples, marks have all inputs or one number, so there are two; messages name the
+        first one. Over axes, marks have one column for each axis.
     words
         What the rows are, in words for messages, such as "the 361 samples of the block".
     """

@@ -308,8 +308,7 @@ def points_from(
 
     In most rows all inputs but one keep their values, so that they stay in their ranges.
     The rows take turns in which input is free. In some rows no input keeps its value, and
-    Newton's method takes the shortest steps to a singular configuration. These also reach
-    configurations at which curves or surfaces cross.
+    Newton's method takes the shortest steps to a singular configuration.
 
     Parameters
     ----------
@@ -325,15 +324,18 @@ def points_from(
     At most n points.
     """
     # Linear equations (borders of the matrix of Newton's method) that keep all inputs but
-    # one, for each free input. The last choice keeps none: its equations are 0 = 0. They
-    # do no harm, because each step is the shortest one that satisfies all equations.
+    # one, for each free input.
     input_rows = np.eye(values.shape[1])[list(driven)]
     choices = [np.delete(input_rows, free, 0) for free in range(len(input_rows))]
-    choices.append(0.0 * input_rows[1:])
+    # The last choice keeps no input: as many equations 0 = 0. They do no harm, because each
+    # step is the shortest one that satisfies all equations.
+    choices.append(np.zeros_like(input_rows[1:]))
     borders = np.array(choices)[np.arange(len(values)) % len(choices)]
-    # A singular motion consists of unit rates that close the loops while the inputs (or the
-    # output) rest. Newton's method starts with the rates at which these move least.
+    # A singular motion consists of unit rates that close the loops while the inputs (type
+    # II) or the output (type I) rest. At a configuration that is not singular none exists.
+    # Newton's method starts with the rates at which the inputs, or the output, move least.
     motions = locus.measure(locus.tangent_space(values)).motion
+    # Values of the inputs that the borders keep.
     targets = np.matvec(borders, values)
     points = locus.correct(
         values, motions, borders, targets, max_steps=RANDOM_LOCUS_NEWTON_STEPS

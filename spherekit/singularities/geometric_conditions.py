@@ -262,9 +262,10 @@ def _condition_of_three_links(
     """Return the condition of a type of singularity for a relation of three links.
 
     The input is the rotation of link i relative to r, with the pole axis u_q. The output is
-    that of link o relative to s (`relation.form` is "i") or relative to r (it is "ii"),
-    with the pole axis u_y. Here two of the four links are the same link. The three links
-    have three pole axes in one plane: u_q, u_y and a third one, p.
+    the rotation of link o, with the pole axis u_y. It is relative to link s if
+    `relation.form` is "i", and relative to link r if it is "ii". Here two of the four links
+    i, r, o and s are the same link. The three different links have three pole axes in one
+    plane: u_q, u_y and a third one, p.
 
     In the relation c y' = d q', c is proportional to the sine of the angle between u_y and
     p, and d to that between u_q and p. A singularity of type I (d = 0) therefore means that
@@ -283,7 +284,8 @@ def _condition_of_three_links(
     The condition, by its label: the type, with a number if R. Di Gregorio's lecture on
     singularities of spherical mechanisms has one.
     """
-    # Names of axes are those of fields of `SixPoles`; "or" is a word of Python.
+    # The name of a pole axis is that of its two links: "ir" for links i and r, "os" for o
+    # and s. "or_" has an underscore, because "or" is a word of Python.
     third_axis = find_third_axis(relation.form, relation.links)
     output_axis = "os" if relation.form == "i" else "or_"
     axes_by_kind = {

@@ -138,8 +138,9 @@ class LocusPoints(ArrayRows):
     The locus of a mechanism with g degrees of freedom is the set of configurations in which
     unit rates x of the V variables close the loops and satisfy the m equations E x = 0. E x
     are the rates of the inputs (type II) or of the output (type I). k is the dimension of
-    the space of all possible x. It is g, or less if only a part of the mechanism can move
-    the output, and x moves this part only. Rows in which Newton's method failed are NaN.
+    the space of all possible x. Usually k = g. If only a part of the mechanism can move the
+    output, x moves only this part, and k is smaller. Rows in which Newton's method failed
+    are NaN.
 
     Attributes
     ----------
@@ -154,9 +155,11 @@ class LocusPoints(ArrayRows):
     residual
         (n,) the larger of the closure residual (rad) and the largest component of E x.
     reciprocal_condition
-        (n,) reciprocal condition number of `equations`: 0 where the locus crosses itself.
+        (n,) smallest over largest singular value of `equations`: 0 where the locus crosses
+        itself.
     first_step, step_ratio
-        (n,) size of Newton's first step (rad), and of the second step relative to it.
+        (n,) size of Newton's first step (rad), and of the second step relative to it. Steps
+        along a curve are accepted only if both are small.
     equations
         (n, m + 1, g + k) the linearised equations E x = 0 and |x| = 1. The unknowns are g
         coordinates of the change of the configuration, and k coordinates of the change of
@@ -193,7 +196,9 @@ class _LinearisedLocus:
     The equations are: the loops are closed, J x = 0 for the rates x of the motion with the
     Jacobian J of the loop closure, E x = 0 and |x| = 1. E x are the rates of the inputs
     (type II) or of the output (type I), m numbers. There may be b more equations in the V
-    variables, the borders, which select points of the locus.
+    variables, the borders, which select points of the locus. The first two equations need
+    no rows in `equations`: the bases and `motion_corrections` are chosen so that they
+    remain satisfied.
 
     The unknowns of `equations` are coordinates of the change of the configuration in the
     basis of `space` (g), then coordinates of the change of the motion in the basis of
@@ -204,8 +209,9 @@ class _LinearisedLocus:
     space
         The g independent rates that close the loops.
     motion_space
-        The k independent rates of which x is a combination: those of `space`, or those of a
-        part of the mechanism, if only this part moves with the output.
+        The k independent rates of which x is a combination. They are those of `space`. If
+        only a part of the mechanism can move the output, they are those of this part, so
+        that motions of other links do not count as singular.
     unit_motions
         (n, V) the motions x, projected onto `motion_space` and scaled to length 1.
     constraint_residual

@@ -316,11 +316,14 @@ def local_minima(
 def _ends_in_range(sampled: SampledSingularities, number: int) -> tuple[Floats, Floats]:
     """Return the ends of the range and of the curve, and points a little inward.
 
+    A measure of the distance to singularities can be smallest at such an end. The caller
+    compares its values at the end and a little inward.
+
     The curve consists of pieces, each of which is one assembly mode. An end of a piece is
     an end of the range if its input is the lowest or the highest. A range of whole periods
     has no ends, because configurations repeat. The ends of an open curve are included too.
-    If other curves cross it at one of its ends, the curve ends a little before the
-    crossing. Then neither of its ends is included.
+    However, a curve that is crossed at an end stops a little before the crossing. No end of
+    the curve is then included, even if the other end is not at a crossing.
 
     Parameters
     ----------
@@ -333,8 +336,7 @@ def _ends_in_range(sampled: SampledSingularities, number: int) -> tuple[Floats, 
     -------
     ends, inward
         (k,) arc lengths (rad) of the ends, and of a point inside the piece near each end.
-        The caller compares a measure at both. The distance is the part `INWARD_PART` of the
-        length of the piece.
+        Their distance is the part `INWARD_PART` of the length of the piece.
     """
     curve = sampled.curves[number]
     pieces = sampled.configurations.curves[number].pieces

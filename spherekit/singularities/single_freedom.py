@@ -553,10 +553,10 @@ class SingleFreedomSingularities:
         rate y' follows from these. In form i, y' is the rate of the output. In form ii it
         is that of the output link relative to the reference link of the input.
 
-        At a crossing the configuration leaves the motion open, so c and d that follow from
-        the configuration both vanish (type III). On one of the curves the motion is known,
-        and so is a pole axis that the configuration leaves open. If c and d do not vanish
-        with this axis, the relation gets a note.
+        Several motions are possible at a crossing. The configuration alone then gives c = d
+        = 0 (type III). The tangent of a curve selects one motion, which can determine pole
+        axes that the configuration leaves open. If c and d do not both vanish with these
+        axes, a note says that the relation applies to one curve only.
 
         Parameters
         ----------

@@ -273,9 +273,9 @@ def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[
     """Yield the parts of a followed curve whose nodes are of the reported type.
 
     Nodes of another type can occur, such as self-motions on a curve of type II. On each
-    part, the points are located at which the other one of types I and II occurs too. A part
-    of a closed curve that contains the node at which the list of nodes begins is yielded as
-    two parts.
+    part, the points are located at which the other one of types I and II occurs too. The
+    nodes of a closed curve are listed from an arbitrary first node. A part that passes this
+    node is yielded as two parts.
 
     Parameters
     ----------
@@ -314,5 +314,6 @@ def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[
             # Arc lengths are counted from the start of the part.
             s=part.s,
             closed=is_closed,
+            # From these, further points of the part can be computed later.
             traced=(report, part),
         )

@@ -60,14 +60,17 @@ def revolute_frames(mechanism: Mechanism, design: DesignGeometry) -> dict[str, F
     Raises
     ------
     EngineError
-        If a varied arc joins two axes on one line, where the zero direction would jump.
+        If a link with varied sizes has an arc of 0 or 180 degrees. The variable of a pair
+        counts from the direction of an arc, which such an arc does not have.
     """
     geometry = mechanism.geometry
     frames_by_pair = {}
     for pair in mechanism.pairs:
         if not pair.kind.has_axis:
             continue
-        # In a reference pose the variables have stated values, so no zero angle is needed.
+        # A file with a reference pose gives the values of the variables in this pose. They
+        # determine the x axes. A file with sizes can give an offset of each variable (zero
+        # angle) instead.
         if isinstance(geometry, PoseGeometry):
             frames = _frames_from_pose(mechanism, geometry, design, pair)
         else:

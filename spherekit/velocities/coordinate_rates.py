@@ -34,9 +34,9 @@ class MotionRates:
     Attributes
     ----------
     scaled_speeds
-        The rate of each input, divided by D, the determinant of the velocity equations.
-        Rates at the rate 1 of one input are known times D. They are multiplied by these
-        expressions, and added over the inputs.
+        The rate of each input, divided by D, the determinant of the velocity equations. If
+        one input moves at the rate 1, the solution gives D times each other rate. The sum
+        of these products times `scaled_speeds`, over all inputs, is therefore the rate.
     variable_rates
         The rate of each pair variable.
     w

@@ -119,8 +119,8 @@ class EquivalentLinkage:
 
         A linkage of R pairs replaces a mechanism with contacts of circles. In place of a
         sliding contact it has a link between the centres of the circles, with an R pair at
-        each centre. Rolling contacts are left out: pairs that follow the inputs through
-        wheels (followers) have angles that are linear functions of the input angles.
+        each centre. Rolling contacts are left out. Instead, the pairs that wheels drive
+        (followers) get angles that are linear functions of the input angles.
 
         The property `numbers` has the Euler angles of all constant rotations, from link
         axes to the frames of pairs, and then the factors of the followers. Some numbers may
@@ -135,6 +135,8 @@ class EquivalentLinkage:
         # of them.
         numbers = iter(symbol_by_index.get(k, x) for k, x in enumerate(self.numbers))
         chains: list[JointTransform] = []
+        # A pair of the mechanism, by its index, has two constant rotations, one for each of
+        # its links. A sliding contact has three.
         for index, constant_rotations in enumerate(self.constant_rotations):
             rotations: list[Exprs] = []
             for _ in constant_rotations:
@@ -149,12 +151,12 @@ class EquivalentLinkage:
             if index in self.sliding:
                 # A sliding contact is replaced by two R pairs. Its three rotations are
                 # those of the first link, of the link between the centres, and of the
-                # second link. The axes of the link between the centres are the frame of its
-                # first pair, so the rotation is the identity there.
+                # second link. The axes of the link between the centres are chosen equal to
+                # the frame of its first pair, so one more rotation is the identity.
                 ends = [(rotations[0], np.eye(3)), (rotations[1], rotations[2])]
             for first, second in ends:
-                # Each pair has one variable, so the number of a pair is that of its
-                # variable. Both follow on from the pairs before.
+                # Each R pair has one variable. Both have the same number, which is that of
+                # the pairs before.
                 variable = len(chains)
                 chains.append(JointTransform((first, second), (AxisRotation(variable),)))
         followers: dict[int, list[Expr]] = {}

@@ -74,7 +74,8 @@ def place_link(
 
     Orientations are stored in two factors, basis and `basis_from_link`. Their product leads
     from link axes to ground axes. The basis consists of expressions of the variables. The
-    other factor is the constant rotation from link axes to the basis, here C_k.
+    other factor is the constant rotation from link axes to the basis, here C_k. It is kept
+    apart, so that it can be multiplied with the first constant of the next pair as numbers.
 
     Parameters
     ----------
@@ -116,7 +117,9 @@ def place_link(
             ],
             axis=1,
         )
-    return LinkOrientation(basis, chain.constants[-1], start.depth + 1)
+    # The depth ranks links by the length of their expressions.
+    depth = start.depth + 1
+    return LinkOrientation(basis, chain.constants[-1], depth)
 
 
 def place_by_variables(

@@ -488,8 +488,10 @@ def row_kernel(
     Returns
     -------
     RowKernel or None
-        None if no order is regular at any row.
+        None if no order is regular at any row, or if the elimination of the expressions
+        divides by zero.
     """
+    # Pivots are the variables by whose coefficients the elimination divides, in this order.
     pivots = choose_order(motion) if order is None else order
     if pivots is None:
         return None
@@ -498,8 +500,8 @@ def row_kernel(
         (request.plan.input, request.poles, sorted(request.links)) for request in requests
     ]
     key = repr(("rows", quantities, pivots, engine))
-    # A pivot can be zero as an expression although its value at the samples is not. The
-    # elimination then divides by zero, and there is no kernel.
+    # The order was chosen by values of the pivots at the samples. A pivot can be zero as an
+    # expression nevertheless. The elimination then divides by zero: there is no kernel.
     with suppress(ZeroDivisionError):
         return FUNCTION_CACHE.get(
             motion.mechanism, key, lambda: RowKernel(motion, requests, pivots, engine)

@@ -194,10 +194,10 @@ class RowVelocities:
         Parameters
         ----------
         name
-            Field of `PoleField`. An example is "w", the angular velocity of a link per unit
-            rate of the input. It follows from the velocity equations. After a call of
-            `use_planned_velocities` it follows from poles that are intersections of great
-            circles.
+            Field of `PoleField`, such as "w", the angular velocity of a link per unit rate
+            of the input. Usually "w" is the solution of the velocity equations. After a
+            call of `use_planned_velocities` it is computed from the poles, which are found
+            by intersecting great circles (Aronhold-Kennedy theorem).
         key
             The pole as numbers of its links, or the number of one link.
         """
@@ -291,21 +291,21 @@ class RowVelocities:
             dv_error = errors["acceleration_coefficient_error"]
             v_size = norm_columns(self.relative_velocity(pole))
             dv_size = norm_columns(self.relative_velocity_derivative(pole))
+            # The derivative of the direction has two errors: that of dv, and that of the
+            # direction times |dv|, both divided by |v|. `dv_error` is the bound of the
+            # coefficient dv . u, which contains both of these errors. Each is therefore at
+            # most dv_error / |v|, and their sum at most twice that.
             # The direction may have the error `MAX_CERTIFIED_ERROR_RAD`, and its derivative
-            # `MAX_DIRECTION_DQ_ERROR`. The ratio of both limits converts an error of the
-            # derivative to an equally serious error of the direction. The sum of both must
-            # not exceed the limit of the direction.
-            # The derivative of the direction has the error 2 dv_error / |v| or less: the
-            # error of dv counts, and that of the direction times |dv|. The coefficient
-            # dv . u depends on both as well, so dv_error is at least as large as each. If
-            # v is zero, the sum is infinite or NaN, and only the next test can certify.
+            # `MAX_DIRECTION_DQ_ERROR`. Each error is compared with its limit, and the two
+            # ratios may add up to 1. The sum is written here as an error of the direction.
+            # If v is zero, it is infinite or NaN, and only the next test can certify.
             uncertainty = (
                 direction_error
                 + 2.0 * MAX_CERTIFIED_ERROR_RAD / MAX_DIRECTION_DQ_ERROR * dv_error / v_size
             )
             # The links do not move relative to each other: v and dv are zero within their
             # error bounds. With a large error bound they could still move, so that of dv
-            # must not exceed the limit below which a relative rate counts as rest.
+            # must not exceed the limit `NO_MOTION` (1e-9).
             has_no_motion = (v_size <= v_error) & (dv_size <= dv_error)
             has_no_motion &= dv_error <= NO_MOTION
             is_certified &= (uncertainty <= MAX_CERTIFIED_ERROR_RAD) | has_no_motion
@@ -434,7 +434,8 @@ class RowVelocities:
         tree = self.motion.linearisation.tree
         # The rounded axes of all pairs on a way add up to a tilt at its end, at most `EPS`
         # for each. `longest_loop` and `longest_path` are the largest numbers of variables
-        # in a loop, and on the way from the ground to a link. Two are added to them.
+        # in a loop, and on the way from the ground to a link. The bounds have two more
+        # terms than these numbers.
         loop_error = EPS * (2.0 + tree.longest_loop)
         axis_error = EPS * (2.0 + tree.longest_path)
         # Closed loops are open by these tilts. Rows that Newton's method did not close stay
@@ -448,7 +449,8 @@ class RowVelocities:
         inverse = quad_rows.bounds[self._bound_slices["inverse"]].reshape(
             len(self.motion.passive_variables), direction_count, len(rows)
         )
-        # For the variable that moves most, the sum of its movements over all directions.
+        # The movements of each variable are added over all directions of opening. The
+        # largest sum of all variables counts.
         movements = np.sum(np.abs(inverse), axis=1)
         largest_movement = np.max(movements, axis=0, initial=0.0)
         # Only contacts have profiles, whose sizes are rounded too. The effect is bounded by
@@ -608,8 +610,9 @@ class RowVelocities:
             pole = plan.pole(*links)
             if not pole:
                 continue
-            # The plan computes poles in rounds, each from poles of earlier rounds. In round
-            # 0 are the axes of pairs that join the two links themselves. These are exact.
+            # The plan computes poles in rounds, each from poles of earlier rounds. Poles of
+            # round 0 are the axes of pairs that join the two links themselves. They are
+            # exact, so only poles of later rounds get larger errors.
             is_computed = plan.rounds[pole] > 0
             # `pairs` has the pair whose axis a pole is, if there is one. `rounded_axes` are
             # pairs whose axis is equal to that of another pair but for rounding.
@@ -623,15 +626,16 @@ class RowVelocities:
             v_error = SAME_AXIS_SINE * self._bound("rate_size")
             # An error of v turns the direction u = v / |v| by this angle.
             direction_error = v_error / v_size
-            # The acceleration coefficient dv . u has the error of dv, and that of u times
-            # |dv|. `acceleration_size` is the same as `rate_size` for the acceleration
-            # equations.
+            # The acceleration coefficient dv . u has two errors: that of dv, and that of u
+            # times |dv|. `acceleration_size` is the same as `rate_size` for the
+            # acceleration equations.
             coefficient_error = (
                 SAME_AXIS_SINE * self._bound("acceleration_size")
                 + direction_error * dv_size
             )
-            # The derivative of u is (dv - (dv . u) u) / |v|. The second term contains the
-            # coefficient, and u once more.
+            # The derivative of u is (dv - (dv . u) u) / |v|. The error of dv . u is bounded
+            # above. The factor u after it has the error `direction_error` again, which adds
+            # |dv . u| <= |dv| times this error.
             direction_dq_error = (coefficient_error + direction_error * dv_size) / v_size
             self.axis_separations[links] = direction_error
             errors["direction_error"] += direction_error
