@@ -135,6 +135,9 @@ class Dynamics(AbstractAnalysis):
         one row for each entry of the upper triangle of the inertia matrix, and the third
         table one row for each load.
         """
+        # The solution has the inertia matrix M (n, inputs, inputs), its derivatives dM by
+        # the inputs (last axis), and the generalised forces: Q_all (n, inputs) of all loads
+        # together, Q_parts (n, inputs, loads) of each load.
         solution = self._inverse_solution(batch)
         mechanism = batch.mechanism
         inputs = batch.moving_inputs
@@ -142,8 +145,9 @@ class Dynamics(AbstractAnalysis):
         load_names = [load.name for load in mechanism.loads]
         row_identity = row_columns(batch, with_time=True)
         # The upper triangle of the symmetric inertia matrix, one row of the table per
-        # entry.
+        # entry. An entry is named by the inputs of its row and of its column.
         rows, columns = np.triu_indices(input_count)
+        row_inputs = [inputs[row] for row in rows]
         entries = solution.M[:, rows, columns]
         entry_derivatives = solution.dM[:, rows, columns]
         # From (n, inputs, loads) to (n, loads, inputs).
@@ -161,7 +165,7 @@ class Dynamics(AbstractAnalysis):
                 "status": solution.status,
             },
             "inertia": {
-                **repeat_rows(row_columns(batch), [inputs[row] for row in rows], "row"),
+                **repeat_rows(row_columns(batch), row_inputs, "row"),
                 "column": np.tile(np.array(inputs)[columns], len(batch)),
                 "M": entries.ravel(),
                 **input_columns(

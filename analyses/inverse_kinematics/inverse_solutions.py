@@ -190,13 +190,19 @@ class InverseSolutions:
             columns |= mid_plane_rate_columns(
                 mechanism, solver.form, directions, angular_velocities
             )
-        # Angle (rad) that is left to the nearest limit of the workspace.
+        # Poses have to keep limits of angles, such as joint limits and the reach of the
+        # legs. The margin is the angle (rad) that is left to the nearest limit.
         columns["margin"] = solutions.margin
         # Name of that limit. Number -1 refers to the empty name of no limit.
         columns["limiting"] = np.array([*solutions.limits, ""])[solutions.limiting]
+        # Measures that are 0 at a singularity. Type I, for each input: speed of the output
+        # per unit rate of this input. Type II: a number from 0, where locked inputs do not
+        # hold the output, to 1.
         columns |= input_columns(mechanism, solutions.type_1, "type_1")
         columns["type_2"] = solutions.type_2
-        # Sign of the determinant of the rates, which changes at singularities only.
+        # Sign of a determinant, which changes at singularities only. The rows of the matrix
+        # are the rates of three inputs by the three components of the angular velocity of
+        # the output. With two inputs, the direction of the output is the third row.
         columns["sense"] = sense_of(solutions.rates, directions)
         columns["status"] = solutions.status
         columns["solved_by"] = solver.solved_by
@@ -372,6 +378,7 @@ class InverseSolutions:
         closure = solver_of(mechanism).closure
         rotations = closure.linearise(solutions.values[rows]).rotations
         reference = rotations[:, mechanism.link_number[self.solver.output.relative_to]]
+        # The directions of the arrow, in the axes of the reference link.
         directions = self._directions()[solutions.pose[rows]]
         lines = [
             f"- {sample}: pose {solutions.pose[row]}, mode {solutions.mode[row]}, "
@@ -385,7 +392,7 @@ class InverseSolutions:
                 "pose asked for",
                 # From axes of the reference link to ground axes.
                 np.matvec(reference, directions),
-                # It is drawn more prominently than the axes of pairs.
+                # `primary` marks the axes of pairs, which are drawn thinner.
                 primary=False,
                 # Successive samples are separate solutions, not points of one motion.
                 path_shown=False,

@@ -196,25 +196,27 @@ def _find_working_modes(
 ) -> NDArray[np.str_]:
     """Return the working mode of each of n solutions, and one empty text at the end.
 
-    If the output has a closed form, the inverse kinematics of the pose gives one
-    configuration for each working mode. The one that equals the configuration of the
-    solution tells its working mode. Without a closed form or an equal configuration the
-    working mode is an empty text. The text at the end, at index -1, is for rows of a table
-    that have no solution.
+    A working mode is one of the ways to assemble the legs at a given pose. It is named by a
+    sign for each leg, such as "+-+". If the output has a closed form, the inverse
+    kinematics of the pose gives one configuration for each working mode. The one that
+    equals the configuration of the solution tells its working mode. Otherwise the text is
+    empty. The text at the end, at index -1, is for rows of a table that have no solution.
 
     Parameters
     ----------
     mechanism, solver
         The mechanism, and the inverse kinematics of its output.
     poses
-        (n, 3) directions or (n, 3, 3) rotations.
+        (n, 3) directions or (n, 3, 3) rotations of the solutions.
     values
-        (n, variables) configurations (rad).
+        (n, variables) configurations (rad) of the same solutions.
     """
     modes = np.full(len(poses) + 1, "", dtype=object)
     if isinstance(solver, ClosedKinematics):
         # One row for each pose and working mode. `rows.pose` is the number of the pose.
-        rows = solver.inverse(poses, solver.labels, range(len(mechanism.pairs)))
+        # The variables of all pairs are computed, to be compared with those in `values`.
+        all_pairs = range(len(mechanism.pairs))
+        rows = solver.inverse(poses, solver.labels, all_pairs)
         solution_values = values[rows.pose]
         differences = np.abs(wrap(rows.values - solution_values)).max(axis=1)
         same = np.flatnonzero(differences < SAME_SOLUTION_RAD)

@@ -140,21 +140,21 @@ class OneInput:
 
     @cached_property
     def points(self) -> Columns:
-        """The main table: one row for each singularity, output and input.
+        """The main table: one row for each singularity of each output.
 
         The rows are in this order: singular points on configuration curves, crossings of
         curves, and curves on which the input or an output is at rest everywhere. A
-        singularity is double if a rate only touches zero there and keeps its sign. The
-        column `inside` states whether the singularity is in the range of the input.
-        `guarantee` states how completely the curves are known.
+        singularity is double if the rate of the input or output that vanishes there does
+        not change its sign. The column `inside` states whether the singularity is in the
+        range of the input. `guarantee` states how completely the curves are known.
         """
         sampled = self.sampled
         report = sampled.report
         rows: list[Columns] = []
         for point in (*report.points, *report.crossings):
             rows += self._rows_of_point(point)
-        # On the curves of the third kind a rate is zero everywhere. No point is computed
-        # there, so the residual (the error of a computed point) is 0.
+        # Curves on which the input or an output is at rest everywhere. No point is computed
+        # on them, so the residual (the error of a computed point) is 0.
         for point in report.resting_curves:
             # A piece is a part of a curve that belongs to one assembly mode.
             pieces = sampled.configurations.curves[point.curve].pieces
@@ -470,7 +470,10 @@ class OneInput:
         return lines
 
     def _points_on_line(self, curve: int, output: int, s: Floats) -> Floats:
-        """Return the drawn points (k, 2) in rad that are nearest to arc lengths s (k,)."""
+        """Return the drawn points (k, 2) that are nearest to arc lengths s (k,).
+
+        A point has the input and the output angle in rad.
+        """
         parts = s / self.sampled.curves[curve].length
         numbers = np.rint(parts * (POINTS_PER_CURVE - 1)).astype(int)
         return self.curve_lines[curve, output][numbers]
@@ -480,8 +483,9 @@ class OneInput:
 
         A `Portrait` is a plot of one quantity against another. It shows all configuration
         curves, marks at singularities, and a point that moves along the rows of the batch.
-        The input of the moving point is that of the row. Its output angle is generally an
-        integral along the whole curve, so it is taken from the nearest drawn point.
+        The input of the moving point is that of the row. Its output angle is that of the
+        nearest drawn point of the curve. It is not computed anew, because the angle is an
+        integral of the output's rate along the whole curve.
 
         Parameters
         ----------
@@ -498,6 +502,7 @@ class OneInput:
         row_points = np.full((len(batch), 2), np.nan)
         for number in curve_numbers:
             is_on_curve = sampled.curve == number
+            # (k, 2) input and output angle (rad) of the drawn points nearest to arc lengths
             drawn_points = self._points_on_line(number, output, sampled.s[is_on_curve])
             row_points[is_on_curve, 0] = batch.q[is_on_curve]
             row_points[is_on_curve, 1] = drawn_points[:, 1]

@@ -331,11 +331,13 @@ class SeveralInputs:
         )
         # The poses of all links at the singular configurations.
         motion = batch.tracer.given(points.values)
-        # The linear equations in the rates of all pairs that hold if the output is at rest.
+        # `output_of` returns the condition that the output is at rest, as linear equations
+        # in the rates of all pairs.
         rest_condition = output_of(mechanism, output.name)
-        # The geometric reasons of the singularities as texts, for example that axes are in
-        # one plane. `by_rank` states how degrees of freedom are determined: by rank, or by
-        # counting links and pairs.
+        # What vanishes at each singularity, as a text: for example, axes of poles are in
+        # one plane. Poles follow from each other by a plan, which needs the degrees of
+        # freedom. `by_rank` states whether these follow from the rank of the closure
+        # equations, instead of from the numbers of links and pairs.
         conditions = what_vanishes(
             motion,
             rest_condition,

@@ -601,8 +601,10 @@ def _single_row_evaluator(
         """
         columns = np.array(evaluated_row.columns)[:, None]
         values = np.array([evaluated_row.variables])
+        # The input keeps the value that was asked for. The variables of all other pairs
+        # (passive ones) are reduced to (-pi, pi].
         passive_variables = list(kernel.passive_variables)
-        values[:, passive_variables] = wrap(values[:, passive_variables])  # (-pi, pi]
+        values[:, passive_variables] = wrap(values[:, passive_variables])
         row = replace(
             row_template,
             inputs=np.array([[q]]),
@@ -611,9 +613,9 @@ def _single_row_evaluator(
         )
         (input_columns_of_row,) = kernel.input_columns
         # A pole axis has two opposite unit vectors. The one at less than 90 deg to the sum
-        # of the axis vectors of all pairs is chosen. Some columns change sign with it.
-        # `signed_columns` is a view of these, so `*=` below changes `columns`. Its first
-        # three rows are the direction of each pole.
+        # of the axis vectors of all pairs is chosen. Some columns change sign with it. They
+        # are `signed_columns` (components, poles, 1), whose first three components are the
+        # direction of the pole. It is a view, so `*=` below changes `columns`.
         signed_columns = input_columns_of_row.signed_part(columns)
         find_signs = signs_by_axis_sums(np.array([evaluated_row.axis_sum]))
         # The batch has one row, of one mode, so both have index 0.
@@ -621,7 +623,8 @@ def _single_row_evaluator(
         mode_index_of_row = 0
         signs = find_signs(signed_columns[:3], row_index, mode_index_of_row)
         signed_columns *= signs
-        # The field has the poles, their rates and the bounds of their errors.
+        # The field has the poles, their rates and the bounds of their errors. The kernel
+        # has certified them, which means that the bounds are small enough.
         field = make_certified_field(input_columns_of_row, columns, row, request)
         return Batch(mechanism, (request.plan,), needs, row, (field,))
 
@@ -630,8 +633,8 @@ def _single_row_evaluator(
 
         A batch has the configuration at q with its poles and error bounds as arrays. It is
         made only when it is read, because making arrays takes longer than the evaluation.
-        The result is None if float64 may give too few digits. The caller then evaluates q
-        in the ordinary way.
+        The result is None if the mode has no prediction at q, or if float64 may give too
+        few digits. The caller then evaluates q in the ordinary way.
         """
         is_in_range = low <= q <= high
         if isfinite(q) and not is_in_range:
@@ -646,6 +649,7 @@ def _single_row_evaluator(
             arguments = [q, *signs.astype(float).tolist()]
         else:
             assert mode.guide is not None
+            # (1, variables) all pair variables (rad), of which the input is one.
             predicted, _, status = mode.guide.predict(np.array([[q]]), None)
             if status != Status.OK:
                 return None

@@ -173,7 +173,9 @@ def _pole_name(links: Sequence[str], pole: tuple[int, int]) -> str:
 
 
 def _print_description(description: Facts, link_count: int) -> None:
-    """Print how a run would compute its results, except the predicted sizes.
+    """Print how a run would compute its results.
+
+    The predicted sizes of tables and recordings are printed elsewhere.
 
     Parameters
     ----------
@@ -198,6 +200,8 @@ def _print_description(description: Facts, link_count: int) -> None:
             "configurations beside the samples, looked for by: "
             f"{', '.join(analyses_with_search)}"
         )
+    # Most analyses work block by block. A run that is stopped keeps the tables of complete
+    # blocks. Analyses that need all samples at once have no such tables.
     at_once = description["at_once"]
     if at_once["analyses"]:
         print(
@@ -217,9 +221,9 @@ def _print_description(description: Facts, link_count: int) -> None:
     for plan in description["plans"]:
         if plan["locked"]:
             print(f"while {plan['moving']} moves, {', '.join(plan['locked'])} locked:")
-        # Primary poles are axes of pairs. Secondary poles follow from them, most of them as
-        # intersections of great circles. In an irreducible part of the mechanism these do
-        # not suffice, and its velocity equations are solved.
+        # Primary poles are axes of pairs, all others are secondary. Most of these are
+        # intersections of great circles. In an irreducible part of the mechanism they are
+        # computed from velocity equations instead, and counted separately.
         counts = plan["counts"]
         secondary = counts["secondary"] + counts["irreducible"]
         print(

@@ -227,12 +227,12 @@ class Sensitivity:
         """The mechanism with its sizes as variables, and its expressions.
 
         Contacts of circles can be replaced by links with R pairs between the centres of the
-        circles (the equivalent linkage). Contacts with other profiles cannot. Links replace
-        the contacts of a mechanism in two cases:
+        circles (the equivalent linkage). Contacts with other profiles cannot.
 
-        - All profiles are circles, and numbers of contacts vary.
-        - The mechanism has wheels that roll on each other, and `make_expressions` raises
-          `EngineError`, because it has no expressions for these contacts.
+        1. If there are other profiles, or if no number of a contact varies, the contacts
+           stay as they are. This fails for wheels that roll on each other, if
+           `make_expressions` has no expressions for these contacts.
+        2. In all other cases, and for such wheels, links replace the contacts.
 
         Returns
         -------
@@ -249,23 +249,24 @@ class Sensitivity:
         # `slot` is the size of a link or R pair that a number is, None for other numbers.
         is_pair_size = np.array([variable.slot is not None for variable in self.variables])
         no_contact_varies = np.all(is_pair_size | self._is_mass_or_load)
-        # First, the contacts as they are.
+        # 1. The contacts as they are
         if has_shaped_profiles(self.mechanism) or no_contact_varies:
             varied_mechanism = VariedMechanism(
                 self.document, self.mechanism, self.variables, self.inputs
             )
             try:
-                # The arguments of the expressions are then all pair variables. In closed
-                # form they would be signs of groups of links instead.
+                # Without closed form, the arguments of the expressions are the variables of
+                # all pairs in a configuration. Otherwise they would be signs of dyads.
                 return varied_mechanism, varied_mechanism.make_expressions(
                     closed_form=False
                 )
             except EngineError:
-                # Only wheels (a gear train) may have expressions as links instead, below.
+                # For wheels (a gear train) go on with links in place of contacts.
                 linkage = self._equivalent_linkage
-                if linkage is None or linkage.train is None:
+                has_gear_train = linkage is not None and linkage.train is not None
+                if not has_gear_train:
                     raise
-        # Second, links in place of contacts. If a size deviates, the wheels of the
+        # 2. Links in place of contacts. If a size deviates, the wheels of the
         # reference pose no longer touch exactly. They still count as rolling on each other
         # if their gap is below `wheel_gap_rad`.
         varied_mechanism = VariedMechanism(

@@ -732,7 +732,7 @@ class Collocation:
             return True
         equation = self.equation
         # The largest size so far, and the sign (1 or -1) before this step.
-        largest, sign = self._largest_determinant(determinants)
+        largest, sign = self._find_size_and_sign(determinants)
         is_near = np.abs(determinants) < CROSSING_RATIO * largest
         # The sign is the same at all nodes, so no crossing is passed. Then no node may be
         # near one, where the step could change to another set.
@@ -775,7 +775,7 @@ class Collocation:
         """
         if self.problem.passes_crossings:
             return False
-        largest, sign = self._largest_determinant(determinants)
+        largest, sign = self._find_size_and_sign(determinants)
         # `sign` is the sign (1 or -1) that the determinants had until this step. Times this
         # sign they are positive before a crossing and negative beyond it.
         signed_determinants = determinants * sign
@@ -791,7 +791,7 @@ class Collocation:
         comes_near_crossing = self.is_near_crossing and not was_near_crossing
         return comes_near_crossing and self.tolerance > MAX_CROSSING_TOLERANCE_RAD
 
-    def _largest_determinant(self, determinants: Floats) -> tuple[float, float]:
+    def _find_size_and_sign(self, determinants: Floats) -> tuple[float, float]:
         """Return the largest size of the determinant so far, and its sign (1 or -1).
 
         The sign of the determinant changes where curves of configurations cross. The
@@ -817,17 +817,19 @@ class Collocation:
             motion, at the N nodes of the step.
         determinants
             (N,) determinants at its nodes. The matrix is the Jacobian of the loop-closure
-            equations with `rates` as further rows. The sign of its determinant changes
-            where curves of configurations cross, which is a singularity.
+            equations with `rates` as further rows. It is singular only where the closure
+            equations lose rank. Curves of configurations cross there, and the determinant
+            changes its sign.
         """
         self.steps.append(step)
         occurrences = self._find_occurrences(step, rates, determinants)
         # Sorting is stable: occurrences at one time keep their order.
         for t, kind, pair in sorted(occurrences, key=lambda item: item[0]):
-            # A crossing at which the simulation ends, because it is not to pass crossings.
+            # A simulation either passes crossings, whose kind is then "crossing", or ends
+            # at the first one, whose kind is then "singularity".
             if kind == "singularity":
                 return SimulationEnd(kind, t, CROSSING_MESSAGE)
-            values = self._record_event(kind, t, step, pair)
+            values = self._record_event(kind, t, step, pair)  # variables (rad) at t
             if kind == "joint_limit":
                 variable = variable_of(self.equation.mechanism, pair)
                 return joint_limit_end(t, pair, float(values[variable]))
@@ -840,8 +842,11 @@ class Collocation:
 
         They are, in this order: exceeded joint limits, a crossing of curves, reversals of
         the input (or singularities of type II with several inputs), and moments of rest.
-        The pair is empty if the event belongs to none. Also updates `largest_determinant`:
-        the largest size of the determinant so far, with its sign at the last node.
+        The pair is empty if the event belongs to none.
+
+        The attribute `largest_determinant` is updated when the caller has taken all events.
+        It is the largest size of the determinant so far, with the sign that the determinant
+        has at the end of the step.
 
         Parameters
         ----------
@@ -859,9 +864,9 @@ class Collocation:
         for t, pair in step.find_exceeded_limits(mechanism, self.problem.turn_angles):
             yield t, "joint_limit", pair
         # At a crossing the determinant vanishes or changes its sign. `find_crossing`
-        # therefore needs a large determinant as a reference of size, and the sign before
-        # this step.
-        largest, sign = self._largest_determinant(determinants)
+        # compares its size with the largest one so far, and its sign with that before this
+        # step. The sign stays unless there is a crossing.
+        largest, sign = self._find_size_and_sign(determinants)
         self.largest_determinant = float(np.copysign(largest, sign))
         crossing = step.find_crossing(determinants, self.largest_determinant)
         if crossing is not None:

@@ -469,21 +469,21 @@ class StoredModel:
 
     @cached_property
     def dynamics(self) -> tuple[SingleFunction, FloatFunction]:
-        """Functions that evaluate the torques at single points in the least time.
+        """Two functions that evaluate the torques at a point, without arrays.
 
-        The first function evaluates the functions of the configuration that the model
-        stores and the torques depend on. The inertia is first. In a model along a curve of
-        configurations, the derivative dB/dx of the inertia B is next, because simulations
-        read both from the list.
+        The first one returns a list of the stored functions of the configuration on which
+        the torques depend. The inertia (matrix) is first. In a model along a curve of
+        configurations, the derivative dB/dx of the inertia B is next. Simulations read both
+        from the list.
 
-        The second function returns the torques. Its argument is the result of the first
-        one, followed by rates, accelerations, time and torques of tables (the values of
+        The second function returns the torques. Its argument is this list, followed by
+        rates, accelerations, time and torques of tables (the values of
         `StoredHeading.motion_symbols`).
         """
         heading = self.heading
-        # Christoffel symbols are the coefficients of products of rates in the torques.
-        # Along a curve there is one coordinate (index 0) with a single symbol, 1/2 dB/dx,
-        # which is stored as dB/dx.
+        # Christoffel symbols are the coefficients of products of rates in the torques. The
+        # symbols of coordinate 0 come after the inertia. Along a curve this is the only
+        # coordinate. It has a single symbol, 1/2 dB/dx, which is stored as dB/dx.
         first_symbols = symbols([*heading.inertia, *heading.christoffel[0]])
         # The symbols that represent stored functions, each once. `iterate_nodes` visits the
         # nodes of the expressions in order, so the first symbols remain first.

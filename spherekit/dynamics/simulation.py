@@ -265,9 +265,11 @@ class Simulation:
             else:
                 evidence = "it ends in another way with a smaller tolerance"
         elif not self.checks.momentum <= MAX_MOMENTUM_ERROR_RATIO * self.tolerance:
-            # This error has no unit and is compared with the tolerance. It is shown to the
-            # user as a power: an error of dp/dt times the momentum p is an error of the
-            # rate of the kinetic energy p^2 / 2.
+            # The error of the momenta is relative to the largest momentum, so it has no
+            # unit. It may exceed the tolerance by a factor, because it is estimated from
+            # series coefficients that are larger than the error. The message has a power
+            # instead: an error of dp/dt times the momentum p is an error of the rate of the
+            # kinetic energy p^2 / 2.
             evidence = (
                 f"the power of the loads and the kinetic energy differ by "
                 f"{self.checks.power:.1e} W"

@@ -689,15 +689,16 @@ class TaylorIntegration:
         The compiled equation reads them by their positions. `EquationLayout` defines this
         order:
 
-        - the numbers of whole turns that were subtracted from the variables; joint limits
-          count them,
-        - the unit (sqrt(J)) of which the momenta in the state are multiples, and its
+        - the numbers of whole turns that were subtracted from the variables, which joint
+          limits include,
+        - the unit of the momenta in the state (a number in sqrt(joule)), and its
           reciprocal,
-        - the measure of independence of the closure equations at which the run ends: it is
-          zero where sets of configurations cross,
+        - a limit for the independence of the closure equations. The measure of independence
+          is zero where curves of configurations cross. The run ends below the limit,
         - the lower and the upper value of each joint limit,
         - the current time, then value and slope of each torque table from this time on,
-        - the sign of each switch condition, at whose zeros a load changes abruptly.
+        - the sign of each switch condition. A load changes abruptly at a zero of its
+          condition. Its formula contains the sign, which the integrator reverses there.
         """
         duration = target - self.time
         table_values = [self.time]

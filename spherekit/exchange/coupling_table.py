@@ -61,9 +61,10 @@ class CouplingValues(NamedTuple):
     derivatives
         (n, K, m, m) derivatives of the coefficients with respect to each input (1/rad).
     turning
-        (n, P, m, 3) angular velocities of pairs of links, per unit rate of each input. A
-        pole is the axis of the first link's rotation relative to the second. For each of
-        the P poles this is the angular velocity along it, in ground axes.
+        (n, P, m, 3) relative angular velocities, per unit rate of each input, in ground
+        axes. A pole is the axis about which one link rotates relative to another. For each
+        of the P poles this is the angular velocity of its first link relative to its
+        second.
     """
 
     angles: Floats

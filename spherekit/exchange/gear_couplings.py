@@ -260,34 +260,32 @@ class CoaxialEquation:
         """Return the gears of first link and idler, and of idler and second link.
 
         The equation of the links is u x + v y = 0, or y = ratio x with ratio = -u / v. Here
-        x and y are their angular velocities relative to the carrier. Two meshes in series
-        have the product of their ratios. Both get the ratio sqrt(|ratio|) here, the second
-        one with the sign of `ratio`. If one mesh had a larger ratio than the other, one of
-        its wheels would be smaller than the others.
+        x and y are their angular velocities relative to the carrier. Let z be that of the
+        idler. Two meshes in series have the product of their ratios z / x and y / z. Both
+        ratios have the size sqrt(|ratio|) here, so that no wheel is very small.
 
         Parameters
         ----------
         idler_link
             Number of the link that is the idler wheel.
         """
-        # Let z be the angular velocity of the idler relative to the carrier. The function
-        # `construct_bevel_gears` takes the factors of an equation between the velocity of
-        # the carrier relative to the first wheel and that of the second wheel relative to
-        # the carrier. These are -x and z in the first mesh, -z and y in the second one:
-        #     idler_rate (-x) - z = 0,    (ratio / idler_rate) (-z) - y = 0.
-        # Together they give y = ratio x.
+        # `construct_bevel_gears` takes the factors of an equation between two velocities:
+        # that of the carrier relative to the first wheel, which is -x or -z, and that of
+        # the second wheel relative to the carrier, which is z or y. The equations are
+        #     ratio_size (-x) - z = 0, so z = -ratio_size x,
+        #     (ratio / ratio_size) (-z) - y = 0, so y = ratio x.
         ratio = -self.factors[0] / self.factors[1]
-        idler_rate = float(np.sqrt(abs(ratio)))
+        ratio_size = float(np.sqrt(abs(ratio)))
         return (
             construct_bevel_gears(
                 (self.links[0], idler_link),
                 (self.axis, self.idler_axis),
-                (idler_rate, -1.0),
+                (ratio_size, -1.0),
             ),
             construct_bevel_gears(
                 (idler_link, self.links[1]),
                 (self.idler_axis, self.axis),
-                (ratio / idler_rate, -1.0),
+                (ratio / ratio_size, -1.0),
             ),
         )
 

@@ -82,17 +82,16 @@ JAVASCRIPT_MOVED_INPUT_TEMPLATE = """\
 
 
 def write_javascript(source: Source) -> str:
-    """Return formulas as an ES module: a description of them, and their functions.
+    """Return the formulas of a mechanism as the text of an ES module.
 
-    The description has the names of arguments and results, the sizes, and the values that
-    select each assembly mode (way to assemble the mechanism). Three kinds of functions
-    follow:
+    It begins with a description: names of arguments and results, sizes, and the mode
+    values. These are numbers that select an assembly mode (a way to assemble the
+    mechanism), such as the signs of dyads. Functions follow:
 
     - Functions that the formulas contain, such as profiles of contacts. They are stored as
       tables of Chebyshev coefficients (series).
     - The formulas. If there is no closed form, a step of Newton's method is one of them.
-    - A function that looks up these values for an input. It is needed if modes follow
-      smooth curves through crossings, because the values then depend on the input.
+    - A function that returns the mode values at an input, if they depend on the input.
     """
     formulas = source.formulas
     description = {

@@ -217,27 +217,27 @@ class PageMaker:
     def _make_formulas(self, names: Sequence[str]) -> Formulas:
         """Return the formulas of quantities, with arguments that the page can give.
 
-        These are the inputs, their rates and accelerations, and the whole revolutions of
-        passive pairs on whose angle loads depend, as that of a spring does.
+        These are the inputs, and their rates and accelerations. The page also counts the
+        whole revolutions of a passive pair if a load depends on them. An example is a
+        spring that is wound up.
 
         Raises
         ------
         EngineError
-            If loads depend on other arguments, such as the time. Also if configuration
-            curves of assembly modes cross, modes shall pass the crossings, and positions
-            are computed by Newton's method, which cannot pass them.
+            If loads depend on other arguments, such as the time. Also if the page is asked
+            to pass crossings of configuration curves, but positions are computed by
+            Newton's method, which cannot pass them.
         """
         page_formulas = formulas(
             self._any_mechanism,
             names,
-            self.keys,
+            self.keys,  # of the numbers of the file that have sliders
             self._input_pair,
             crossings=self._crossings,
         )
         self._check_smooth_curves(page_formulas)
-        # `smooth` states how modes pass through crossings of configuration curves, for the
-        # sizes of the file. Crossings move when sizes change, so the page finds them itself
-        # and does not need this table.
+        # The formulas have the crossings for the sizes of the file (`smooth`). They move
+        # when sizes change, so the page finds them itself.
         page_formulas = replace(
             page_formulas, mode_table=page_formulas.mode_table._replace(smooth=None)
         )
