@@ -66,7 +66,7 @@ PYTHON_OPEN_SERIES_TEMPLATE = "    s = np.where((s >= {low}) & (s <= {high}), s,
 
 PYTHON_SMOOTH_MODE_TEMPLATE = """
 def {name}(number, q):
-    \"\"\"Return the {mode} (..., as q) of an assembly mode at inputs q (rad){more}.\"\"\"
+    \"\"\"Return the {mode} (..., as q) of an assembly mode at inputs q (rad){end}.\"\"\"
     starts = np.array(
         {starts}
     )
@@ -74,7 +74,7 @@ def {name}(number, q):
         {places}
     )
 {inputs}    q = np.asarray(q, dtype=float)
-{moved}    interval = np.searchsorted(starts[1:], q, side="right")
+{shift_lines}    interval = np.searchsorted(starts[1:], q, side="right")
     mode = list(MODES).index(number)
     {mode}_there = np.moveaxis(places[interval, mode], -1, 0)
     return {returned}
@@ -159,8 +159,9 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
     )
     input_lines = ""
     docstring_end = ""
-    # The written function has the local variables `interval` and `mode` (indices), and the
-    # mode values at q, whose name ends with "_there". Both results are NaN where q is.
+    # Texts of expressions that the written function returns. They use its local variables:
+    # the input q, the indices `interval` and `mode`, and the mode values at q, whose name
+    # ends with "_there". What is returned is NaN where q is NaN.
     returned = f"np.where(np.isnan(q), np.nan, {source.mode_argument}_there)"
     if source.formulas.step:  # the step of Newton's method; empty in closed form
         input_lines = f"    inputs = np.array(\n        {texts.known_inputs}\n    )\n"
@@ -168,7 +169,7 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
         returned += ", np.where(np.isnan(q), np.nan, inputs[interval, mode])"
     yield PYTHON_SMOOTH_MODE_TEMPLATE.format(
         **{**texts.fields, "inputs": input_lines},
-        moved=texts.shift_lines,
+        shift_lines=texts.shift_lines,
         returned=returned,
-        more=docstring_end,
+        end=docstring_end,
     )

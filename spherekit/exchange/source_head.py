@@ -32,8 +32,10 @@ def head_comment(source: Source) -> str:
 def _head_lines(source: Source) -> Iterator[str]:
     """Yield the lines of the head of a source, without the marks of a comment.
 
-    They give the title, how positions are computed, the elements of all arguments and
-    results, and the assembly modes with their comparison.
+    They give the title, how positions are computed, what each element of the arguments and
+    results is, and the assembly modes (ways to assemble the mechanism). The last sentences
+    say at how many inputs the formulas were compared with the mechanism, and how well they
+    agree.
     """
     formulas = source.formulas
     mechanism = formulas.mechanism
@@ -54,6 +56,7 @@ def _head_lines(source: Source) -> Iterator[str]:
         yield from _mode_lines(source, position, mode)
     for reason in formulas.mode_table.left_out:
         yield from wrap(f"  not written: {reason}", LINE_WIDTH, subsequent_indent="    ")
+    # The number of inputs at which the formulas were compared.
     if formulas.mode_table.compared:
         yield from wrap(_comparison_sentences(source), LINE_WIDTH)
 

@@ -231,8 +231,9 @@ def _gradients_lie_in_cone(
 
     A margin, a function that is at least 0 inside a region, is uncertain in a triangle if
     its zeros may cross it. If all gradients lie in a cone, all these margins increase along
-    the axis of the cone. A line in this direction then enters the region at most once, so
-    the border is a single curve, and no part or hole of the region is hidden.
+    the axis of the cone. On each line in this direction, the region then is the part beyond
+    one point. These points form a single curve, the border, so no part or hole of the
+    region is hidden.
 
     Margins are interpolated by polynomials of degree 2, whose gradient is linear in a
     triangle. It therefore lies in a cone everywhere if it does at the three vertices.
@@ -253,7 +254,8 @@ def _gradients_lie_in_cone(
     (n,) whether all these gradients lie in such a cone, up to the error.
     """
     # Derivatives (3, 2, n, k) of the interpolation along the edges 12 and 13, at each
-    # vertex. They are differences of margins over the whole edge.
+    # vertex. `_SLOPES` has their factors in the six samples. The unit of length is the
+    # whole edge.
     slopes = np.tensordot(_SLOPES, samples, axes=1)
     edge_12 = corners[:, 1] - corners[:, 0]
     edge_13 = corners[:, 2] - corners[:, 0]
@@ -271,10 +273,11 @@ def _gradients_lie_in_cone(
     height_change = (1.0 + np.abs(shift) / base) / height
     change_per_slope = np.hypot(base_change, height_change)
     with np.errstate(all="ignore"):
-        # The axis of the cone is the mean of all unit gradients. The cosine of the angle of
-        # each gradient to it is reduced by the possible error. A margin is not exactly of
-        # degree 2. If it is of degree 3, the error of a slope is at most
-        # `SLOPE_SAFETY_FACTOR` times the measured error of the margin.
+        # The axis of the cone is the mean of all unit gradients. A margin is not exactly of
+        # degree 2. The error of a slope is estimated as `SLOPE_SAFETY_FACTOR` times the
+        # measured error of the margin, which is enough for degree 3. The relative error of
+        # a gradient is also the error (rad) of its angle to the axis. The cosine of this
+        # angle changes by no more than the angle.
         slope_error = SLOPE_SAFETY_FACTOR * error
         slack = slope_error * change_per_slope / size
         directions = np.where(is_uncertain, gradient / size, 0.0)

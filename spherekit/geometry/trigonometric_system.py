@@ -736,10 +736,10 @@ def _find_eliminant_roots(equations: Numbers, incidence: Bools) -> EliminantRoot
 def _start_angles(equations: Numbers, first_angles: Complexes) -> Complexes:
     """Return starts of Newton's method at values of the first angle.
 
-    The other angles follow from the equations: in a system of three the second angle from
-    the first equation, and then the last angle from one of the last two equations. With
-    all other angles inserted, an equation is a form c0 + c1 cos + c2 sin = 0 with two
-    zeros.
+    The other angles follow from the equations. In a system of three, the first equation
+    does not contain the last angle, so it gives the second angle. One of the last two
+    equations then gives the last angle. With all other angles inserted, an equation is a
+    form c0 + c1 cos + c2 sin = 0 in one angle, with two zeros.
 
     Parameters
     ----------
@@ -755,9 +755,10 @@ def _start_angles(equations: Numbers, first_angles: Complexes) -> Complexes:
     three equations, 2 for two. Each solution with that first angle is near one of them.
     """
     forms = _reduce_to_forms(equations, first_angles)
-    # Axes of the forms in the last angle: system, first angle, zero of the second angle,
-    # the two equations, coefficients c0, c1, c2. A system of two equations has no second
-    # angle: that axis has the length 1 and `second_zeros` is a placeholder.
+    # Axes of `forms.last_forms`, the forms in the last angle: system, first angle, zero of
+    # the second angle, the two equations, coefficients c0, c1, c2. `forms.second_zeros` has
+    # the zeros of the second angle as (1, cos, sin). A system of two equations has no
+    # second angle: that axis has the length 1 and its zero is (1, 1, 1), which is not used.
     # At a solution both equations have a common zero. The one with the larger (c1, c2)
     # gives it more accurately.
     angle_parts = np.linalg.norm(forms.last_forms[..., 1:], axis=4)

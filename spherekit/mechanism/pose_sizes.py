@@ -41,9 +41,10 @@ class PoseSize(NamedTuple):
 def pose_sizes(mechanism: Mechanism, link: str) -> tuple[PoseSize, ...]:
     """Return the arcs and angles of a link of a mechanism given in a reference pose.
 
-    The axes are taken in the order of the mechanism's pairs. An axis on the line of the
-    first one has no arc and no angle, because its arc has no direction. The arc to an axis
-    comes before the angle of this arc.
+    An arc leads from the axis of the link's first pair to another axis. The angle of an arc
+    is that about the first axis, counter-clockwise from the first arc. The first arc itself
+    has none. An axis on the line of the first one has no arc and no angle. The arc to an
+    axis comes before its angle. Axes are in the order of the mechanism's pairs.
     """
     assert isinstance(mechanism.geometry, PoseGeometry)
     axes = [
@@ -52,8 +53,8 @@ def pose_sizes(mechanism: Mechanism, link: str) -> tuple[PoseSize, ...]:
         if pair.kind.has_axis and link in pair.links
     ]
     _, first_axis = axes[0]
-    # An arc grows if its end rotates about the normal of its plane, an angle if the end of
-    # its arc rotates about the first axis.
+    # `growth_axis` is the axis about which the end of an arc rotates when the size grows:
+    # the normal of its plane for the arc, the first axis for the angle.
     sizes: list[PoseSize] = []
     first_normal: Floats | None = None  # of the plane of the arc at which angles are zero
     for name, axis in axes[1:]:

@@ -205,10 +205,11 @@ def _copy_rows(
     rows: slice,
     values_of_parts: Sequence[Array],
 ) -> None:
-    """Copy those rows of several parts that are available and wanted to output arrays.
+    """Copy rows of several parts of columns into output arrays.
 
-    In some columns the rows of several subjects, such as poles, alternate. A part has the
-    rows of one subject of such a column, or it is a whole column of another kind.
+    Rows are copied that are both wanted (`spans`) and available (`rows`). In some columns
+    the rows of several subjects, such as poles, alternate. Such a column has a part for
+    each subject. Other columns are one part.
 
     Parameters
     ----------

@@ -139,8 +139,8 @@ class DyadKinematics(ClosedKinematics):
 class EntryAngle:
     """The angle of an entry pair as a linear function of the inputs q: ratios . q + offset.
 
-    Entry pairs are the pairs at which the inputs, through wheels or directly, drive the
-    mechanism without wheels.
+    A mechanism with toothed wheels is solved without them. Entry pairs are the pairs of the
+    rest that are inputs themselves, or that inputs drive through the wheels.
 
     Attributes
     ----------
@@ -291,10 +291,11 @@ class _GearedMode:
         themselves. Their angles are linear functions of the inputs, ratios @ inputs +
         offsets, from which the inputs follow.
 
-        The angle of an entry pair is known up to whole revolutions. A revolution of it does
-        not change the pose, but it changes the inputs, by another angle than a revolution
-        if the wheels have different sizes. The revolutions -1, 0 and 1 of each entry pair
-        are tried, and the inputs with the smallest sum of absolute values are returned.
+        The angle of an entry pair is known up to whole revolutions. With wheels, a
+        revolution of it changes the inputs by an angle that is no whole revolution, while
+        the pose remains the same. Of these inputs, those with the smallest sum of absolute
+        values are returned. The angle of each entry pair is first reduced to (-pi, pi]. One
+        revolution less, none, and one more are tried.
         """
         kinematics = self.kinematics
         # `wheelless_number` is the number of a pair in the mechanism without wheels, by its

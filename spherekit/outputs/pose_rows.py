@@ -30,8 +30,9 @@ def turns_of(rates: Floats, directions: Floats | None) -> Floats:
     (k, 3, inputs) angular velocities in the axes of the rates. They are not finite in
     singular configurations, where the determinant of the rates is zero.
     """
-    # `invert_output_rates` inverts a matrix (3, inputs) and returns its inverse as
-    # (inputs, 3). Here the rates are inverted, so both arrays are transposed.
+    # `invert_output_rates` inverts angular velocities (3, inputs), which are columns. The
+    # same arithmetic inverts the rates (inputs, 3), if rows and columns are exchanged
+    # before and after it.
     with np.errstate(over="ignore", invalid="ignore"):
         angular_velocities, _ = invert_output_rates(np.swapaxes(rates, 1, 2), directions)
     return np.swapaxes(angular_velocities, 1, 2)

@@ -327,6 +327,10 @@ class RotationPath:
     def make_nodes(self, theta: Floats, deviation: TargetDeviation) -> PathNodes:
         """Return nodes of the path: configurations with derivatives and quality measures.
 
+        The target is an orientation that turns about a fixed axis by the angle theta. The
+        output link takes it, if the mechanism allows that (`exact`). Otherwise the path has
+        the configurations in which the output link is nearest to it.
+
         Parameters
         ----------
         theta
@@ -337,17 +341,19 @@ class RotationPath:
         # The first and second derivatives of the variables by theta, and whether the output
         # link turns exactly with the target (`follows`).
         rates = deviation.rates(self.axis)
-        # Reciprocal condition number of the loop equations with the three equations of the
-        # target, in the Frobenius norm.
+        # Reciprocal condition number of the loop equations, together with the three
+        # equations that the output link has the orientation of the target (Frobenius norm).
         norm = np.linalg.norm(deviation.system, axis=(1, 2))
         inverse_norm = np.linalg.norm(deviation.system_inverse, axis=(1, 2))
         condition = 1.0 / (norm * inverse_norm)
         # The nearest configuration is isolated if two numbers are positive: the least
         # second derivative of the squared angle to the target over all motions, and the
-        # reciprocal condition number of the loops. The smaller one shows whether both are.
+        # reciprocal condition number of the loops. Only the sign matters, so the smaller
+        # one shows whether both are.
         stability = np.minimum(deviation.least_eigenvalue, deviation.loop_conditioning)
-        # The error is the closure residual, or what is left of the rotation to the target
-        # (with `exact`), or of the gradient of the squared angle to it.
+        # The error is the largest of the closure residual and the remaining rotation to the
+        # target. If the target cannot be taken, the gradient of the squared angle to it,
+        # which is zero at the nearest configuration, replaces this rotation.
         is_nearest = deviation.error(self.exact) < NEAREST_TOLERANCE_RAD
         return PathNodes(
             theta=theta,

@@ -90,9 +90,12 @@ class CarriedContact(NamedTuple):
 
     The carrier is a link relative to which both wheels rotate about their centres, by the
     angles f and g. The circles have the radii r and s (rad) on the unit sphere. Rolling
-    keeps sin(r) f - sin(s) g constant. A circle on the sphere has two centres, which are
-    opposite to each other. The sign is minus because the centres on the same side of the
-    contact are taken, even if the wheels touch from outside.
+    keeps sin(r) f - sin(s) g constant.
+
+    A circle on the sphere has two centres, opposite to each other. Here both circles have
+    the centre on the same side of their common tangent at the contact. So the relation
+    always is that of an internal contact. For wheels that touch from outside, one of the
+    two centres is opposite to that of its wheel. Radius and angle then refer to it.
 
     Attributes
     ----------

@@ -359,15 +359,16 @@ def table_cells(plan: Plan) -> list[list[str]]:
 
     The table has a row and a column for each body. The pole of two bodies is the axis of
     their relative rotation. A primary pole, which is the axis or contact line of a pair,
-    has an x, another one the Roman number of the pass that finds it. A pass finds all poles
-    that follow from earlier ones as intersections of great circles. The poles of an
-    irreducible part do not follow in this way. They are solved together from velocity
-    equations. A star marks the poles that are known from this solution only. Poles outside
-    the plan are empty.
+    has an x, another one the Roman number of the pass that finds it (in code: round). A
+    pass finds all poles that follow from earlier ones as intersections of great circles.
+
+    In an irreducible part no pole follows in this way. Some of its poles are solved
+    together from velocity equations, and are marked by a star. The other ones follow from
+    these in later passes, as intersections. Poles outside the plan are empty.
     """
-    # A block is an irreducible part, solved in the pass `block.round`. `block.rounds` has
-    # the number of the pass for each of its poles. Poles with a higher number also follow
-    # as intersections of great circles, if those with a star are known.
+    # A block is an irreducible part. Its velocity equations are solved in the pass
+    # `block.round`. `block.rounds` has the pass in which each of its poles is found, the
+    # same or a later one.
     starred_poles = set()
     for block in plan.blocks:
         for pole, round_number in block.rounds.items():

@@ -110,12 +110,14 @@ class UnwrappedStretch:
     def count_revolutions(self, values: Floats) -> Floats:
         """Return the revolutions to be added to the angles of configurations.
 
-        The stretch is the range of the input over which the curve was followed, one period
-        of the input or less. The configurations are compared with those of the curve at the
-        same inputs, whose angles are continuous. Each further period of the input adds the
-        revolutions that the angles gain in a period (`winding`). Revolutions are counted
-        such that all angles are in (-pi, pi] at the reference input. The angles of the
-        curve may exceed this range there, by `reference_revolutions`. These are subtracted.
+        This object is a stretch: a range of the input, one period of it or less, over which
+        a curve of configurations was followed with continuous angles. Each given angle gets
+        the revolutions by which the curve's angle at the same input differs from it. Each
+        further period of the input adds the revolutions that the angles gain in a period
+        (`winding`).
+
+        At the reference input all results are to be in (-pi, pi]. The angles of the curve
+        exceed this range there by `reference_revolutions`, which are therefore subtracted.
 
         Parameters
         ----------
@@ -135,13 +137,15 @@ class UnwrappedStretch:
         from_low = values[:, self.input_variable] - low + DEAD_CENTRE_SLACK_RAD
         reduced_input = low - DEAD_CENTRE_SLACK_RAD + np.mod(from_low, self.period)
         curve_values, _ = self.curve.interpolate(np.clip(reduced_input, low, high))
-        # The angles of the curve differ from those of the configuration by revolutions. If
-        # much more is left, the configuration belongs to another mode.
+        # The angles of the curve differ from those of the configuration by whole
+        # revolutions. A larger remainder shows that the configuration belongs to another
+        # mode.
         difference = (curve_values - values)[:, self.angles]
         revolutions = np.round(difference / TURN)
         deviation = max_abs(difference - TURN * revolutions, axis=1)
         is_on_stretch = reduced_input <= high + DEAD_CENTRE_SLACK_RAD
         is_on_stretch &= deviation < SAME_MODE_TOLERANCE_RAD
+        # Whole periods from the beginning of the first one, as in `reduced_input`.
         laps = np.floor(from_low / self.period)
         revolutions += laps[:, None] * self.winding - self.reference_revolutions
         return np.where(is_on_stretch[:, None], revolutions, np.nan)

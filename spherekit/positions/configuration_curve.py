@@ -131,7 +131,8 @@ class Chords:
 
         A chord is the straight line between two successive nodes of the curve, in the space
         of the variables. It is near if the distance of the configuration from its line is
-        small compared with its length, and the projection is between its ends.
+        small compared with its length, and the projection is between its ends, up to
+        rounding (`CHORD_OVERHANG`).
 
         Parameters
         ----------
@@ -154,16 +155,18 @@ class Chords:
         differences = []
         # At least one block, so that there are arrays to join.
         for first in range(0, max(len(values), 1), CONFIGURATIONS_PER_BLOCK):
-            # Differences from the starts of all chords; axes: configuration, chord,
-            # variable. Whole periods are removed while differences are counted from the
-            # middles of the chords. Near a chord these are much smaller than half a period,
-            # so that rounding errors do not decide about a period.
+            # Differences from the middles of all chords, less whole periods; axes:
+            # configuration, chord, variable. Near a chord they are much smaller than half
+            # a period, so that rounding errors do not decide about a period.
             offsets = values[first : first + CONFIGURATIONS_PER_BLOCK, None] - middles
+            # From here on they are differences from the starts of the chords.
             offsets = less_periods(offsets, periods) + half_chords
             # Components along the chord and across it. `directions` are unit vectors along
             # the chords, and `chords` their lengths (rad).
             distances = np.vecdot(offsets, self.directions)
             across = max_abs(offsets - distances[..., None] * self.directions, axis=2)
+            # The curve deviates from its chord by at most `MAX_SAGITTA_RATIO` of the chord.
+            # A configuration within `ON_CURVE_DISTANCE_RAD` of the curve is on it.
             is_near = across < MAX_SAGITTA_RATIO * self.chords + ON_CURVE_DISTANCE_RAD
             is_near &= np.abs(distances / self.chords - 0.5) < 0.5 + CHORD_OVERHANG
             row, chord = np.nonzero(is_near)

@@ -540,7 +540,8 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
 
         A limit is a bound of a variable, or equal curvatures of two profiles in contact.
         Its margin is the distance from it (rad, or difference of curvatures), zero at the
-        limit and negative beyond.
+        limit and negative beyond. A step is verified if tests show that it leads along the
+        same curve. Otherwise nothing is changed, and the curve continues by smaller steps.
 
         Parameters
         ----------
@@ -566,8 +567,9 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
                     linearisation, gradients[:, number], -margins[:, number]
                 )
 
-            # The last node of the curve becomes the point at which the limit is reached, if
-            # an ordinary verified step leads to the same point.
+            # Newton's method finds a point at which the limit is reached, but does not
+            # verify that it is on the same curve. It becomes the last node of the curve if
+            # a verified step of this length leads to the same point.
             landing, _ = newton(
                 compute_steps,
                 node.values,
@@ -578,7 +580,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
             last_step = self.try_steps(row, node, distance)
             miss = max_abs(last_step.nodes.values - landing)
             is_ahead = distance[0] > 0.0
-            # Both are one point up to the distance by which closed curves are recognised.
+            # Nodes nearer to each other than this are one point everywhere in this class.
             is_same_point = miss < SAME_START_RAD
             if not (is_ahead and last_step.is_verified[0] and is_same_point):
                 return

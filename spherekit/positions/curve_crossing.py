@@ -82,7 +82,7 @@ class Crossing(NamedTuple):
     values
         (variables,) the configuration (rad).
     freedoms
-        Number of variables less the rank of the velocity equations.
+        Number of independent motions: of variables less the rank of the velocity equations.
     tangents
         (curves, variables) unit tangent of each real curve through the crossing, in one of
         its two directions.
@@ -91,12 +91,11 @@ class Crossing(NamedTuple):
         empty.
     miss
         How far the configuration is from a crossing (rad). At an exact crossing the closure
-        residual is zero. The velocity equations then also have as many singular values of
-        zero as there are `freedoms`. `miss` is the largest of all these numbers. A
-        mechanism whose sizes miss a crossing by less than rounding cannot be distinguished
-        from one that has it.
+        residual is zero, and so are the singular values of the closure Jacobian beyond its
+        rank there. `miss` is the largest of these numbers. If it is only rounding, the
+        mechanism cannot be distinguished from one that has this crossing exactly.
     error
-        Size (rad) of the last correction of `values`.
+        Size (rad) of the last step of Newton's method that found `values`.
     """
 
     values: Floats
@@ -279,13 +278,15 @@ def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
     -------
     (variables, 3 loops, variables) derivatives. The first axis is the variable of x.
     """
-    # Row k is the motion in which the variable k alone has the rate 1. The loops are not
-    # kept closed.
+    # Row k is the motion in which the variable k alone has the rate 1, as a partial
+    # derivative demands. The loops then open.
     count = len(values)
     tree = closure.tree
     linearisation = closure.linearise(np.tile(values, (count, 1)))
-    # Angular velocities of the first and second bodies of all pairs. They differ only for
-    # the pair that moves, by its velocity vector.
+    # Angular velocities of the first and second bodies of all pairs. In each pair, the
+    # second body moves relative to the first by the rate of this pair only: 0, or the
+    # velocity vector of the pair that moves. This also applies to pairs at which loops
+    # open. Rates of bodies do not, as they follow from a tree that leaves these pairs out.
     first_rates = linearisation.body_rates(np.eye(count))[:, tree.first_bodies]
     second_rates = first_rates.copy()
     rows = np.arange(count)

@@ -151,8 +151,9 @@ class Linearisation:
         the frame of the chord in its second body to its frame in the first body. Then
         follow the differences of locked variables from the values at which they are locked.
         """
-        # The chords, and the first and second body of each. `states` has the frames of the
-        # pairs in their bodies.
+        # The chords, and the first and second body of each. `states` has two frames of each
+        # pair, one in each body. They depend on the variable of the pair such that they
+        # coincide in space if the loop is closed.
         chords, firsts, seconds = self.tree.closing
         first_frames = self.rotations[:, firsts] @ self.states.first[:, chords]
         second_frames = self.rotations[:, seconds] @ self.states.second[:, chords]

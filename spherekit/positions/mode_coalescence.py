@@ -140,8 +140,9 @@ class ModeCoalescence:
         all_groups = frozenset(range(len(self.groups)))
         # (test inputs, inputs): a different value for each input.
         test_inputs = np.add.outer(TEST_INPUTS_RAD, np.arange(len(solver.driven)))
-        # The elimination order of each group, None for trains of wheels. The earlier groups
-        # on whose modes the determinants of each group depend.
+        # The elimination order of each group, None for trains of wheels, which have a
+        # single mode and need no elimination. The earlier groups on whose modes the
+        # determinants of each group depend.
         self._orders: list[EliminationOrder | None] = []
         self._dependences: list[frozenset[int]] = []
         for position, group in enumerate(self.groups):
@@ -156,17 +157,20 @@ class ModeCoalescence:
                 determinants = self._compute_determinants(position, test_inputs)
                 if all_finite(determinants):
                     break
+            # The group depends on an earlier one if the determinants at the test inputs are
+            # not the same in all modes of that one.
             self._dependences[position] = self._find_dependence(position, determinants)
         # Approximate time (s) to compute the products of all groups at one input. Each
-        # group is solved once in each mode of the groups on which it depends. A train of
-        # wheels with a number of loops that is not in the table counts as two loops.
+        # group is solved once in each mode of the groups on which it depends. `COSTS_S` is
+        # the time to solve a group, by its number of loops. A train of wheels with another
+        # number of loops counts as two loops.
         self.cost = sum(
             COSTS_S.get(group.loops, COSTS_S[2]) * prod(map(self._count_modes, dependence))
             for group, dependence in zip(self.groups, self._dependences, strict=True)
         )
         # `_place_links` places all groups before a position, in the modes on which the
-        # group at this position depends. The method `configurations` places all groups in
-        # all modes. For it there is one more position behind the last group.
+        # group at this position depends. To place all groups in all modes, it is called for
+        # one position more than there are groups.
         self._dependences.append(all_groups)
 
     def _count_modes(self, position: int) -> int:
