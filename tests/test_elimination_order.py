@@ -160,6 +160,14 @@ def test_rates_of_a_sheet_of_four_vertices_match_the_null_space(driven_pair, ran
     assert check_rates_against_null_space(sheet) > 9
 
 
+@pytest.mark.parametrize("rounding", [0.0, 1e-16, -3e-16])
+def test_an_order_whose_pivot_is_only_rounding_gives_no_inverse(rounding):
+    """The axes x, y and x + y of the pivot are in one plane, up to rounding."""
+    jacobian = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 1.0], [0.0, 0.0, rounding]])
+    sizes = eliminated_inverse_sizes(jacobian[None], [(0, [0, 1, 2])])
+    assert not sizes[0] <= 1e12
+
+
 @pytest.mark.slow
 def test_rates_of_a_sheet_of_six_vertices_match_the_null_space():
     """This sheet has more redundant loops than the sheet of four vertices."""

@@ -42,6 +42,10 @@ MAX_AMPLIFICATION = 100.0
 """Largest norm of the inverse that an elimination order gives, relative to that of the
 smallest left inverse, if the order is well conditioned. Larger: rows lose more digits and
 need quad precision. Smaller: more orders are needed, each with expressions of its own."""
+MAX_LEFT_INVERSE_ERROR = 1e-6
+"""Largest component of B A - 1 for an inverse B that an elimination order gives for the
+equations A. Beyond it a pivot was only rounding, and B is no inverse, whatever its size.
+Larger: inverses with fewer digits are accepted. Smaller: more orders are needed."""
 MOST_ORDERS = 16
 """Largest number of orders for one set of configurations. The expressions of each order
 take about as long to generate as those of the first."""
@@ -319,7 +323,7 @@ def eliminated_inverse_sizes(jacobians: Floats, order: EliminationOrder) -> Floa
     Returns
     -------
     (n,) norms of the inverses, which map right-hand sides of the equations to passive
-    variables. NaN or infinite if a pivot is singular.
+    variables. Infinite if a pivot is singular, so that the result is no inverse.
     """
     n, equations, count = jacobians.shape
     loops = equations // 3
@@ -347,8 +351,13 @@ def eliminated_inverse_sizes(jacobians: Floats, order: EliminationOrder) -> Floa
                     rows[:, other_loop] -= rows[:, other_loop][:, :, chosen] @ solved
             rows[:, loop, : len(chosen)] = solved
         # The solved rows of each pivot are rows of the inverse.
-        sizes = np.zeros(n)
-        for loop, chosen in order:
-            inverse_rows = rows[:, loop, : len(chosen), count:]
-            sizes += np.sum(inverse_rows**2, axis=(1, 2))
-        return np.sqrt(sizes)
+        inverses = np.concatenate(
+            [rows[:, loop, : len(chosen), count:] for loop, chosen in order], axis=1
+        )
+        variables = [variable for _, chosen in order for variable in chosen]
+        # A pivot that is only rounding gives huge factors, which can cancel by chance. The
+        # result then has an ordinary size without being an inverse.
+        errors = np.abs(inverses @ jacobians[:, :, variables] - np.eye(len(variables)))
+        is_inverse = np.max(errors, axis=(1, 2)) <= MAX_LEFT_INVERSE_ERROR
+        sizes = np.linalg.norm(inverses, axis=(1, 2))
+        return np.where(is_inverse, sizes, np.inf)
