@@ -70,6 +70,9 @@ def _check_on_curves(evidence, points, notes):
     position_analysis = evidence.position_analysis
     input_variable = position_analysis.solver.input_variable
     points = points[points["s"].notna() & (points["certain"] == "yes")]
+    # Variables that are NaN belong to links that the analysis left out of its curves. Arc
+    # lengths are then not those of the curves of all links, which are followed here.
+    points = points[points.filter(like="theta_").notna().all(axis=1)]
     row: Any
     # A few singularities of each mechanism are enough.
     for row in points.head(MAX_CHECKED).itertuples():
