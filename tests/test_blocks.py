@@ -241,10 +241,12 @@ def test_findings_that_differ_between_blocks_need_a_way_to_join_them():
 @final
 @dataclass(frozen=True, kw_only=True)
 class SampleFreeAnalysis(MinimalAnalysis):
-    """An analysis that reads no samples. Its table has three rows, and its page four.
+    """An analysis that reads no samples of the run.
 
-    The page has a plot of a series over the row number. `calls` lists the first sample of
-    each batch that the analysis was called with.
+    Its table has three rows and its page four, so that neither number is that of the
+    samples. Findings and values are arbitrary numbers, which tests look for in results.
+    `calls` has an item for each call of `compute`: the first sample of the batch. So tests
+    see that the analysis is called once, and not for every block.
     """
 
     name: ClassVar = "apart"

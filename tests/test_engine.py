@@ -481,14 +481,14 @@ def geared_five_bar():
 def test_dependent_equations_of_a_redundant_loop_are_no_crossing(monkeypatch):
     """The compiled engine refuses where its chosen equations become dependent.
 
-    With a redundant loop, equations that are independent at one pose can be dependent at
-    another although the mechanism is regular: the axes of the outer three pairs never come
-    into one plane here. Then curves do not cross, the compiled engine says that it cannot
-    go on, and NumPy takes over.
+    With a redundant loop there are more closure equations than unknowns. The compiled
+    engine chooses equations that are independent at the start. Later they can be dependent
+    although the mechanism is regular. This is no crossing of configuration curves. The
+    compiled engine says that it cannot go on. With the automatic choice, NumPy takes over.
 
-    Usually the engine knows that wheels on a common carrier have a constant ratio, and
-    needs no loop for them. The function that finds such wheels is replaced by one that
-    finds none, so that there is a redundant loop.
+    Usually wheels on a common carrier need no loop, since they have a constant ratio. Here
+    the function that finds such wheels is replaced by one that finds none. So there is a
+    redundant loop.
     """
     monkeypatch.setattr(
         "spherekit.planning.assembly_plan.find_carried_contacts",
@@ -504,6 +504,7 @@ def test_dependent_equations_of_a_redundant_loop_are_no_crossing(monkeypatch):
     expected_values = expected.at(times).values
     position_analysis = PositionAnalysis(mechanism, samples=3, search=False)
     motion = position_analysis.given(expected_values)
+    # The mechanism is regular: the axes of the outer three pairs are never in one plane.
     assert np.min(np.abs(np.linalg.det(motion.axes[:, 2:5]))) > 0.1
     with pytest.raises(EngineError, match=r"equations are redundant.*use NumPy's"):
         sk.simulate(mechanism, start, duration, engine="compiled", torque=torque)

@@ -289,7 +289,7 @@ def test_sources_of_several_dyads_that_change_at_once(tmp_path):
 
 @pytest.mark.slow
 def test_a_six_bar_at_the_change_point_of_one_of_its_dyads(tmp_path):
-    """Sources of a six-bar agree with `sk.evaluate` on both sides of a change point.
+    """Generated source code of a six-bar agrees with `sk.evaluate` near a change point.
 
     The links s1 to s4 are a four-bar with the arcs 70, 30, 60 and 40 deg. At the input 0
     all its axes are in one plane, since 70 + 30 = 60 + 40. The crank s4 also drives a
@@ -315,6 +315,7 @@ def test_a_six_bar_at_the_change_point_of_one_of_its_dyads(tmp_path):
     mechanism = loaded(before_inputs + further_dyad + brackets + inputs)
     compared, changed = compare_sources(mechanism, tmp_path)
     # Each mode is compared at no more than 40 inputs, so more than one mode was compared.
+    # `changed` is the number of modes whose signs of dyads change at the change point.
     assert compared > 40 and changed >= 2
 
 

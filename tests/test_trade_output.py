@@ -22,15 +22,18 @@ WORST = "poles.velocity_coefficient"
 def make_trade():
     """Return an invented trade with settings that are close in time and error.
 
-    A trade has the time and the error of settings, which are ways to compute a run.
+    A trade (of accuracy for speed) has the time and the error of settings, which are ways
+    to compute a run. Times and errors of some settings are so close that their labels in
+    the chart would overlap if they were not moved.
 
     - "numpy r0" to "numpy r7" evaluate each of 361 samples in about 10 us.
     - "numpy s n" interpolates between n nodes, each of which takes 100 us. Its error is
       10/n^4.
     - "numpy t n" and "compiled" do not apply. They have a reason and no numbers.
 
-    The best and the median time of a setting are equal. The error of a column is divided by
-    a scale, here 1.0 and 1.5. The error of the reference itself (`floor`) is 2e-16.
+    The best and the median time of a setting are equal. The error of a column was divided
+    by a scale, 1.0 or 1.5, which the text states. The error of the reference itself
+    (`floor`) is 2e-16.
     """
     sample_count = 361
     random = np.random.default_rng(7)

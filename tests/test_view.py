@@ -555,10 +555,11 @@ COLOURS = ((86, 180, 233), (238, 108, 52), (32, 190, 142), (255, 196, 0))
 @pytest.mark.slow
 @pytest.mark.viewer
 def test_a_screenshot_shows_the_first_sample_that_closes(tmp_path):
-    """The range starts at 180 degrees, where this four-bar does not close.
+    """The first samples have no configuration, because the four-bar does not close there.
 
-    Its input link cannot turn fully. The links at inputs from 180 degrees on are recorded
-    as samples 0, 1, ... of a range, so that the first samples have no configuration.
+    The input link cannot turn fully, and the four-bar does not close at 180 degrees. The
+    poses at inputs from 180 degrees on are recorded under the sample numbers 0, 1, ... and
+    the inputs from 0 on. Only the poses are shifted.
     """
     path = tmp_path / "a.rrd"
     samples_from_180 = np.roll(SAMPLES, -180)

@@ -81,7 +81,9 @@ class Inertia:
 
 
 def inertia(mechanism: Mechanism, motion: CoordinateMotion) -> Inertia:
-    """Return the inertia matrix and its derivatives at every row of a motion.
+    """Return the parts of the inertia matrix and its derivatives, at every row of a motion.
+
+    There is one part for each link with mass. The sum of the parts is the matrix.
 
     Parameters
     ----------
@@ -115,7 +117,7 @@ def inertia(mechanism: Mechanism, motion: CoordinateMotion) -> Inertia:
     _, dw = _link_components(mechanism, motion, motion.dw)
     momenta = _angular_momenta(tensors, w)
     # The first half. The second one has i and j exchanged. Letters: n row, k link, i j l
-    # coordinates, a component.
+    # coordinates, a component. The links are not summed here, so k remains.
     half = np.einsum("nika,njlka->nkijl", momenta, dw)
     half += np.einsum("nika,njlka->nkijl", momenta, cross(w[:, :, None], w[:, None]))
     return Inertia(_velocity_products(momenta, w), half + np.swapaxes(half, 2, 3))

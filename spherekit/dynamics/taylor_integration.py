@@ -575,6 +575,9 @@ class TaylorIntegration:
             later, such as tanh(1000 x) where x passes zero, is not seen by it. The series
             then gives another rate of the momenta than the equation of motion.
 
+            The arrays of `_probe_steps` have a row for each step: `starts` and `lengths`
+            (s), the Taylor coefficients `series`, and `switch_signs`.
+
             Parameters
             ----------
             step
@@ -605,9 +608,9 @@ class TaylorIntegration:
             # One rate of the momentum for each degree of freedom, then the arguments.
             momentum_rates, arguments = np.split(outputs, [layout.freedoms])
             differences = np.abs(rates[:, layout.momentum_slice] - momentum_rates.T)
-            # The change of the momentum if the difference lasted for the whole step, in the
-            # unit of momenta. In this unit, momenta are at most about 1, so the relative
-            # tolerance of a step is its limit.
+            # The difference of the rates times the length of the step is an error of the
+            # momentum. Its unit is that of momenta, in which they are at most about 1. So
+            # it is compared with multiples of the relative tolerance of a step.
             errors = np.max(differences, axis=1) * lengths[step]
             return errors / (MAX_PROBE_ERROR * self.equation.tolerance), arguments.T
 

@@ -439,12 +439,15 @@ def links_without_centre(mechanism: Mechanism) -> list[str]:
 
 
 def _list_force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
-    """Return the pair and component (3, 4 or 5) of each force that is an unknown.
+    """Return the pair and the component of each unknown force in the equilibrium equations.
 
-    Components 3, 4 and 5 of a wrench are the forces along x, y and z of the pair. The
-    equations of moments about the centre O do not determine the forces of R pairs through
-    O, and those of contacts whose distance from O is not known. If the distance is known,
-    the force of a contact follows from its moment.
+    The equations have a column for each unknown. The component is that of a wrench in the
+    axes of the pair: `TANGENT_FORCE` along x, `NORMAL_FORCE` along y or `AXIAL_FORCE` along
+    z.
+
+    The forces of R pairs have no moment about the centre O of the sphere, so they are
+    unknowns of their own. The force of a contact follows from its moment about O, if the
+    distance of the contact point from O is known. Otherwise it is an unknown too.
     """
     floating_pairs = set()
     contacts_with_friction = set()

@@ -208,13 +208,13 @@ def _is_link_size(variable: DesignVariable) -> bool:
 
 
 def refuse_link_sizes(mechanism: AnyMechanism, vary: Sequence[str]) -> None:
-    """Refuse numbers as arguments of generated source code if they are sizes of links.
+    """Raise an error if arguments of generated source code shall be sizes of links.
 
     The configurations of an assembly mode form a curve over the input. At some inputs the
-    curves of two modes can cross. This function is called if the modes in the code continue
-    smoothly there (option "pass" of crossings, not "end"). The code contains these inputs,
-    which are computed for the sizes in the mechanism file. With other sizes the curves
-    cross at other inputs or nowhere.
+    curves of two modes can cross. The generated code contains these inputs as fixed
+    numbers, if modes shall continue smoothly there (option "pass" of crossings). This
+    function is called in that case. With other sizes of links the curves would cross at
+    other inputs or nowhere, so the numbers would be wrong.
 
     Parameters
     ----------

@@ -76,7 +76,10 @@ class CoefficientFormulas:
         pole_plans: Sequence[Plan],
         input_suffixes: Sequence[str],
     ) -> None:
-        """Write all formulas, section by section, for each input that moves alone.
+        """Add all formulas of velocities to the document, section by section.
+
+        There are formulas for each input, which moves while the others are locked. A pole
+        is the axis about which one link rotates relative to another.
 
         Parameters
         ----------
@@ -85,7 +88,7 @@ class CoefficientFormulas:
         mechanism, positions
             The mechanism, and the formulas of its positions.
         pole_plans
-            For each input the steps in which the poles follow while it moves.
+            For each input the steps in which poles follow from poles that are known.
         input_suffixes
             For each input the text that ends the names of quantities while it moves. It is
             empty for the only input.
@@ -110,8 +113,8 @@ class CoefficientFormulas:
         for index in input_indices:
             self._write_velocities(index)
         formula_list.section = "Acceleration coefficients"
-        # The formulas that are differentiated. They are copied to a list of their own,
-        # because their derivatives are added to `formula_list.formulas`.
+        # The formulas that are differentiated. They are listed now, because their
+        # derivatives are added to `formula_list.formulas` and must not be differentiated.
         earlier_formulas = list(formula_list.formulas.items())
         # The derivative of each symbol (term) of these formulas with respect to the input.
         self._derivatives_by_term = [

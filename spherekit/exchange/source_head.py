@@ -94,9 +94,11 @@ def _mode_lines(source: Source, position: int, mode: Mode) -> Iterator[str]:
 
     Mode values are the numbers that the source takes to select the mode: the signs of its
     dyads, or the pair variables (rad) from which Newton's method starts. The inputs are
-    those of one configuration with these values. If modes follow smooth curves through
-    crossings, the mode values may change with the input. A further line then gives the mode
-    values of each interval of the input.
+    those of one configuration with these values.
+
+    The curves of two modes can cross at some input. If a mode shall continue on its smooth
+    curve there (`source.smooth_modes`), its mode values change at this input. A further
+    line then gives the values for each interval between such inputs.
 
     Parameters
     ----------
@@ -116,8 +118,8 @@ def _mode_lines(source: Source, position: int, mode: Mode) -> Iterator[str]:
     if source.smooth_modes is None:
         return
     pieces = source.smooth_modes.pieces(position)
-    # Intervals of the input with different mode values: the start, an input at which a
-    # configuration with these values is known, and the values.
+    # The items of a piece are the input at which the interval starts, the input of a known
+    # configuration with the mode values of this interval, and these values.
     if len(pieces) < 2:  # The mode has the same values everywhere.
         return
     for start, known_input, mode_values in pieces:

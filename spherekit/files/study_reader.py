@@ -148,9 +148,9 @@ class _StudyReader:
     def with_inputs(self, mechanism: Mechanism) -> Mechanism:
         """Return the mechanism with the inputs of the study and their ranges.
 
-        If the study names pairs that are no inputs of the mechanism, its pairs become the
-        inputs. Otherwise the inputs of the mechanism remain. The ends of a range that the
-        study does not give are those of the mechanism.
+        If the study names at least one pair that is no input of the mechanism, the pairs of
+        the study become the only inputs. Otherwise the inputs of the mechanism remain. The
+        ends of a range that the study does not give are those of the mechanism.
         """
         input_tables = self.data.get("inputs", {})
         for pair in input_tables:

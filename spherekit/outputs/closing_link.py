@@ -69,9 +69,10 @@ class TurnSolutions:
     """k solutions of a pointing mechanism at given directions of its output.
 
     The turn is the angle of the output link about the direction at which it points. One
-    link, the closing link, fits only at certain turns: where its residual f, the cosine
-    between the axes of its pairs less that of its arc, is 0. Solutions are ordered by
-    direction and turn.
+    link, the closing link, fits only at certain turns. At a turn, the other links determine
+    the angle d between the axes of its two pairs. The link has the arc a between them, so
+    it fits where the residual f = cos(d) - cos(a) is 0. Solutions are ordered by direction
+    and turn.
 
     Attributes
     ----------

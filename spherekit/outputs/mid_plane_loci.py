@@ -140,13 +140,14 @@ class _MidPlaneCurveSearch:
         kind: LocusName,
         output: str | None,
     ) -> None:
-        """Prepare the equations of one type of singularity.
+        """Prepare the search for singular configurations of one type.
 
         Parameters
         ----------
         form
             The mid-plane architecture, in which base and output mirror each other in a
-            plane.
+            plane. The normal of this plane determines a configuration in each mode (way to
+            assemble the legs).
         mechanism
             The mechanism.
         kind
@@ -156,7 +157,8 @@ class _MidPlaneCurveSearch:
         """
         self.form = form
         solver = solver_of(mechanism)
-        # It has the equations of the type, and describes configurations that solve them.
+        # The report has the equations of the type. It also describes the configurations
+        # that are computed from normals of the mid-plane.
         self.report = SingularityReport(solver, output_of(mechanism, output), kind)
         # The equations whose solutions are the singular configurations.
         self.locus = self.report.locus

@@ -300,9 +300,14 @@ class TargetDeviation:
         output_moment
             (n, 3) moment on the output link.
         force
-            (n, variables) generalised forces that the reactions balance. They are those of
-            the output moment. If rates of the moments are computed, `output_moment` is a
-            rate, and `force` also contains the effect of turning axes.
+            (n, variables) generalised forces that the reactions balance, due to the output
+            moment.
+
+        Notes
+        -----
+        The function also returns the rates of the moments. `output_moment` is then a rate.
+        The derivative of the balance is J^T m' + force' + J'^T m = 0, so `force` is then
+        the sum force' + J'^T m.
         """
         # `paths` and `signs` have 1 or -1 for the direction in which a path or a loop goes
         # through a pair, and 0 if it does not. So both moments are added.

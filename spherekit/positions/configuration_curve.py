@@ -309,15 +309,15 @@ class ArcCurve(Chords):
     def returns_after(self, variable: int, period: float) -> float:
         """Return the growth of a variable after which the same configurations return.
 
-        There are four cases:
+        The first of these cases that applies gives the result:
 
-        1. The period of the variable is known for the whole mechanism: it is the result.
+        1. `period` is finite: it is the result.
         2. The curve is closed, so that its configurations return after one lap, and the
            variable grows in a lap: the result is this growth.
-        3. The curve is closed, the variable only swings, and no wheels roll in proportion
-           to it: the result is one revolution, after which all links are where they were.
-           (Wheels would have rolled on.)
-        4. Otherwise the configurations never return, and the result is infinite.
+        3. The curve is closed, the variable only swings, and `period` is NaN: the result is
+           one revolution. An angle and the same angle plus 2 pi are one position.
+        4. Otherwise the configurations never return, and the result is infinite. An example
+           are wheels, which are in another position after one revolution of the variable.
 
         Parameters
         ----------

@@ -74,11 +74,13 @@ class ModeConfigurations(ArrayRows):
     rotations
         (n, links, 3, 3) rotations from link axes to ground axes.
     status
-        (n,) `Status` of each sample. Samples without a configuration are NaN elsewhere.
+        (n,) `Status` of each sample. For samples without a configuration the other arrays
+        are NaN.
     residual
         (n,) largest component of the closure residuals (rad).
     singular_error
-        (n,) bounds (rad) of the errors of `values` near dead centres, NaN elsewhere.
+        (n,) bounds (rad) of the errors of `values` near dead centres. They are NaN at other
+        samples.
     """
 
     values: Floats

@@ -160,8 +160,9 @@ class ArcEquations:
             The mechanism with its decimal sizes.
         construction
             The order of placing its links. A link is placed in one of two ways. It rotates
-            by a variable about the axis of one pair, or, as the second link of a dyad, it
-            is put on two axes of links placed before. The latter gives an equation.
+            by a variable about the axis of one pair. Or it is the second link of a dyad
+            and is put on two axes of links placed before. This gives an equation: the angle
+            between the two axes is the arc of the link.
         """
         self.decimal_mechanism = decimal_mechanism
         self.construction = construction
@@ -169,10 +170,11 @@ class ArcEquations:
         self.variable_count = len(construction.pairs)
         self.degrees = construction.degrees
         self.pair_frames = decimal_mechanism.pair_frames()
-        # Followers are pairs whose angles follow from the inputs through toothed wheels. A
-        # construction can have a variable for each of them (`follower_pairs`). Otherwise
-        # there is one input, and its angle and those of the followers are multiples of one
-        # variable. The angle of a follower then has an offset, its angle at the input 0.
+        # Followers are pairs whose angles follow from the inputs through toothed wheels. If
+        # `follower_pairs` lists them, each of their angles is a variable. Otherwise the
+        # mechanism has one input or no followers. The angle of a follower is then a
+        # constant plus a multiple of the input angle. The constant is its angle at the
+        # input 0.
         self.follower_offsets: dict[int, Ball] = {}
         if not construction.follower_pairs:
             # The angle of the input comes first, then those of the followers.

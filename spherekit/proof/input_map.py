@@ -114,9 +114,11 @@ class InputMap:
         """Return how far (rad) all inputs may move from q without meeting type II.
 
         At type II a configuration is singular with locked inputs. If each input changes by
-        less than the clearance, no configuration of any mode is of type II. The clearance
-        is the distance of q (inputs,) rad from the nearest box that is not proven regular
-        (free of type II), or from the end of a range. It is 0 if q is in such a box.
+        less than the clearance, no configuration of any mode is of type II.
+
+        The ranges of the inputs are divided into boxes. Some of them are proven regular
+        (free of type II). The clearance is the distance of q (inputs,) rad from the nearest
+        box that is not, or from the end of a range. It is 0 if q is in such a box.
         """
         # Distance of q from each box in the direction of each input, negative inside.
         distances = np.abs(self.centres - q) - self.radii

@@ -109,10 +109,13 @@ class DirectionRates:
 def _bound_arm_slopes(hessian: Array, form_error: float) -> dict[int, tuple[float, float]]:
     """Return bounds of the slope v / u of the arms, by the sign of this slope.
 
-    Arms are the four branches of curves that leave a saddle, in two coordinates u and v. On
-    an arm the quadratic form Q = a u^2 + 2 b u v - d v^2 is 0 up to an error. a and d are
-    positive at a saddle. So v / u = (b +- sqrt(b^2 + a d)) / d has one positive and one
-    negative value, of the magnitudes (sqrt(b^2 + a d) +- b) / d.
+    Arms are the four branches of curves that leave a saddle, in two coordinates u and v.
+    The bounds serve to prove the signs of rates along the arms.
+
+    On an arm the quadratic form Q = a u^2 + 2 b u v - d v^2 is 0 up to an error. u and v
+    are scaled so that the arms are nearly the diagonals u = v and u = -v. Then a and d are
+    positive, and v / u = (b +- sqrt(b^2 + a d)) / d has one positive and one negative
+    value. Their magnitudes are (sqrt(b^2 + a d) +- b) / d.
 
     Parameters
     ----------

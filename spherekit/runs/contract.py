@@ -98,7 +98,8 @@ class AbstractAnalysis(ABC):
     name, version, summary
         Name on the command line, version, and a line for the list of analyses.
     contract
-        Version of the contract for which the analysis was written.
+        Version of the contract for which the analysis was written. The contract states the
+        attributes and methods by which spherekit uses analyses.
     cites
         Sources to cite.
     tables

@@ -201,9 +201,11 @@ class RunState:
     def _count_poles(self, pole_fields: PoleFields) -> None:
         """Count the statuses of the poles of a block, and record their error bounds.
 
-        A pole is the axis about which one link rotates relative to another. Poles are
-        counted in rows with a configuration and with velocities. The rows are counted too,
-        by the way in which their velocities were computed.
+        A block has the rows (configurations) of successive samples. A pole is the axis
+        about which one link rotates relative to another. Its status says whether it exists
+        and could be computed. Only rows with a configuration and with velocities count. The
+        rows are also counted by how their velocities were computed: by a kernel or by the
+        velocity equations in quad precision.
 
         Parameters
         ----------

@@ -41,7 +41,8 @@ def format_verification(verification: Facts) -> list[str]:
 
     In a verification some rows of a run are computed again in many digits and compared. The
     deviation of a number is also given in roundings: divided by the rounding error of the
-    number and by the condition number of its row.
+    number and by the condition number of its row. This is the condition number of the
+    Jacobian of the closure equations at the configuration of the row.
 
     Parameters
     ----------

@@ -109,9 +109,13 @@ class _SceneRows:
         Number of rows. A scene is drawn over the samples of a block, or over the values of
         its own axes.
     input_column_counts
-        Allowed numbers of columns of the field `inputs` of marks (`InputMarks`). Over
-        samples, marks have all inputs or one number, so there are two; messages name the
-        first one. Over axes, marks have one column for each axis.
+        Allowed numbers of columns of the field `inputs` of marks (`InputMarks`).
+
+        - For a scene over samples these are the number of inputs, and 1: such a mark has
+          one number, as on the axis of time.
+        - For a scene over axes of its own there is one allowed number, that of the axes.
+
+        A message about a wrong number names the first one.
     words
         What the rows are, in words for messages, such as "the 361 samples of the block".
     """

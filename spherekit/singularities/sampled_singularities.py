@@ -416,9 +416,9 @@ class SampledSingularities:
         """Return how near the rows are to singularities, for each output.
 
         The relation c y' = d q' connects the rates y' of the output and q' of the input. c
-        is 0 at type II (the input rests), d is 0 at type I (the output rests). There are up
-        to two forms: in form i the output link moves relative to its own reference link, in
-        form ii relative to the reference link of the input.
+        is 0 at type II (the input rests), d is 0 at type I (the output rests). The relation
+        has up to two forms with different c and d. In form i the output link moves relative
+        to its own reference link, in form ii relative to the reference link of the input.
 
         Returns
         -------
@@ -427,11 +427,11 @@ class SampledSingularities:
 
         - ``c`` and ``d``: the coefficients,
         - ``output_rate`` and ``input_rate``: rates by the arc length of all variables,
-        - ``distance_I`` and ``distance_II`` (rad): angles that vanish at the type, see
-          `angle`,
+        - ``distance_I`` and ``distance_II`` (rad): angles that vanish at the type. They
+          follow from the configuration of the row alone, see `angle`,
         - ``transmission`` (rad): the transmission angle of the dyad that places the output,
-        - ``input_margin_I`` and ``input_margin_II`` (rad): change of the input along the
-          curve to the nearest singularity of the type.
+        - ``input_margin_I`` and ``input_margin_II`` (rad): change of the input from the row
+          to the nearest singularity of the type along the curve.
         """
         columns: dict[tuple[int, Form], dict[str, Floats]] = {}
         for number in np.unique(self.curve[self.curve >= 0]).tolist():
@@ -450,7 +450,8 @@ class SampledSingularities:
                     values[f"input_margin_{kind}"] = self._input_margin(
                         number, output, kind, s
                     )
-                # The forms only differ by c and d. Other columns are the same in both.
+                # The forms only differ by c and d. Other columns are the same in both. A
+                # column is NaN until the rows of a curve are filled in.
                 for relation in curve_relations.relations:
                     values["c"] = relation.c
                     values["d"] = relation.d

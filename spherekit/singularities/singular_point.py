@@ -21,14 +21,14 @@ class SingularPoint:
     output
         The output (o, s): link o relative to link s.
     places
-        The numbers of configuration curves, each with the arc length on it (rad). Where
-        curves cross these are the ends of several curves. The arc length is NaN if an
-        output or the input stands still on the whole curve.
+        Where the point is: the number of a configuration curve, and the arc length on it
+        (rad). A crossing of curves has an item for each curve end there. The arc length is
+        NaN if an output or the input stands still on the whole curve.
     error
         Bound of the error of the arc length (rad).
     values
-        (variables,) the configuration (rad). If curves end at a crossing that was not
-        located, it is that of the last node.
+        (variables,) the configuration (rad). A crossing that was not located has the
+        configuration of the last computed point of a curve that ends there.
     input_turns, output_turns
         Whether the input and the output reverse there. They do not if the rate only
         touches zero.
@@ -40,9 +40,9 @@ class SingularPoint:
         string.
     relations
         The relation c y' = d q' between the rate y' of the output and the rate q' of the
-        input, where c and d follow from pole axes. One is in form i and, if it exists, one
-        in form ii, which use different pole axes. A crossing has those of each curve
-        through it.
+        input, where c and d follow from pole axes. In form i the output link moves relative
+        to its own reference link, in form ii (if it exists) relative to the reference link
+        of the input. A crossing has those of each curve through it.
     crossing
         The crossing of curves, with its freedoms and the directions of its curves; None
         if there is none or it was not located.

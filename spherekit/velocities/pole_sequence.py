@@ -45,7 +45,7 @@ MAX_DIRECTION_ERROR_RAD = 1.0
 
 @dataclass(frozen=True)
 class CircleIntersection:
-    """Two great circles through a pole, at n rows.
+    """Two great circles through a pole, at n rows (configurations).
 
     Attributes
     ----------

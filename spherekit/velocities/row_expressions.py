@@ -108,10 +108,10 @@ class RowExpressions(VelocityEquations):
         # Tangent, point and curvature of a profile that is no circle are symbols.
         pairs = pair_rotations(mechanism, any_profile=True)
         placed = place_by_variables(mechanism, pairs, variables)
-        # The vector of the variable of two circles that roll on each other is (k1 - k2) p,
-        # with the curvatures k1 and k2 and the contact point p. With `about_centres` it is
-        # written as the sum of two vectors along the centres of the circles. This takes
-        # fewer expressions, but loses digits if the circles are small.
+        # Two circles that roll on each other have the vector (k1 - k2) p, with their
+        # curvatures k1 and k2 and the contact point p. It could also be the sum of vectors
+        # about the centres of the circles (`about_centres`), which loses digits if the
+        # circles are small.
         super().__init__(mechanism, pairs, placed, variables, about_centres=False)
         input_variables = [self.pair_variables[pair][0] for pair in inputs]
         self.passive_variables = [
@@ -119,8 +119,8 @@ class RowExpressions(VelocityEquations):
         ]
         # (loops, 3, variables) the Jacobian of the loop equations: the vector of each
         # variable, times 1 or -1 for the direction in which the loop passes its pair, or
-        # times 0 outside of the loop. The equations are solved for the passive variables
-        # alone, so the columns of the inputs, and their rows in the inverse, are zero.
+        # times 0 outside of the loop. The inputs are not unknowns, so their columns are set
+        # to zero. The inverse has a row for each variable, which is zero for an input.
         equations = np.stack(self.vectors, axis=1) * self.tree.signs[:, None]
         equations[..., input_variables] = 0.0
         self.inverse = loop_inverse(equations, pivots)
@@ -284,10 +284,10 @@ def curvature_uncertainties(rows: RowExpressions) -> list[Expr]:
 
     Profiles of equal curvature fit into each other, and do not determine their relative
     motion. The number is 2 `EQUAL_CURVATURE` / (k1 - k2), with the curvatures k1 and k2 of
-    the first and the second profile. A row counts as undetermined if the difference is
-    below `EQUAL_CURVATURE`. The number exceeds 1 from twice this difference on, so that
-    rows near this limit are not certified. It is NaN if k2 exceeds k1: the profiles then
-    overlap.
+    the first and the second profile. So it exceeds 1 if their difference is below
+    2 `EQUAL_CURVATURE`. A row is undetermined only below `EQUAL_CURVATURE`. The factor 2
+    keeps rows near this limit from being certified, that is, accepted without another
+    computation. The number is NaN if k2 exceeds k1: the profiles then overlap.
 
     Contacts of two circles are left out, because their curvatures do not change.
     """

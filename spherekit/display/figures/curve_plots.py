@@ -57,11 +57,15 @@ def draw_curves(
 ) -> Figure:
     """Return a figure of curves of one unit, in a panel for each label.
 
-    A series has a number for each sample, and is drawn as a curve. A page shows one
-    assembly mode (way to assemble the mechanism), or one analysis. Series of several pages
-    with one label are the same quantity in several modes: they share a panel, each page has
-    its colour and dashes, and the legend names the pages. If all series are of one page and
-    have few labels, they share one panel, and the legend names the labels.
+    A series has a number for each sample, and is drawn as a curve. Its label names the
+    quantity. A page shows one assembly mode (way to assemble the mechanism), or one
+    analysis.
+
+    - With several pages, each label has a panel. Each page has its colour and dashes, and
+      the legend names the pages.
+    - With one page and few labels, all curves share one panel. Each label has its colour
+      and dashes, and the legend names the labels if there are several.
+    - With one page and many labels, each label has a panel, and there is no legend.
 
     Parameters
     ----------

@@ -132,6 +132,8 @@ def rename_parameters(
 ) -> AbstractAnalysis:
     """Return an analysis with the new names of links and poles in its parameters.
 
+    A pole is named by its two links, such as ``4/1``.
+
     Parameters
     ----------
     analysis
