@@ -171,7 +171,7 @@ def diagnose_indeterminate_forces(
 
 @dataclass(frozen=True)
 class CarriedLoads:
-    """The forces that pairs with friction carry, at n rows.
+    """The forces that pairs with friction carry, at n rows (samples of a motion).
 
     Friction depends on the carried forces and changes them, so it is computed by iteration.
     The feedback is the largest eigenvalue of a matrix. It bounds by which factor an

@@ -95,7 +95,7 @@ class DrivenState(ArrayRows):
 
 @dataclass(frozen=True)
 class JointReactions:
-    """Moments and forces that pairs transmit at n rows, in pair axes.
+    """Moments and forces that pairs transmit at n rows (samples), in pair axes.
 
     A wrench is a moment about the centre O of the mechanism followed by a force. Axis z of
     an R pair is its axis. At a contact, z points from O to it, x along the common tangent
@@ -138,7 +138,7 @@ class JointReactions:
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """Solution of the Newton-Euler equations for given loads at n rows.
+    """Solution of the Newton-Euler equations for given loads at n rows (samples).
 
     A wrench (6,) is a moment about the centre O (N m) followed by a force (N). A reaction
     is one component of the wrench that a pair transmits. It does no work, because the pair
@@ -673,7 +673,7 @@ def _apply_inertia(
 
 @dataclass(frozen=True)
 class AppliedLoads:
-    """Loads and driving torques at n rows.
+    """Loads and driving torques at n rows (samples of a motion).
 
     Attributes
     ----------

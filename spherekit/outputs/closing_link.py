@@ -95,10 +95,10 @@ class TurnBrackets:
     """Intervals of the turn, each of which contains a configuration of a mechanism.
 
     The turn is the angle of the output link about the direction at which it points. With
-    direction and turn given, all links but one are placed. This closing link fits between
-    its neighbours only where its residual f is 0: the cosine between the axes of its pairs,
-    as the neighbours have them, less the cosine of its arc. f changes its sign in each of
-    the k intervals.
+    direction and turn given, all links but one are placed. They determine the angle d
+    between the axes of the two pairs of this closing link. The link has the arc a between
+    them, so it fits only where the residual f = cos(d) - cos(a) is 0. f changes its sign in
+    each of the k intervals.
 
     Attributes
     ----------
@@ -293,9 +293,9 @@ class DyadsWithClosingLink:
     def solve_turn(self, directions: Floats, turn: Floats, signs: Signs) -> Floats:
         """Return turns at which the closing link fits, by Newton's method.
 
-        The turn is the angle of the output link about its direction. The equation f = 0 has
-        the residual of the closing link: the cosine between the axes of its pairs less that
-        of its arc.
+        The turn is the angle of the output link about its direction. The equation is f = 0
+        with the residual f = cos(d) - cos(a) of the closing link. The other links determine
+        the angle d between the axes of its two pairs, and a is its arc.
 
         Parameters
         ----------
@@ -333,11 +333,11 @@ class DyadsWithClosingLink:
     def find_turns(self, directions: Floats, signs: Signs) -> TurnSolutions:
         """Return the turns of the output at which the closing link closes (f = 0).
 
-        The turn is the angle of the output link about its direction. The residual f is the
-        cosine of the angle between the axes of the closing link, less the cosine of its
-        arc. Roots are bracketed between equally spaced samples of the turn, the turns at
-        which a dyad gets out of reach, and the extrema of f. Close pairs of roots can be
-        missed.
+        The turn is the angle of the output link about its direction. The residual is
+        f = cos(d) - cos(a), with the angle d between the axes of the closing link in their
+        present positions and its arc a. Roots are bracketed between equally spaced samples
+        of the turn, the turns at which a dyad gets out of reach, and the extrema of f.
+        Close pairs of roots can be missed.
 
         Parameters
         ----------

@@ -138,8 +138,9 @@ class ArcEquations:
         Frames of every pair in its two links. The rows of a frame are the zero direction,
         the side and the axis of the pair.
     follower_offsets
-        By pair: the angle (rad), at an input of zero, of followers that share the input's
-        variable. A follower is a pair whose angle wheels determine by the inputs.
+        By pair: the angle (rad) of a follower when the input is 0. A follower is a pair
+        whose angle wheels determine by the inputs. Its angle is this constant plus a
+        multiple of the input angle. Empty if the angles of followers are variables.
 
     Raises
     ------

@@ -169,7 +169,7 @@ def evaluate_unsigned(
 
 @dataclass
 class _PoleColumns:
-    """The quantities of one pole at n rows, while they are being completed.
+    """The quantities of one pole at n rows (configurations), while being completed.
 
     Attributes
     ----------
