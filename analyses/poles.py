@@ -164,6 +164,8 @@ class Poles(AbstractAnalysis):
         declared outputs, or of all links relative to the ground without outputs.
         """
         names = mechanism.links
+        # A relative motion is a link and the reference from which its motion is seen. The
+        # pole (i, j) is that of link j relative to link i.
         if self.only:
             relative_motions = [(names[j], names[i]) for i, j in self.poles(mechanism)]
         else:

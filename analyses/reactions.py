@@ -534,7 +534,9 @@ def _describe_maximum(
     Parameters
     ----------
     records
-        Records of the summary by the name of the pair or bearing.
+        Records of the summary by the name of the pair or bearing. A record has the largest
+        value under each key. Its entry "at" has, by the same keys, the number of the sample
+        and of the assembly mode (way to assemble the mechanism) of this value.
     key
         Key of the value in each record.
     unit, quantity
@@ -548,10 +550,10 @@ def _describe_maximum(
     if not values:
         return []
     name = max(values, key=lambda candidate: values[candidate])
-    # The couple forces are those by which bearings support the moment of their pair alone.
-    # The rounding errors of bearing loads are proportional to them. A load far below the
-    # largest of these forces is therefore reported as zero. Records of pairs have no such
-    # force, so that only an exact 0 is reported as zero.
+    # Two bearings support the moment of their pair by two opposite forces, the couple
+    # forces. The rounding errors of bearing loads are proportional to these forces. A load
+    # far below the largest of them is therefore reported as zero. Records of pairs have no
+    # couple force, so that only an exact 0 is reported as zero.
     largest_couple_force = max(
         record.get("largest_couple_force_N") or 0.0 for record in records.values()
     )

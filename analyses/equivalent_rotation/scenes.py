@@ -52,7 +52,8 @@ class _RotationEnd:
     row
         Row of this end among the samples: 0 for the first one, -1 for the last one.
     plane_colour
-        Number of the colour of the mid-plane at this end.
+        Index, in the list of drawing colours, of the colour of the mid-plane at this end.
+        In the mid-plane the base and the output link are mirror images of each other.
     """
 
     name: str

@@ -403,7 +403,11 @@ class InverseSolutions:
     def _legend(self) -> Text:
         """Return a text in Markdown: how many poses have how many solutions.
 
-        The signs of modes and the measure of the drawings are explained, too.
+        The text also explains the signs of working modes (ways to assemble the legs at a
+        pose): the texts `solver.legs`, such as "dyad of A, B, C", name the legs in the
+        order of the signs. The measure of a pose in a mode is
+        the smaller of its angles to the two types of singularity. The best mode has the
+        largest one.
         """
         table_rows = [
             f"| {solutions} | {poses} |\n"

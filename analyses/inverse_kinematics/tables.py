@@ -259,7 +259,7 @@ def mid_plane_rate_columns(
     """Return the columns of the derivatives of phi and gamma by the inputs.
 
     Base and output mirror each other in the mid-plane. Its unit normal (x, y, z) has the
-    angles phi = -2 arcsin(x) and gamma = 2 arcsin(y).
+    angles phi = -2 arcsin(x) and gamma = 2 arcsin(y), as defined by Chen et al. 2021.
 
     Parameters
     ----------

@@ -542,9 +542,9 @@ class OneInput:
         has_point = np.isfinite(self.points["s"])
         points = {name: column[has_point] for name, column in self.points.items()}
         curves = points["curve"].tolist()
-        # The relation has up to two forms, listed in this order. y' is the rate of o
-        # relative to s in form i, and relative to r in form ii. Their pole axes differ. The
-        # last form is drawn, which is form ii if it exists.
+        # The relation can be written in two forms with different pole axes. y' is the rate
+        # of o relative to s in form i, and relative to r in form ii. Form ii exists unless
+        # o is i or r. The forms are listed in this order, and the last one is drawn.
         six_poles: list[SixPoles] = []
         for curve, s, name in zip(curves, points["s"], points["output"], strict=True):
             output = self.names.index(name)
@@ -566,8 +566,10 @@ class OneInput:
                 parts.append(
                     Arrow(f"pole/{name}", label, axes, primary=False, path_shown=False)
                 )
-        # The three axes of each plane depend on the type. They are stated for types I and
-        # II. Other kinds are drawn with the planes of type II.
+        # The three axes of each plane depend on the type. `AXES_OF_FIRST_PLANE` and
+        # `AXES_OF_SECOND_PLANE` name them for type I (the output rests while the input
+        # moves) and type II (the reverse). Type III and self-motions are drawn with the
+        # planes of type II.
         types = ["I" if kind == "I" else "II" for kind in points["kind"]]
         # The two planes that coincide, each through one triplet of the six axes.
         for number, (label, axes_of_plane) in enumerate(

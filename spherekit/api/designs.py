@@ -143,7 +143,9 @@ def _precision_point_deviations(
     document
         The synthesis file. Its tables ``match`` list quantities, inputs and values.
     unit
-        The angle unit of the mechanism file in rad. Inputs are in this unit in both texts.
+        The angle unit of the mechanism file in rad. Inputs are in this unit both in the
+        synthesis file and in the figures of merit, so they are not converted. Wanted angles
+        are in this unit too, but expressions compute in rad, so `_deviations` converts.
 
     Returns
     -------

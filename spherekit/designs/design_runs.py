@@ -429,10 +429,12 @@ class DesignRuns:
         numbers assembly modes, a kernel labels them by the signs of their dyads (two links
         and three R pairs each). Modes are compared by these signs.
 
-        The answer is None if signs do not identify the mode. This is so if the kernel
-        tracks solutions from design to design and numbers them itself, if the run has
-        working modes (ways to assemble the mechanism at a given pose of the output), or if
-        the kernel uses another linkage.
+        The answer is None if signs do not identify the mode. There are three such cases:
+
+        - The kernel tracks solutions from design to design and numbers them itself.
+        - The run has working modes: ways to assemble the mechanism at a given pose of the
+          output.
+        - The kernel has replaced contacts by links, so its dyads are not those of the run.
 
         Parameters
         ----------
@@ -447,8 +449,8 @@ class DesignRuns:
         evaluator = self.kernel_evaluator
         if evaluator is None or evaluator.tracks_solutions:
             return None
-        # `mode.column` is the column of the run's table with the number of the mode. It is
-        # another one for working modes.
+        # `mode.column` names the column of the run's table with the number of the mode.
+        # Working modes have a column of their own.
         if mode.column != ASSEMBLY:
             return None
         if evaluator.kernel and evaluator.varied_mechanism.equivalent_linkage:

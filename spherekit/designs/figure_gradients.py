@@ -145,8 +145,8 @@ class FigureGradients:
         """Return the multiples of 2 pi to be added to angles on which loads depend.
 
         Configurations give angles in (-pi, pi]. Loads such as springs may depend on angles
-        that count full revolutions. They are counted from an input at which all angles are
-        in (-pi, pi].
+        that count full revolutions. The count is zero at the inputs of the reference pose,
+        or at zero inputs if there is no such pose.
 
         Parameters
         ----------
@@ -176,6 +176,7 @@ class FigureGradients:
             offsets = evaluator.find_signed_mode_offsets(kernel, prepared, signs)
         else:
             mechanism = evaluator.make_kernel_mechanism(design.values)
+            # The new last axis of length 1 counts modes.
             offsets = evaluator.find_revolution_offsets(
                 kernel, evaluator.make_solver(mechanism), position_arguments[:, :, None]
             )

@@ -150,7 +150,8 @@ class DesignSamples:
         """Return samples of inputs that move at 1 rad/s, without accelerations.
 
         The time of a sample is the change of the first input since time 0, divided by its
-        rate. On a grid of several inputs it repeats with the first input.
+        rate. On a grid of several inputs, samples with the same first input have the same
+        time. Rates are those of all inputs at once, also on a grid.
 
         Parameters
         ----------
@@ -167,6 +168,7 @@ class DesignSamples:
         """
         rates = np.broadcast_to(sense, q.shape)
         time = (q[:, 0] - start[0]) * sense[0]
+        # A row has the inputs, their rates, their accelerations and the time.
         rows = np.column_stack([q, rates, np.zeros_like(q), time])
         return DesignSamples(inputs, rows, shape or (len(q),))
 

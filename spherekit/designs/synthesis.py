@@ -421,12 +421,13 @@ def _confirm_modes(
 
     An assembly mode is one of the ways to assemble the mechanism. During a descent the
     configurations of a mode are tracked from design to design. At the end all modes of the
-    design are searched anew. The optimum is confirmed if one of these modes has its
-    configurations and is as good. The returned optimum has this mode, with its label in a
-    sweep.
+    design are searched anew. The optimum is confirmed if one of these modes has the same
+    configurations at all samples at which both exist, and is as good. The returned optimum
+    has the mode of the search with its label.
 
-    Otherwise the configurations are not connected along the samples, because a dead centre
-    has appeared between two samples. The start of the descent is then returned instead.
+    The optimum is not confirmed, for example, if a dead centre has appeared between two
+    samples: the tracked configurations then belong to different modes. The start of the
+    descent is returned instead.
 
     Parameters
     ----------

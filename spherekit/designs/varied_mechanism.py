@@ -606,19 +606,20 @@ class VariedMechanism:
     def constant_slopes(self) -> list[Floats | None]:
         """Derivatives by each design variable, if they are the same in all designs.
 
-        The numbers that are differentiated describe contacts, masses and loads. Those that
-        change with the variables are the `varied_numbers`. The entry of a variable has one
-        derivative for each of them. They are computed in the design of the file and in
-        trial designs, in which all variables are changed a little. The entry is None if
-        these derivatives do not agree, or no trial design is possible.
+        The `varied_numbers` are the numbers of contacts, masses and loads that change with
+        the variables. The entry of a variable has the derivative of each of them. These are
+        computed in the design of the file and in trial designs, in which all variables are
+        changed a little. The entry is None if the derivatives of these designs do not
+        agree, or no trial design is possible.
         """
         constant_slopes: list[Floats | None] = []
         for k, variable in enumerate(self.variables):
+            # `ACTIONS` are the tables of masses and loads in the file.
             is_mass_or_load = variable.path[0] in ACTIONS
             if not self._reads_whole_file and not is_mass_or_load:
-                # No contact is replaced by links, and masses do not follow the sizes of
-                # links. The varied numbers are then numbers of masses and loads, which
-                # change with no other variable than themselves.
+                # This variable is a size of a link. No contact is replaced by links, and
+                # masses do not follow sizes. The varied numbers are then numbers of masses
+                # and loads, which do not depend on this variable.
                 constant_slopes.append(np.zeros(len(self.varied_numbers)))
                 continue
             # The derivatives at the design of the file come first. Those of trial designs

@@ -329,7 +329,9 @@ def _check_determined(
     for friction in frictions:
         is_open = open_components[:, mechanism.pair_number[friction.pair]]
         # Gear teeth press on one of their two sides, which decides the direction of their
-        # force. `is_settled` is False in rows where the iteration did not find the side.
+        # force. `is_settled` is False in rows where the iteration did not find the side, so
+        # the reaction is not determined there either. The message proposes a load of kind
+        # "friction", whose moment does not depend on reactions.
         if np.any(is_open[:, :3]) or not np.all(balance.is_settled):
             raise SolveError(
                 f"{mechanism.name}: loads.{friction.name}: redundant constraints leave the "
@@ -342,6 +344,7 @@ def _check_determined(
         # equations of forces leave it open, or if a link slides: no pair holds the link
         # along some direction, so the equations have no solution.
         if friction.needs_forces and (np.any(is_open) or np.any(equations.slides)):
+            # Phrases for the information that the file lacks, judged in the first row.
             frames = driven.motion.frames[0]
             wanted = diagnose_indeterminate_forces(mechanism, frames).wanted
             more = f"; a file that says {listing(wanted)} determines both" if wanted else ""

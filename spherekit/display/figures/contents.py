@@ -215,7 +215,8 @@ def _plan_series(
             (replace(scene, over=(path_axis(scene.over),)), series)
             for scene, series in shown_series
         ]
-        # Inputs that any analysis marks, such as singular ones, are drawn on the curves.
+        # Inputs that any analysis marks, such as singular ones, are drawn on the curves. A
+        # mark has the value of one input, so it has no position on the length of a path.
         marks: list[tuple[Page, InputMarks]] = []
         if len(axes) == 1:
             marks = _find_marks(all_scenes, axes[0].label)

@@ -95,8 +95,9 @@ def draw_sphere(
     sheet
         Size of the figure, and titles of modes.
     """
-    # The rim is the first circle beyond all directions, in fine steps from the centre. It
-    # is at least one coarse step if there are areas, and a hemisphere otherwise.
+    # The circles about the centre have radii that are multiples of a fine step. The rim is
+    # the smallest circle that contains all directions. Its radius is at least
+    # `CIRCLE_STEP_RAD` if there are areas, and a hemisphere otherwise.
     shown_directions = directions_to_show(maps, curves)
     frame = frame_about(shown_directions)
     angles = SphereView(frame).angles_from_centre(shown_directions)
