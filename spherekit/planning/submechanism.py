@@ -86,10 +86,11 @@ def _are_one_body(
     groups: Iterable[Group],
     links: frozenset[int],
 ) -> bool:
-    """Return whether links are one rigid body with only some locked inputs and groups.
+    """Return whether links form one rigid body when only some inputs and groups act.
 
-    The caller leaves out one input or one group of the mechanism. If the links are still
-    one rigid body, their relative positions do not depend on it.
+    The inputs that act are locked, and the groups that act are closed. The caller leaves
+    out one input or one group of the mechanism. If the links still form one rigid body,
+    their relative positions do not depend on the part that is left out.
 
     Parameters
     ----------
@@ -113,8 +114,8 @@ def _are_one_body(
     label_of_link = list(merge_locked_links(mechanism, inputs))
     for group in groups:
         # The pairs of the group connect to some links of its bodies. If those of one body
-        # have several labels, they can still move relative to each other. The group then
-        # has no rigid bodies to close onto.
+        # have several labels, they can still move relative to each other, because an input
+        # or a group that would join them is left out. The group is then not rigid either.
         end_links: set[int] = set()
         for pair in group.pairs:
             end_links.update(mechanism.ends[pair])

@@ -343,6 +343,7 @@ class AngleUnwrapping:
         configuration that is on no stretch, not even on the one followed from it.
         """
         (driven,) = self._driven
+        # Growth of the input (rad) after which configurations repeat, or infinite.
         (period,) = self.solver.periods
         revolutions = nans((len(values), len(self._angles)))
         # Indices of the configurations that are on no stretch so far.
@@ -358,7 +359,8 @@ class AngleUnwrapping:
             # NaN for configurations that are not on the stretch.
             revolutions[remaining] = stretches[number].count_revolutions(values[remaining])
             if is_new:
-                # The start is not tried again, even if its own stretch does not contain it.
+                # The start is not tried again, even if its own stretch does not contain it
+                # (it is NaN). Otherwise the loop would follow stretches from it forever.
                 remaining = remaining[1:]
             remaining = remaining[np.isnan(revolutions[remaining, 0])]
             number += 1

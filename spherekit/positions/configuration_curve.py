@@ -67,9 +67,10 @@ CurveFunction = Callable[[CurvePoints], tuple[Floats, Floats]]
 
 @dataclass(frozen=True)
 class ChordProjections:
-    """Projections of configurations on the chords of a curve near which they are.
+    """Projections of configurations on nearby chords of a curve.
 
-    A configuration that is near several chords occurs several times.
+    A chord is the straight line between successive points of the curve, in the space of all
+    variables. A configuration that is near several chords occurs several times.
 
     Attributes
     ----------
@@ -78,8 +79,8 @@ class ChordProjections:
     chords
         (m,) indices of the chords.
     differences
-        (m, variables) differences of the configurations from the starts of the chords, less
-        whole periods (rad).
+        (m, variables) differences (rad) of the configurations from the starts of the chords.
+        Whole periods of the variables are subtracted, so that the differences are small.
     distances
         (m,) lengths of their projections on the chords (rad), from 0 to the chord length.
     """

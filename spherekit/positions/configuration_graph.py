@@ -662,7 +662,9 @@ def _put_into_first_mode(
     """Put the nodes of a piece into the first mode that has no node at their samples.
 
     A node is one configuration at one sample of the inputs, and a piece is a set of joined
-    nodes. An assembly mode has at most one node at each sample.
+    nodes. An assembly mode has at most one node at each sample. All pieces and modes here
+    are of one component, which means that paths through the nodes connect them. Pieces may
+    therefore share a mode. The caller passes the largest piece first.
 
     Parameters
     ----------

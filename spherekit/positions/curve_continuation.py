@@ -204,12 +204,15 @@ def follow_arcs(closure: Closure, starts: Floats, longest: float) -> list[ArcCur
 
     Returns
     -------
-    n curves. None for a configuration for which `follow_arc` raises an error.
+    n curves. None for a configuration that does not close, does not move, is beyond a limit
+    or is singular.
     """
-    # Without `stops`, curves end only at limits of the mechanism itself: the ends of open
-    # profiles, and equal curvatures of profiles in contact.
+    # Without `stops`, curves end only at limits of the mechanism itself. These are the ends
+    # of open profiles, and equal curvatures of two profiles in contact, which do not
+    # determine their motion.
     limits = CurveLimits.of_mechanism(closure, stops={})
-    # Start nodes by number of the configuration. Those with an error are left out.
+    # A node is a point of a curve with its tangent. These are the first nodes, by number of
+    # the configuration; those with an error are left out.
     start_nodes: dict[int, _ArcNodes] = {}
     for row, values in enumerate(starts):
         with suppress(SolveError):

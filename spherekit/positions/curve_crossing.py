@@ -285,11 +285,12 @@ def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
     linearisation = closure.linearise(np.tile(values, (count, 1)))
     # Angular velocities of the first and second bodies of all pairs. In each pair, the
     # second body moves relative to the first by the rate of this pair only: 0, or the
-    # velocity vector of the pair that moves. This also applies to pairs at which loops
-    # open. Rates of bodies do not, as they follow from a tree that leaves these pairs out.
+    # velocity vector of the pair that moves. `body_rates` follow from a tree of bodies,
+    # without the pairs that close loops. They are therefore used for first bodies only.
     first_rates = linearisation.body_rates(np.eye(count))[:, tree.first_bodies]
     second_rates = first_rates.copy()
     rows = np.arange(count)
+    # `vectors` has the axes row, variable, component. In row k variable k moves.
     second_rates[rows, list(tree.pair_of_variable)] += linearisation.vectors[rows, rows]
     return tree.jacobian(linearisation.vector_rates_of_pairs(first_rates, second_rates))
 

@@ -177,8 +177,9 @@ def _reference_frame(
 ) -> Array:
     """Return the frame (3, 3) of an axis of a link, in quad precision.
 
-    The x axis of the frame points towards the first other axis of the link that is not
-    collinear with this one.
+    Its columns are x, y and z axis. The z axis is the axis itself. The x axis points
+    towards the first other axis of the link that is not collinear with this one. If there
+    is none, it is normal to the coordinate axis that differs most from the axis.
 
     Parameters
     ----------

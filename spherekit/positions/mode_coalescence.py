@@ -257,9 +257,9 @@ class ModeCoalescence:
 
         Returns
         -------
-        (n, modes) determinants. The modes are those of the group, for each mode of the
-        earlier groups on which it depends. The determinant is 1 for a train of wheels,
-        which has a single solution.
+        (n, modes) determinants. The number of modes is that of the group times that of the
+        earlier groups on which the group depends. A determinant is zero where two modes
+        meet. A train of wheels has a single mode, which meets no other: its value is 1.
         """
         # The order in which the angles are eliminated; None for a train of wheels.
         order = self._orders[position]

@@ -263,7 +263,7 @@ class ModeSearch:
         grid = self.input_grid
         # Groups whose links are all placed by gear ratios, so that they have one mode at
         # any input. If there are no other groups, one input is enough. The reason ends the
-        # sentence "complete: ...".
+        # sentence "complete: ..."; "one" is one mode.
         wheel_trains = self.solver.wheel_trains
         if len(wheel_trains) == len(self.groups):
             reason = "wheels in mesh have one" if wheel_trains else "no loop has to close"
@@ -276,8 +276,9 @@ class ModeSearch:
             return q, Completeness(Guarantee.SAMPLED, reason)
         # Modes appear or vanish only at turning points. One input between each two of them
         # is examined. Where turning points are unknown, inputs have the distance `step`.
-        # The search for turning points is limited by the time (s) of one evaluation and of
-        # all.
+        # No search takes place if one evaluation takes longer than `max_cost_s`, and it is
+        # ended after `max_time_s`. `claim` says that the modes are complete if no turning
+        # point can have been missed.
         low, high = grid.range
         turning_points = find_input_turning_points(
             self.solver, low, high, max_cost_s=RUN_COST_S, max_time_s=RUN_TIME_S
@@ -304,7 +305,8 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
     )
     # Place the first groups as long as they are dyads, at up to `PROBED_RANGE_INPUTS`
     # samples. A dyad that closes does so in two ways. The sign 1 chooses one of them; the
-    # other one is not tried.
+    # other one is not tried. A later dyad that closes only after the other one is
+    # therefore named as well.
     state = solver.start(input_grid.q[spread_rows(len(input_grid), PROBED_RANGE_INPUTS)])
     with np.errstate(invalid="ignore", divide="ignore"):
         for group in solver.assembly.groups:
@@ -319,7 +321,8 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
                     f"reaches nowhere for inputs {degrees}; change the arcs of its "
                     "links or the range"
                 )
-    # What the user can change. A file with a reference pose has no arcs.
+    # `group` is the group at which the loop ended. The cure is what the user can change. A
+    # file with a reference pose has no arcs.
     cure = "its arcs, profiles or the range, or give a reference pose"
     if isinstance(solver.mechanism.geometry, PoseGeometry):
         cure = "the axes of its pose, profiles or the range"

@@ -289,7 +289,8 @@ class ModesOverRange:
         Parameters
         ----------
         values
-            (variables,) the configuration from which the curve was followed (rad).
+            (variables,) the configuration from which the curve was followed (rad). It is
+            not evaluated.
         curve
             The curve, with rising values of the input. None if the configuration does not
             have one degree of freedom, so that it was not followed.
@@ -306,8 +307,8 @@ class ModesOverRange:
         # Every group of links has a matrix: the three axes of a dyad (two links and three
         # R pairs), or the velocity equations of another group. The sign of its determinant
         # is constant in a mode. It is computed at the middle of the curve, because `values`
-        # may be at a dead centre, where the determinant is zero. With `least` 0 it is
-        # computed however small it is.
+        # may be at a dead centre, where the determinant is zero. `least` is the reciprocal
+        # condition number below which a sign counts as unknown; with 0 none does.
         middle_values = curve.values[len(curve.values) // 2]
         (determinant_signs,) = group_signs(self.solver, middle_values[None], least=0.0)
         self.assembly_modes.append(
@@ -450,16 +451,18 @@ class ModesOverRange:
     def _compute_modes_at(self, inputs: Floats) -> None:
         """Compute all configurations at inputs (n, 1) in rad, and add their modes.
 
-        Nothing is computed at further inputs after one at which some configurations may be
-        missing, or when no further mode may be added. The caller then searches from random
-        starts. `probes` and `methods` are updated.
+        The loop ends after an input at which some configurations may be missing, or when
+        no further mode may be added. The caller then searches from random starts. `probes`
+        counts the inputs at which configurations were computed.
         """
         for q in inputs:
             if self._has_enough_modes:
                 break
             configurations = enumerate_assemblies(self.solver, q)
             self.probes += 1
-            # For each group the least complete of the methods at all inputs so far.
+            # Each group of links has a method that computes its configurations. Some find
+            # all of them and some may miss a few. The result is only as complete as the
+            # least complete method at any input so far, which is stored for each group.
             self.methods = [
                 least_complete(old_method, new_method)
                 for old_method, new_method in zip(

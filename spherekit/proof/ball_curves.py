@@ -355,21 +355,23 @@ def _make_spline(spline_path: SplinePath) -> Path:
         inner_knots = spline_knots[degree + 1 : len(control_points)]
         # The interval between knots is chosen by the centre of the ball; for a power
         # series by the centre of its constant coefficient. If a ball contains a knot, the
-        # polynomial of its centre is used for the whole ball, and the difference to the
-        # other polynomial is neglected.
+        # polynomial of its centre is used for the whole ball. The radius of the result does
+        # not cover the difference to the other polynomial, which has a zero of fifth order
+        # at the knot.
         parameter_floats = centre_floats(series_coefficient(parameter, 0))
         # Number of the interval between knots in which each parameter is.
         first = np.searchsorted(inner_knots, parameter_floats, side="right")
         # In interval i the spline depends on the control points i to i + degree and on the
-        # knots i + 1 to i + 2 degree. The arrays have the shapes (degree + 1, n, 3) and
-        # (2 degree, n, 1).
+        # knots i + 1 to i + 2 degree. The first axis counts these points and knots, the
+        # second the parameters: the shapes are (degree + 1, n, 3) and (2 degree, n, 1).
         points = control_points[first + np.arange(degree + 1)[:, None]]
         knots = exact_balls(
             spline_knots[first + np.arange(1, 2 * degree + 1)[:, None], None]
         )
         # De Boor's algorithm: each level interpolates between neighbouring points, from a
-        # knot `low` to a knot `high`, until one point is left. The slope of the last level,
-        # times the degree, is the derivative of the spline.
+        # knot `low` to a knot `high`, until one point is left. `low` and `high` have one
+        # row for each interpolation, and one row less at each level. The slope of the last
+        # level, times the degree, is the derivative of the spline.
         for level in range(degree):
             low = knots[level:degree]
             high = knots[degree : 2 * degree - level]

@@ -109,6 +109,7 @@ def frames_from_sizes(
 ) -> Frames:
     """Return the frames of R pairs from the arcs and angles of the links.
 
+    The other pairs are rolling and sliding contacts, which have no axis and no frame here.
     All numbers are balls: a ball is a centre and a radius, which bounds the error. A frame
     (3, 3) has three rows in link axes: the zero direction, from which the pair angle is
     counted, the cross product of axis and zero direction (side), and the axis of the pair.

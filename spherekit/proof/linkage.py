@@ -661,7 +661,8 @@ def left_inverses(matrices: Array) -> tuple[Array, Floats]:
     ----------
     matrices
         (n, m, k) with m >= k. The elements are balls, which are numbers with a bound of
-        their error. Only their centres are used.
+        their error. Only their centres are used, so the results do not include the errors
+        of the elements.
 
     Returns
     -------
@@ -677,7 +678,8 @@ def left_inverses(matrices: Array) -> tuple[Array, Floats]:
     inverses = np.full((n, k, m), flint.arb.nan())
     condition = np.full(n, np.nan)
     for row, matrix in enumerate(matrices):
-        # Twice the bits, and 64 more.
+        # Accepted condition numbers are below 2^bits, so those of A^T A are below
+        # 2^(2 bits). The inversion then leaves about 64 correct bits or more.
         with flint.ctx.workprec(2 * bits + 64):
             flint_matrix = flint.arb_mat(m, k, list(matrix.ravel())).mid()
             transposed = flint_matrix.transpose()

@@ -133,7 +133,10 @@ def check_findings(case: ConformanceCase) -> str:
 
 
 def check_blocks(case: ConformanceCase) -> str:
-    """Check that an analysis gives the same results if samples come in smaller blocks."""
+    """Check that an analysis gives the same results if samples come in smaller blocks.
+
+    The returned text ends the line of the report that begins with "blocks".
+    """
     if not case.analysis.reads_samples:
         raise NotApplicableError("it reads no samples")
     # An analysis that is not `rowwise` needs all samples at once.
