@@ -79,8 +79,8 @@ class ChordProjections:
     chords
         (m,) indices of the chords.
     differences
-        (m, variables) differences (rad) of the configurations from the starts of the chords.
-        Whole periods of the variables are subtracted, so that the differences are small.
+        (m, variables) configurations minus starts of the chords (rad). Whole periods of the
+        variables are subtracted, so that the differences are small.
     distances
         (m,) lengths of their projections on the chords (rad), from 0 to the chord length.
     """

@@ -302,7 +302,8 @@ class RowKernel:
         """Return a single row, or None if it cannot be certified.
 
         A row is certified if its loops are closed up to rounding and the sum of its
-        uncertainties (error bounds relative to the largest allowed ones) is at most 1.
+        uncertainties is at most 1. An uncertainty is a condition number or an error bound
+        of the velocities and poles, relative to the largest allowed one.
 
         Parameters
         ----------
@@ -321,6 +322,8 @@ class RowKernel:
             # The outputs in their order, with the `count` variables first.
             computed_variables = numbers[:count]
             kantorovich_number, uncertainty_sum, residual = numbers[count : count + 3]
+            # The sum of the vectors of all pairs (the axes of R pairs), by which the signs
+            # of pole directions are chosen.
             axis_sum = numbers[count + 3 : count + 6]
             columns = numbers[count + 6 :]
             # "not <=" also refuses NaN.

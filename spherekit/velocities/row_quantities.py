@@ -307,7 +307,7 @@ def _add_dynamic_quantities(
     for (row, pair), (ending, column) in product(enumerate(inputs), moving_inputs):
         name = "B" if has_one_input else f"B_{pair}{ending}"
         table.add(name, "kg m2", "inertia", row, column)
-    # There is one derivative of B with one input only.
+    # The derivative of B by the input is a quantity only if there is a single input.
     if has_one_input:
         table.add("dB_dq", "kg m2/rad", "inertia_rate")
     for ending, moving in moving_inputs:
