@@ -348,16 +348,17 @@ class ChangeBounds:
 
     `enclose_roots` proves with them that there is exactly one root for all inputs of a box.
     The given variables g are the inputs, and unknowns that were solved before. The bounds
-    are valid if the unknowns z are within a radius about the approximate root, and g within
-    the range that they have over the box. P_z and P_g are the derivatives of P by z and by
-    g.
+    are valid if the unknowns z are within the argument `radius` of `_bound_changes` about
+    the approximate root, and g within the range that they have over the box. P_z and P_g
+    are the derivatives of P by z and by g.
 
     Attributes
     ----------
     value_error
         (n, k) error bound of the computed values of P.
     slope_change
-        (n, k, k) bound of the change of P_z. The axes are root, equation and unknown.
+        (n, k, k) bound of the change of P_z from its value at the approximate root and at
+        the centre of the box. The axes are root, equation and unknown.
     drift
         (n, k) bound of the error of the linear model of P as a function of g, with the
         slope P_g at the approximate root and at the centre of the box.

@@ -189,8 +189,7 @@ def _common_sign(low: float, high: float) -> int:
 class StationaryPoint:
     """A configuration at which one variable is, or may be, stationary along a curve.
 
-    The curve is divided into certified arcs, each alone in a box. Objects of two lists have
-    this class:
+    The curve is divided into certified arcs. Objects of two lists have this class:
 
     - `StationaryPoints.proven`: the variable is stationary in exactly one configuration
       near the position.
@@ -203,11 +202,11 @@ class StationaryPoint:
         (v,) values of all variables (rad).
     error
         If proven: bound (rad) of the difference of the configuration from the position, in
-        each variable. If undecided: bound (rad) of the change of the variable that may be
-        stationary, from the position to any configuration of the stretch.
+        each variable. If undecided: bound (rad) of how far the variable that may be
+        stationary changes within the stretch.
     piece
         Number of a certified arc. The configuration lies between the centre of this arc and
-        that of the next one.
+        that of the next one. It is set when the point is added to its list.
     """
 
     position: Floats

@@ -442,12 +442,15 @@ class TubeTest:
     def bound_arc(self, half_length: Floats | float, radius: Floats | float) -> ArcBounds:
         """Return bounds of the arc for |s| <= half_length, if it stays within the radius.
 
+        The caller compares the returned distance with the radius. If it is less, and the
+        contraction is less than 1, the arc does stay within the radius.
+
         The arc is y(s) with the coordinate s along the tangent and y along the normals. F'
-        are the derivatives of the equations along this frame: column 0 is by s, the others
-        are by y. Let Y be near the inverse of the latter, and Y F' = (e, 1 + E). The column
-        e and the matrix E are then small. The largest row sum of ``|E|`` is the
-        contraction. Along the arc F' (1, y') = 0, so that (1 + E) y' = -e. The slope y' is
-        therefore at most ``|e|`` / (1 - contraction).
+        are the derivatives of the k equations by all v = k + 1 coordinates, s first. The
+        constant matrix Y is an approximate inverse of the derivatives by y. Y F' therefore
+        consists of a small column e and a matrix I + E, with the identity I and a small E.
+        The largest row sum of ``|E|`` is the contraction. Along the arc F' (1, y') = 0, so
+        that (I + E) y' = -e. The slope y' is at most ``|e|`` / (1 - contraction).
 
         Parameters
         ----------
@@ -473,8 +476,9 @@ class TubeTest:
         slope, slope_at_centre = change[..., 0].max(axis=-1) / margin * ROUND_UP
         # The distance at s = 0 is at most |Y F| / (1 - contraction), with F at the centre
         # (`_residual` is the largest |Y F|). To this the integral of the slope is added.
-        # The bound of |e| is a polynomial of s with positive coefficients, so it is convex:
-        # its mean is at most the mean of both ends.
+        # `bound_slope_change` bounds |e| by a polynomial of degree 2 of the reach, with
+        # positive coefficients. It is convex in s, so that its mean is at most the mean of
+        # its values at both ends.
         mean_slope = 0.5 * slope + 0.5 * slope_at_centre
         distance = (self._residual / margin + half_length * mean_slope) * ROUND_UP
         return ArcBounds(distance, contraction, slope)

@@ -195,8 +195,8 @@ class BlockRows:
         link rotates relative to another. The axis has two opposite directions, and the one
         that continues the direction in the previous row is chosen later.
         """
-        # For each slice, the pairs of rows between which directions may reverse. None if
-        # rows of the slice have still to be solved singly.
+        # For each slice, the pairs of rows between which directions may reverse. It is None
+        # for a slice without certified rows, and for one with rows to be solved singly.
         reversals_by_slice = thread_map(
             self._fill_slice, self.slices, self.kernel.is_compiled
         )
@@ -210,7 +210,7 @@ class BlockRows:
 
         # In the slices with None, all rows are known only now. `SliceReversals` needs the
         # angular velocities of the links in the certified rows. The kernel's function
-        # `row_quality` computes them, together with error bounds, which are not needed.
+        # `row_quality` computes them as well as the error bounds of the rows.
         quality_function = self.kernel.row_quality
         result: list[tuple[int, SliceReversals]] = []
         for (mode, slice_rows), reversals in zip(

@@ -29,8 +29,9 @@ class Setting:
     engine
         Name of the engine that evaluates the velocity equations at the samples.
     route
-        How the engine "numpy" computes poles: from the velocity equations of the whole
-        mechanism, or from great circles; see `spherekit.velocities.pole_request`.
+        How the engine "numpy" computes poles (axes of relative rotation of two links). One
+        way is by the velocity equations of the whole mechanism. The other is to intersect
+        great circles, each of which goes through two poles that are already computed.
     integrator
         Name of the engine that solves a simulation.
     tolerance
@@ -45,7 +46,7 @@ class Setting:
 
     def __str__(self) -> str:
         parts: list[str] = [self.engine]
-        # A setting with a tolerance is one of a simulation.
+        # A tolerance is set only where settings of a simulation are compared.
         if self.tolerance is not None:
             parts = [self.integrator, f"tolerance {self.tolerance:.0e}"]
         elif self.engine == "numpy":

@@ -120,9 +120,9 @@ def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int
     def extrapolate(*keys: str) -> int:
         """Return the predicted value of an entry of the cost, such as the size of a table.
 
-        The cost of short runs was measured: of two runs, `shorter` and `longer`, and with
-        many poles of a third one, `measured`. The prediction for `samples` samples is
-        linear in their number, and proportional to the number of assembly modes.
+        The costs of two short runs, `shorter` and `longer`, were measured. If there are
+        many poles, a third run, `measured`, was made. The prediction for `samples` samples
+        is linear in their number, and proportional to the number of assembly modes.
 
         Parameters
         ----------
@@ -143,8 +143,9 @@ def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int
             short_value = _entry(shorter["cost"], keys)
             growth = _entry(longer["cost"], keys) - short_value
             value = short_value + growth * (samples - short_count) / short_count
-        # The short runs had `mode_count` assembly modes. The prediction is for
-        # `predicted_modes`: all of them, or one if the run may find other modes.
+        # The short runs had `mode_count` assembly modes. The prediction is for all of them
+        # if the run will find the same modes. Otherwise their number is unknown, and the
+        # prediction is for a single mode.
         return round(value * predicted_modes / max(mode_count, 1))
 
     failed = {item["name"] for item in measured["analyses"] if item["failed"]}

@@ -271,12 +271,15 @@ class RecordingSession:
         """
         # The first `count` rows, which belong to the first assembly mode, have all samples.
         count = motion.samples
+        # If the samples are times, the motion has them in `timing`, too. It can also have a
+        # `timing` while the samples are inputs.
         times = self._sampling.t
         if times is not None and motion.timing is not None:
             return (Axis("time", "s", motion.timing.t[:count], (times[0], times[-1])),)
         names = motion.mechanism.input_pairs
         has_one_input = len(names) == 1
-        # `extents[0]` (2, inputs) are the least and greatest inputs (rad).
+        # `extents[0]` (2, inputs) are the least and greatest inputs (rad), `extents[1]` are
+        # those of their rates.
         input_ranges = self._sampling.extents[0].T.tolist()
         return tuple(
             Axis(f"input {name}" if has_one_input else name, "rad", values, input_range)

@@ -229,10 +229,10 @@ class RunState:
                 errors = largest_errors(pole_field)
             for attribute, key in POLE_ERROR_KEYS.items():
                 self._note_error(key, np.array([errors[attribute]]))
-            # Keys of counts are tuples, here of one text. Rows that are computed by the
-            # velocity equations are marked as rows in quad precision. A kernel (a compiled
-            # function for many rows) marks those whose errors it certifies. Only these
-            # count as computed by the kernel.
+            # Keys of counts are tuples, here of one text. `is_quad_precision` is true for
+            # all rows that the velocity equations compute. A kernel (a compiled function
+            # for many rows) marks the rows whose errors it certifies. Only these count as
+            # computed by the kernel.
             is_quad_precision = pole_field.is_quad_precision
             self.counts[EVALUATED,] += len(is_quad_precision)
             self.counts[BY_EQUATIONS,] += int(np.count_nonzero(is_quad_precision))

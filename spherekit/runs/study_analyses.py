@@ -109,7 +109,8 @@ def _make_study_analysis(
     parameters
         Values of its parameters in the file, by key.
     """
-    # Errors in these `with` blocks get the line of the analysis in the file.
+    # Errors in these `with` blocks get the line of the analysis in the file. Those of
+    # `_read_parameters` already have the line of the parameter.
     with _locate_errors(study, name):
         cls = load_analysis(name)
     fields = _read_parameters(study, cls, parameters)

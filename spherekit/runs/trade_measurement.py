@@ -113,13 +113,13 @@ def compute_reference_tables(
     motion
         Configurations of the run: n rows, for which tables are computed.
     inputs
-        (n, inputs) inputs in more digits. By default the float64 inputs of the motion are
-        exact.
+        (n, inputs) inputs in more digits. By default the float64 inputs of the motion count
+        as exact.
     """
     (analysis,) = run_plan.analyses
     # A pole is the axis about which one link rotates relative to another. A request states
-    # which poles are read while one input moves and the others are locked. A request
-    # without poles needs no evaluation.
+    # which poles are read while one input moves and the others are locked. If it has none,
+    # there is nothing to evaluate.
     requests = [request for request in run_plan.requests if request.poles]
     pole_fields = [evaluate(motion, request) for request in requests]
     reference = compute_reference(motion, requests, pole_fields, inputs=inputs)
@@ -135,8 +135,8 @@ def compute_reference_tables(
     batch = run_plan.make_batch(
         analysis, reference_motion, reference.pole_fields, continued_angles
     )
-    # `lacking` is appended to the name of the reference, "the closure equations in 20
-    # digits", to say that some rows are without a reference.
+    # `lacking` is the end of a text such as "the closure equations in 20 digits, 3 rows
+    # without".
     return ReferenceTables(
         tables=run_plan.compute_tables(analysis, batch),
         pole_fields=reference.pole_fields,

@@ -245,7 +245,8 @@ class Trade:
         """Return one setting with its times and errors as data for JSON.
 
         A setting is a way to compute a run. "what" describes it in words, and "applies" is
-        false if it cannot compute this run (`Measured.reason` says why). NaN becomes None,
+        false if it cannot compute this run (`Measured.reason` says why). "pareto" is true
+        if no other setting has both a shorter time and a smaller error. NaN becomes None,
         because JSON has no NaN.
         """
         values = {}

@@ -416,9 +416,9 @@ class _AspectGraph:
         """
         numbers = np.full(len(values), NO_CONFIGURATION)
         remaining = np.arange(len(values))
-        # `numbers_at_sample` has one row per sample. Column after column, each remaining
-        # configuration is compared with the one stored in its row. If the column is still
-        # empty in this row, it is stored there.
+        # `numbers_at_sample` has one row per sample. Each column has at most one
+        # configuration per sample. Each pass of the loop compares the remaining
+        # configurations with those of one column.
         column = 0
         while len(remaining):
             if column == self.numbers_at_sample.shape[1]:
@@ -447,6 +447,8 @@ class _AspectGraph:
             numbers[remaining[is_same]] = stored[is_same]
             remaining = remaining[~is_same]
             column += 1
+        # `is_path_known` (configurations, directions) is whether the path from a
+        # configuration in a direction was followed from its other end. New rows are False.
         added = len(self.nodes) - len(self.is_path_known)
         self.is_path_known = np.pad(self.is_path_known, ((0, added), (0, 0)))
         return numbers

@@ -428,10 +428,11 @@ def _explain_disagreement(
 ) -> str:
     """Return why the coefficients c and d of c y' = d q' give another type than the rates.
 
-    y' is the rate of the output and q' that of the input. c and d are triple products of
-    the six pole axes of four links: those of the input and those of the output. By the
-    coefficients a singularity has type I if d = 0 and type II if c = 0. By the rates it has
-    type I if y' = 0 and type II if q' = 0. Type III means both.
+    y' is the rate of the output and q' that of the input. Each is the relative rate of two
+    links. c and d are triple products of the pole axes (axes of relative rotation) of any
+    two of these four links. By the coefficients a singularity has type I if d = 0 and type
+    II if c = 0. By the rates it has type I if y' = 0 and type II if q' = 0. Type III means
+    both.
 
     Parameters
     ----------
@@ -446,8 +447,9 @@ def _explain_disagreement(
     if len(links.different) == 2:
         return "the output is the input, and c and d are constant"
     # If all six axes are in one plane, every triple product is 0, and says nothing about
-    # rates. In form ii of the relation any fourth link can be chosen. With another one the
-    # axes need not be in one plane.
+    # rates. If input and output have the same reference link (form ii), there are only
+    # three links, and the fourth one can be chosen. With another choice the axes need not
+    # be in one plane.
     if kind == Type.III:
         cause = "the six axes of the chosen links lie in one plane"
         if resting_links:

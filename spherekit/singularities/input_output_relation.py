@@ -124,12 +124,12 @@ class SixPoles:
         Parameters
         ----------
         axes
-            Three field names, such as "os".
+            Names of three fields of this object. An example of a name is "os".
 
         Returns
         -------
         normals
-            (n, 3) unit normals, NaN if the axes are one line.
+            (n, 3) unit normals, NaN if the axes lie on one line.
         sine
             (n,) sine of the largest angle between two of the axes.
         """
@@ -181,16 +181,18 @@ class Relation:
     ----------
     form
         "i" if the output is the rotation of link o relative to s, "ii" if it is that
-        relative to r. In form ii, s is one more link, whose pole axes are used.
+        relative to r. In form ii, s can be any fourth link. Its pole axes take part in the
+        formulas of c and d.
     links, poles
         The four links, and the pole axes (axes of relative rotation) of any two of them,
         from which c and d are computed.
     output
         The links whose relative rate is y': (o, s) in form i, (o, r) in form ii.
     c, d
-        (n,) coefficients, at most 1 in size. If the four links are different, both are 0
-        where all pole axes are in one plane. If two of them are the same link, both are NaN
-        where all pole axes are on one line.
+        (n,) coefficients, at most 1 in size. If the four links are different, both are
+        triple products, which are 0 where all pole axes are in one plane. If two of them
+        are the same link, the formulas contain the normal of the plane of the pole axes.
+        Both coefficients are NaN where these axes are on one line, which has no plane.
     """
 
     form: Form
