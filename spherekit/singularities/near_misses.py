@@ -206,7 +206,8 @@ def least_transmission(
         # the arc length of such an end, and the configuration of the crossing itself.
         for s, values in [*minima, *sampled.crossing_ends(number)]:
             (angle,) = sampled.transmission_angles(values[None])[output]
-            # Type II is at the angle 0. An angle of zero up to rounding is zero.
+            # Type II is at the angle 0, so the distance from it is the angle. An angle that
+            # is zero up to rounding is stored as zero.
             is_zero = distance_from_type_two(angle) <= SINGULAR_TRANSMISSION
             rounded_angle = 0.0 if is_zero else float(angle)
             for q, modes in _inputs_and_modes(sampled, number, float(s), values):
@@ -218,7 +219,7 @@ def least_transmission(
     first_angle, _, _ = candidates[0]
     if not np.isfinite(first_angle):
         return None
-    # `distance_from_type_two` returns the angle itself, because type II is at the angle 0.
+    # The angle with the smallest distance from type II is the smallest angle.
     nearest_angle, q, _ = min(
         candidates, key=lambda candidate: distance_from_type_two(candidate[0])
     )
@@ -265,10 +266,9 @@ def local_minima(
     """Return the local minima of the sine of an angle along a configuration curve.
 
     An end of the range of the input is included if the sine is not smaller a little inwards
-    from it (at the part `INWARD_PART` of the length). The same applies to an end of an open
-    curve. If curves cross at one end of a curve,
-    neither of its ends is included. The curve ends a little before the crossing, where
-    other curves continue it.
+    from it. The distance inwards is `INWARD_PART` times the length of the piece of the
+    curve. The same applies to both ends of an open curve, unless curves cross at one of
+    them. Such a curve ends a little before the crossing, where other curves continue it.
 
     Parameters
     ----------

@@ -57,12 +57,13 @@ class PlacingPart:
 
 
 def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingPart:
-    """Return the part of a mechanism that places links relative to the input.
+    """Return the part of a mechanism that places links if the input is given.
 
     Links that only follow are left out. The part is used only if two conditions hold:
 
     - Each assembly mode (way to assemble the links) of the whole contains one mode of the
-      part: the angles of the part's pairs agree at some samples of the input.
+      part: the angles of the part's pairs agree at all compared samples of the input. Few
+      samples tell modes apart, because two modes agree only where they meet.
     - Whole and part have the same dead centres, at which the input turns back. Otherwise
       links that are left out would stop the input where the part alone moves on.
 

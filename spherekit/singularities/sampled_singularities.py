@@ -500,7 +500,8 @@ class SampledSingularities:
                     axes[:, joining_group.pairs[position]]
                     for position in joining_group.dyad_positions
                 ]
-                # The formula exists for arrays and for symbolic expressions.
+                # `ARRAYS` has the operations on NumPy arrays. The same formula is used with
+                # symbolic expressions.
                 angle = transmission_angle(ARRAYS, *dyad_axes)
             angles.append(angle)
         return angles
@@ -510,9 +511,8 @@ class SampledSingularities:
 
         A dyad is two links in series. The distance follows from its transmission angle, the
         acute angle between the planes of the arcs of both links. It vanishes only if the
-        dyad is stretched or folded, which is a singularity of type II. Unlike the
-        transmission measure, the angle does not become small if all arcs of links are
-        short.
+        dyad is stretched or folded, which is a singularity of type II. The angle does not
+        become small if all arcs of links are short.
 
         Parameters
         ----------
@@ -536,11 +536,14 @@ class SampledSingularities:
         for group in groups:
             if not group.is_dyad:
                 return nans(len(values))
+            # The axes (n, 3) of the first outer, the middle and the other outer pair.
             dyad_axes = [
                 axes[:, group.pairs[position]] for position in group.dyad_positions
             ]
-            # The formula exists for arrays and for symbolic expressions.
+            # `ARRAYS` has the operations on NumPy arrays. The same formula is used with
+            # symbolic expressions.
             angle = transmission_angle(ARRAYS, *dyad_axes)
+            # Type II is at the angle 0, so the distance equals the angle.
             least = np.minimum(least, distance_from_type_two(angle))
         return least
 

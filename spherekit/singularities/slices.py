@@ -202,7 +202,8 @@ def cut(
 
     Returns
     -------
-    The curves of all slices, and what was left out because the time was spent.
+    The curves of all slices, the distances (rad) between successive locked values of each
+    input (`gaps`), and a note of what was left out because the time was spent.
     """
     time_limit = budget or TimeLimit()
     # In closed form the curves of several slices are followed together, which saves time.
@@ -232,6 +233,7 @@ def cut(
             curves += _follow_slices(solver, free_input, chunk, share)
         if share.note:
             notes.append(f"{share.note} with input {free_input + 1} free")
+    # Singularities within boxes of these sides, between slices, can be missed.
     gaps = tuple((high - low) / values_of_each for low, high in ranges)
     return LockedInputSection(tuple(curves), gaps, "; ".join(notes))
 

@@ -184,7 +184,8 @@ class TangentSpace:
 
         The whole mechanism has V variables and g degrees of freedom. There are g + 1
         directions of change: a basis of the rates that close the loops of the whole
-        mechanism, and the step that closes loops which are slightly open.
+        mechanism, and the step that closes loops which are slightly open. Newton's method
+        for singular configurations makes this step together with a change along the basis.
         """
         # This tangent space may be that of a part of the mechanism, the links that move an
         # output. J then has the loops of this part only. The directions in which

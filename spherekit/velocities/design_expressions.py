@@ -751,9 +751,9 @@ class DesignExpressions:
         """
         mechanism = self.mechanism
         rates = self.coordinate_rates
-        # If friction follows from reactions, the next call raises an error. The text is the
-        # end of its sentence "its friction depends on the reaction of pair ..., which ...".
-        # It advises to make a run, with the name of the column that has the same torque.
+        # If friction follows from reactions, the next call raises an error. Its text is:
+        # "its friction depends on the reaction of pair ..., which a kernel of designs does
+        # not solve for; runs do: ...". It names the column of a run with the same torque.
         column = f"dynamics.dynamics: abs(tau_{self.inputs[moving]})"
         if len(self.inputs) == 1:
             column = "eksergian.eksergian: abs(tau)"
@@ -779,13 +779,14 @@ class DesignExpressions:
             rates=rates.motion_rates(self._speeds).variable_rates,
             # The last symbol of a sample.
             time=self.sample_symbols[-1],
+            # The sign of an expression at whose zero a load has a jump or a kink.
             sign_of_condition=sign_of,
             # A torque given by a table is a symbol.
             table_torque=self.table_symbols.__getitem__,
         )
         # `tau` and `w` are the rates of variables and links at the rate 1 of each input,
-        # times the determinant of the velocity equations (`scale`). The forces contain the
-        # same factor, by which their sum is divided.
+        # times the determinant of the velocity equations (`scale`). Thus they contain no
+        # division. The forces have the same factor, so their sum is divided by it once.
         forces = (
             component_forces(components, load_state)[moving]
             for components in self._load_components

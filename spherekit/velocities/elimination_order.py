@@ -134,8 +134,9 @@ def choose_elimination_order(
 
     This is Gaussian elimination of the Jacobians with a choice of the pivot in each step. A
     pivot is a loop with the variables (at most three) for which its equations are solved.
-    The same pivots are used for all configurations. A pivot is judged by the configuration
-    at which its axes are the least independent.
+    The same pivots are used for all configurations. The columns of a pivot are the axes of
+    its variables. Their independence is the product of their singular values, divided by
+    the product of their lengths. The configuration at which it is least counts.
 
     Parameters
     ----------
@@ -180,7 +181,9 @@ def choose_elimination_order(
         loops.remove(loop)
         columns = [c for c in columns if c not in chosen]
         # Express the variables of the pivot by the others, and insert them into other
-        # loops.
+        # loops. If a loop gives less than three variables, its three equations depend on
+        # each other, up to rounding. The pseudo-inverse solves them all, where an inverse
+        # does not exist.
         solved = np.linalg.pinv(remaining[:, loop][:, :, chosen]) @ remaining[:, loop]
         remaining[:, loops] -= remaining[:, loops][..., chosen] @ solved[:, None]
     return pivots

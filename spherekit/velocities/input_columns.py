@@ -415,8 +415,8 @@ class InputColumns:
 
         A pole is the axis about which its second link turns relative to its first, so v is
         the angular velocity w of the second link minus that of the first, per unit rate of
-        the moving input. Poles that are the axis of a pair are left out: their direction
-        does not follow from v.
+        the moving input. Poles that are the axis of a pair are left out. Their direction
+        is that of the pair, which is known without v.
 
         Parameters
         ----------

@@ -115,12 +115,15 @@ class InputMoments:
     def matrix(self) -> list[list[Expr]]:
         """The homogeneous inertia matrix: sum of y_i . I y_k over all links.
 
-        I is the inertia tensor of a link, divided by the unit of inertia. The homogeneous
-        velocity y_i = D w_ji is the angular velocity w_ji of link j per unit rate of input
-        i, times the determinant D of the velocity equations. This avoids divisions. The
-        inertia matrix, whose product with the input rates is the momentum at the inputs, is
-        D^-2 times this matrix.
+        The homogeneous velocity of link j is y_i = D w_ji. Here w_ji is the angular
+        velocity of the link per unit rate of input i, and D is the determinant of the
+        velocity equations. The factor D avoids divisions.
+
+        I is the inertia tensor of a link, divided by `unit`, so that the numbers of light
+        links are not taken for rounding errors. The inertia matrix of the inputs is `unit`
+        / D^2 times this matrix.
         """
+        # `tau` has one entry for each input.
         input_count = len(self._coordinate_rates.tau)
         matrix: list[list[Expr]] = []
         for i in range(input_count):

@@ -106,9 +106,11 @@ def component_forces(
     determinant of the velocity equations. Here the homogeneous rates are used, which have
     no division. The results are therefore the generalised forces times the determinant.
 
-    A component of a load has a magnitude. It acts on the variable of a pair, or on links as
-    moments and forces. A force has an `arm`: the point at which it acts. For a moment it is
-    None. The vector `direction` has its components along ground or link axes (`axes`).
+    A component of a load has a magnitude. It acts on the variable of a pair, or on links.
+    The list `moments` has its actions on links, each a moment or a force. A force has an
+    `arm`: the point at which it acts. Its moment about the centre is the cross product of
+    the arm and the force. For a moment `arm` is None. The vector `direction` has components
+    along ground or link axes (`axes`).
 
     Parameters
     ----------

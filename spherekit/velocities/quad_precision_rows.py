@@ -98,12 +98,12 @@ def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
     or their number is `MAX_NEWTON_STEPS`. It fails in a row if the last step was not small,
     or if the row has moved by more than `MAX_QUAD_CORRECTION_RAD` and may have reached
     another solution. The columns of such a row are computed at the given variables, and
-    `is_closed` is False, so that the opening of its loops counts in the error bounds.
+    `is_closed` is False. The caller then adds the opening of its loops to the error bounds.
 
     Parameters
     ----------
     kernel
-        The functions of all columns.
+        The functions of all output columns, such as poles and angular velocities of links.
     values
         (variables, n) nearly closed configurations (rad).
     """
@@ -135,8 +135,8 @@ def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
         len(passive), 3 * kernel.loop_count, values.shape[1]
     )
     # The sizes of a mechanism are rounded to float64, so the loops of the true mechanism
-    # remain open by tiny angles. These angles times the changes of the columns per unit
-    # opening are bounds of the errors of the columns.
+    # remain open by tiny angles, which the caller estimates. It multiplies them by these
+    # changes of the columns per unit opening, and obtains bounds of the errors.
     opening_changes = _sum_opening_changes(kernel, x.astype(float), inverse)
     return QuadPrecisionRows(columns, bounds, opening_changes, is_closed)
 

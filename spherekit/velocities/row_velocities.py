@@ -214,13 +214,14 @@ class RowVelocities:
         name
             Field of `PoleField`, such as "w", the angular velocity of a link per unit rate
             of the input. Usually "w" is the solution of the velocity equations. After a
-            call of `use_planned_velocities` it is computed from the poles, which are found
-            by intersecting great circles (Aronhold-Kennedy theorem).
+            call of `use_planned_velocities` it follows from poles that are intersections
+            of great circles (Aronhold-Kennedy theorem).
         key
             The pole as numbers of its links, or the number of one link.
         """
-        # There are no columns if the velocity equations are singular at all rows, so that
-        # they cannot be written as compiled functions (a kernel). Then all is NaN.
+        # `_columns` has the results of the compiled functions of all quantities. There are
+        # none if the velocity equations are singular at all rows, because they then cannot
+        # be solved for the rates. All is NaN in this case.
         if not self._column_indices:
             return nans((COMPONENT_COUNTS.get(name, 1), len(self.status)))
         values = self._columns[self._column_indices[name][key]]
