@@ -256,7 +256,7 @@ def estimate_compile_seconds(
         The mechanism with its loads.
     tolerance
         Error of each step of the integration, relative to the largest element of the state.
-        It is compiled into the equation, which is searched in the cache by it.
+        An equation that was compiled with another tolerance cannot be used again.
     compact
         Whether to use heyoka's compact mode, which compiles faster and runs slower.
     coordinates
@@ -272,7 +272,7 @@ def estimate_compile_seconds(
     _check_expressible(mechanism)
     pair_rotations(mechanism)
     if not available():
-        heyoka()
+        heyoka()  # raises an error that says how to install it
     # Look for the equation in the cache. Mechanisms that differ only in the numbers of
     # torque tables and joint limits share an equation, so these numbers are removed.
     step_tolerance = _limit_tolerance(tolerance, coordinates)
@@ -282,9 +282,9 @@ def estimate_compile_seconds(
     variables = len(mechanism.variable_names)
     loads_on_links = sum("pair" not in load.field_kinds for load in mechanism.loads)
     loads_at_pairs = len(mechanism.loads) - loads_on_links
-    # All numbers are fitted seconds. Without compact mode the time grows with the square of
-    # the number of variables, and loads multiply it. `coordinates` is empty with one degree
-    # of freedom.
+    # All numbers are fitted to measured times (s). Without compact mode the time grows with
+    # the square of the number of variables, and loads multiply it. `coordinates` is empty
+    # with one degree of freedom.
     if compact:
         base_seconds = 0.5 if coordinates else 0.0
         kinematics_seconds = max(0.22 * variables - 0.55, 0.3)

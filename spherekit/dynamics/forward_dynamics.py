@@ -198,16 +198,16 @@ def _simulate_and_compare(
     simulation = _simulate_problem(problem, tolerance, engine)
     # Both simulations are made by the engine that was chosen for the first.
     engine = simulation.engine.name
-    # The tolerance for which the steps of `simulation` were made. The compiled engine can
-    # make steps for a smaller one than the user's. It needs them to notice configurations
-    # in which curves of configurations cross. The tolerance of the reference has to be much
-    # smaller than that of the steps.
+    # The tolerance of the steps of `simulation`. The compiled engine makes them for at most
+    # `MAX_STEP_TOLERANCE`, even if the user asks for less accuracy. Otherwise it would miss
+    # configurations in which curves of configurations cross.
     step_tolerance = tolerance
     if engine == "compiled":
         step_tolerance = min(tolerance, MAX_STEP_TOLERANCE)
     smallest = CHECK_MIN_TOLERANCE_RATIO * MIN_TOLERANCE_BY_ENGINE[engine]
     while True:
-        # The difference from a simulation with a much smaller tolerance is the error.
+        # The difference from a simulation with steps of a much smaller tolerance is the
+        # error.
         smaller_tolerance = max(CHECK_TOLERANCE_RATIO * step_tolerance, smallest)
         reference = _simulate_problem(problem, smaller_tolerance, engine)
         error = _largest_difference(simulation, reference)
@@ -218,7 +218,8 @@ def _simulate_and_compare(
         # loads equals the rate of the kinetic energy up to a multiple of the tolerance.
         if simulation.missed is None or smaller_tolerance <= smallest:
             return simulation
-        # The more accurate simulation takes its place, and is compared in its turn.
+        # The more accurate simulation takes its place, and is compared in its turn. Its
+        # report says why: the steps of the first one were too long.
         reason = (
             f"{simulation.engine.reason}; off by {error:.1e} rad with steps for "
             f"{step_tolerance:g} rad, so in shorter ones"

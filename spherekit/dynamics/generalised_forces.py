@@ -25,14 +25,17 @@ from spherekit.mechanism.mechanism import Mechanism
 class UnitWrench:
     """The force and moment of a load component of magnitude 1 on a link, in ground axes.
 
+    A vector has the shape (n, 3) for n configurations, or (3,) if it is the same in all.
+
     Attributes
     ----------
     link
         Number of the link.
     moment
-        (n, 3) or (3,) moment about the centre of the sphere, per unit of the magnitude.
+        Moment about the centre of the sphere, per unit of the magnitude.
     force
-        (n, 3) or (3,) force that has this moment; 0 if the component is a couple.
+        Force per unit of the magnitude, 0 if the component is a couple. It acts at a point
+        of the link, and the moment above is that of this force about the centre.
     """
 
     link: int

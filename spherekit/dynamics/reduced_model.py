@@ -432,7 +432,8 @@ class StoredModel:
                     f'{heading.mechanism}: torque: "{pair}" is not an input'
                     f"{choices(pair, heading.inputs, 'Inputs')}"
                 )
-            # Along a curve there is only one input, so its torque needs no pair name.
+            # A model with one input is stored along the curve of its configurations. The
+            # torque at this input needs no pair name.
             name = DRIVE_LOAD_NAME if heading.is_curve else f"{DRIVE_LOAD_NAME}_{pair}"
             if any(load.name == name for load in loads):
                 raise ModelError(f"{heading.mechanism}: torque: the model has one already")
@@ -442,6 +443,7 @@ class StoredModel:
             except ModelError as error:
                 raise ModelError(f"{heading.mechanism}: torque: {error}") from None
             loads.append(StoredLoad(name, (f"theta_{pair}",), (text,)))
+        # `self.groups` are the series of the stored functions. They stay the same.
         return StoredModel(replace(heading, loads=tuple(loads)), self.groups)
 
     def save(self, path: AnyPath) -> None:

@@ -685,10 +685,10 @@ class BoxSampler(Sampler):
     def __init__(
         self, position_analysis: PositionAnalysis, poles: tuple[Pole, ...]
     ) -> None:
-        """Compute an assembly mode on a grid of inputs, as starting points of samples.
+        """Compute the nodes: configurations of an assembly mode on a grid of inputs.
 
-        The regular configurations become nodes: known configurations from which Newton's
-        method finds others.
+        Functions of the model are sampled later, at any inputs. Newton's method then finds
+        the configuration at these inputs from the nearest node.
 
         Parameters
         ----------
@@ -699,6 +699,7 @@ class BoxSampler(Sampler):
         """
         super().__init__(position_analysis, poles)
         inputs = self.mechanism.inputs
+        # Indices of the variables of the inputs among all pair variables.
         self.driven = [self.mechanism.angles[pair] for pair in position_analysis.inputs]
         self.low, self.high = np.array([item.range for item in inputs]).T
         # Names of the coordinates by which the functions of the model are stored: the
@@ -709,10 +710,10 @@ class BoxSampler(Sampler):
         )
         values = motion.values[motion.status == Status.OK]
         nodes = motion_by_variables(self.closure, values, self.driven)
-        # `second` are the second derivatives of the variables by the inputs. Near a
-        # singularity, variables move fast at unit rates of the inputs; `determinacy` is the
-        # reciprocal of their largest rate. The limit keeps nodes away from singularities,
-        # where the functions of the model are steep.
+        # `second` (n, inputs, inputs, variables) are the second derivatives of the
+        # variables by the inputs. Near a singularity, variables move fast at unit rates of
+        # the inputs; `determinacy` is the reciprocal of their largest rate. The limit keeps
+        # nodes away from singularities, where the functions of the model are steep.
         is_regular = all_finite(nodes.second, (1, 2, 3))
         is_regular &= determinacy(nodes.rates) >= MIN_DETERMINACY
         if not np.any(is_regular):

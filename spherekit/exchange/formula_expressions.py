@@ -60,13 +60,13 @@ class Mode(NamedTuple):
     number, name
         Number and title of the mode in the mechanism.
     at
-        Inputs (rad) of one configuration of the mode.
+        The inputs (rad) at which one configuration of the mode is known.
     values
         The values that select the mode in the formulas. In closed form they are the signs
         of the dyads (groups of two links). Otherwise they are the variables (rad) of all
-        pairs in that configuration, from which Newton's method starts. Signs are the same
-        everywhere in the mode, unless its curve of configurations crosses others and the
-        mode continues smoothly. Then signs change at the crossing (`SmoothModes`).
+        pairs in that configuration, from which Newton's method starts. Signs are constant
+        in a mode, except where it follows a smooth curve through a crossing with another
+        curve of configurations (`SmoothModes`).
     """
 
     number: int

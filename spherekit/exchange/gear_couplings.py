@@ -269,11 +269,13 @@ class CoaxialEquation:
         idler_link
             Number of the link that is the idler wheel.
         """
-        # `construct_bevel_gears` takes the factors of an equation between two velocities:
-        # that of the carrier relative to the first wheel, which is -x or -z, and that of
-        # the second wheel relative to the carrier, which is z or y. The equations are
-        #     ratio_size (-x) - z = 0, so z = -ratio_size x,
-        #     (ratio / ratio_size) (-z) - y = 0, so y = ratio x.
+        # `construct_bevel_gears` takes the factors u and v of u a + v b = 0. Here a is the
+        # velocity of the carrier relative to the first wheel of a mesh, and b that of its
+        # second wheel relative to the carrier. Both follow the chain from the first wheel
+        # over the carrier to the second wheel.
+        # First mesh: a = -x and b = z, so ratio_size (-x) - z = 0 or z = -ratio_size x.
+        # Second mesh: a = -z and b = y, so (ratio / ratio_size) (-z) - y = 0. Putting z in
+        # gives y = ratio x.
         ratio = -self.factors[0] / self.factors[1]
         ratio_size = float(np.sqrt(abs(ratio)))
         return (

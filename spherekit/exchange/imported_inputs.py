@@ -137,7 +137,8 @@ def _velocity_equations(linkage: ImportedLinkage) -> Floats:
     coupling.
     """
     pairs = linkage.pairs
-    # `LoopTree` needs links that are numbered without gaps: by their positions in `links`.
+    # `LoopTree` needs links that are numbered without gaps. It calls such a number a body:
+    # the position of the link in `linkage.links`.
     body_by_link = {link: body for body, link in enumerate(linkage.links)}
     ends = tuple(
         (body_by_link[first], body_by_link[second])

@@ -111,11 +111,13 @@ class ImportedLinkage:
         """
         self.where = where
         self.foreign_model = foreign_model
+        # The model and its state in the data types of MuJoCo.
         self._mj_model = foreign_model.mj_model
         self._mj_data = foreign_model.mj_data
         self.notes: list[str] = []
         self.pair_comments: dict[str, str] = {}
         self._name_by_link: dict[int, str] = {}
+        # Constraints of the file keep some joints at a constant angle (locked joints).
         self._turning_joints = [
             joint
             for joint in range(self._mj_model.njnt)
@@ -130,8 +132,9 @@ class ImportedLinkage:
         self.loop_points = self._group_loop_points()  # points at which loops are closed
         # The centre (3,), and the largest distance (m) of an axis from it.
         self.centre, self.centre_distance = self._find_centre(max_distance)
-        # A ball joint is given by three hinges. It constrains nothing if its links turn
-        # about the centre anyway, because other pairs connect them.
+        # The reader of the file has replaced each ball joint by three hinges. They are left
+        # out if other pairs connect the two links. All links turn about the centre, so that
+        # a ball joint there adds no constraint.
         self._removed_hinges = self._find_redundant_ball_hinges()
         self.pairs: list[ImportedPair] = []
         self._add_joint_pairs()
@@ -153,8 +156,8 @@ class ImportedLinkage:
             # The number of a link is that of one of its bodies.
             text = self.foreign_model.body_names[link]
             if link == 0:
-                # Bodies of the file that are fixed to the world, without their own
-                # children.
+                # Bodies whose parent is the world (body 0), and which belong to the ground.
+                # Bodies that are fixed to these belong to it too, but do not count here.
                 ground_bodies = [
                     name
                     for body, name in enumerate(self.foreign_model.body_names)

@@ -86,24 +86,24 @@ class RigidBodies(NamedTuple):
         The mechanism.
     hinges
         Hinges of the tree, depth first, so that each subtree is in one piece. Pinocchio
-        assumes this order. After them come hinges of bodies that are no links. Such a body
-        replaces the contact of two circles that slide on each other, whose centres keep
-        their distance: it has a hinge at each centre.
+        assumes this order. After them come hinges of couplers. A coupler is a body that
+        replaces the contact of two circles that slide on each other, because their centres
+        keep their distance. This hinge joins the first link to it at the first centre.
     bodies
-        Body k is the child of hinge k. A body that is no link has ground axes as its own.
+        Body k is the child of hinge k. A coupler has ground axes as its own.
     loop_hinges
-        The pairs that close loops.
+        The pairs that close loops, and the hinge of each coupler at the second centre.
     gear_equations
-        For each rolling contact, by name, the factors of the rates of hinges, by pair, in
-        a sum that is zero.
+        The equation of each rolling contact, by the name of the contact. It is a mapping
+        from R pairs to factors: the sum of factors times rates of these pairs is zero.
     rotations
         (links, 3, 3) rotations from link axes to ground axes.
     has_made_up_masses
         Whether the mechanism has no masses and its links were given some.
     light_ends
-        Links without mass that no link with mass follows in the tree. They were given more
-        inertia than other links without mass, because engines close a loop less exactly at
-        a light body.
+        Links without mass that have only links without mass after them in the tree, or no
+        links. They were given more inertia than other links without mass, because engines
+        close a loop less exactly at a light body.
     """
 
     mechanism: Mechanism

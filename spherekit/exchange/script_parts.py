@@ -67,11 +67,11 @@ class SmoothModeTexts:
     fields
         Values of the fields of the template of this function. Three of them are arrays, as
         text in the programming language: ``starts`` (the input at which each interval
-        begins), ``places`` (the mode values) and ``inputs``.
+        begins), ``places`` (the name of the mode values in the source code) and ``inputs``.
     known_inputs
-        The array ``inputs`` once more, for callers that need it alone. It has the axes
-        (intervals, modes): the input (rad) of the known configuration. Newton's method
-        follows the mode from there, if there is no closed form.
+        The text of the array ``inputs``, also for templates other than that of this
+        function. The array has the axes (intervals, modes): the input (rad) of the known
+        configuration. Without a closed form, Newton's method follows the mode from there.
     shift_lines
         Lines that move an input by whole periods into the range of the mechanism. Empty if
         configurations do not repeat after a period.

@@ -21,7 +21,7 @@ def bracketed_number(value: float) -> str:
 
 
 def nested(values: Any, brackets: str = "[]", literal_format: str = "{0}") -> str:
-    """Return an array as text, with brackets around each axis, such as ``[[1.0, 2.0]]``.
+    """Return an array as source text, with brackets around each axis: ``[[1.0, 2.0]]``.
 
     Parameters
     ----------
@@ -30,12 +30,12 @@ def nested(values: Any, brackets: str = "[]", literal_format: str = "{0}") -> st
     brackets
         The opening and the closing bracket.
     literal_format
-        Format of a number in the language.
+        How the programming language writes a number: ``{0}`` stands for its decimal text.
     """
     if np.ndim(values):
         items = ", ".join(nested(item, brackets, literal_format) for item in values)
         return brackets[0] + items + brackets[1]
-    return literal_format.format(number(values))
+    return literal_format.format(number(values))  # `number` returns text, such as "1.0"
 
 
 def nested_with_nan(
