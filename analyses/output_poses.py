@@ -63,7 +63,9 @@ def read_pose(text: str, inputs: tuple[str, ...], where: str) -> Pose:
     AnalysisError
         If the text has no such form.
     """
-    # `read_end` also accepts the axis and angle of a rotation, but not with this option.
+    # `read_end` reads the pose at which a rotation ends. By default it also accepts a turn
+    # from the start pose (ux, uy, uz, angle), which is not a pose. A rotation vector is
+    # one: it is the orientation itself.
     pose = read_end(text, inputs, where, allow_rotation=False)
     assert not isinstance(pose, AtRotation)
     return pose

@@ -209,7 +209,8 @@ def draw_construction(batch: Batch, row: int) -> Scene:
     """
     mechanism = batch.mechanism
     steps = _list_construction_steps(batch)
-    # All poles of the mechanism, the keys of a mapping.
+    # The plan says in which round each pole of the mechanism is constructed. The keys are
+    # are all poles. The page shows the plan of the first input.
     poles = list(batch.plans[0].rounds)
     # The first axis of both arrays is the step. NaN is not drawn.
     directions = np.full((len(steps), len(poles), 3), np.nan)
@@ -218,7 +219,8 @@ def draw_construction(batch: Batch, row: int) -> Scene:
         for pole in step.poles:
             # A pole is visible from its step on, its great circles in this step only.
             directions[number:, poles.index(pole)] = batch.direction(*pole)[row]
-            # A step with great circles has only this one pole.
+            # A step with great circles has only this one pole. `planes` returns the unit
+            # normals (2, 3) of the planes of the two circles.
             if step.uses_circles:
                 normals[number] = batch.planes(*pole)[row]
     rotations = np.stack([batch.rotation(link)[row] for link in mechanism.links])

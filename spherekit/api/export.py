@@ -365,6 +365,7 @@ def _export_functions(
         notes.append("no inertia: the mechanism has no masses")
     make_model: Any = reduced_grid_model if has_several_inputs else reduced_model
     model = make_model(mechanism, assembly_mode=assembly_mode, **options)
+    # `covered` is the part of the box in which the functions are known.
     if model.heading.covered < 1.0:
         notes.append(
             f"known in {model.heading.covered:.3g} of the box of the inputs' ranges; "
@@ -375,6 +376,8 @@ def _export_functions(
         write_text(target, source(reduced_formulas(mechanism, model), kind))
     else:
         model.save(target)
+    # What the file contains, in words. `by` has the names of the coordinates on which the
+    # functions depend.
     holds = (
         f"{len(model.heading.functions)} functions of {listing(model.heading.by)}, errors "
         f"up to {model.error:.2g} of the largest value of each"

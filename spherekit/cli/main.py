@@ -89,6 +89,8 @@ def _run_command(words: list[str]) -> int:
     if "_ARGCOMPLETE" in os.environ:  # the shell asks for completions, see `completers`
         from argcomplete.finders import CompletionFinder
 
+        # Parsers of subcommands are empty until they are needed. This call adds the
+        # arguments of the subcommand in the line that is to be completed.
         command_parsers(parser, os.environ["COMP_LINE"].split())
         CompletionFinder()(parser, always_complete_options="long")
     options = parser.parse_args(words)
@@ -104,6 +106,7 @@ def _run_command(words: list[str]) -> int:
         log.setLevel(logging.DEBUG)
         log.addHandler(logging.StreamHandler())
     try:
+        # With less address space the libraries would end the process without an error.
         need_space(MIN_ADDRESS_SPACE_BYTES, "numerical libraries need")
         with (
             progress_listener(None if options.quiet else say),

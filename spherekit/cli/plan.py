@@ -81,7 +81,9 @@ def execute(options: Namespace) -> int:
         plans = [plan(mechanism, options.poles, name) for name in moving_inputs]
     except CountError:
         # The number of links and pairs gives too small a mobility for overconstrained
-        # mechanisms. The rank of the loop equations decides whether they move.
+        # mechanisms. The analysis counts too. If this fails, it uses the rank of the
+        # velocity equations and sets `by_rank`. Its positions are not used here, so two
+        # samples suffice.
         only_input = moving_inputs[0] if len(driven) == 1 else None
         if not PositionAnalysis(mechanism, only_input, samples=2).by_rank:
             raise

@@ -413,8 +413,8 @@ class VariedMechanism:
 
         A kernel is a function that computes quantities of many designs at once. Its
         arguments are called sizes, although they include masses and loads. The first sizes
-        are design variables themselves: angles of links or outputs. The others are those
-        numbers of contacts, masses and loads that change with the variables.
+        are design variables themselves: angles of links or outputs. The others are values
+        that describe contacts, masses and loads, and that change with the variables.
 
         Parameters
         ----------
@@ -432,8 +432,8 @@ class VariedMechanism:
         sizes, reasons = self.kernel_sizes(values[:, None])
         if reasons[0] != OK:
             return None
-        # For each variable, the derivatives (numbers,) of the numbers of contacts, masses
-        # and loads. Those that are the same for all designs are not computed again.
+        # For each variable, the derivatives (numbers,) of the values that describe
+        # contacts, masses and loads. Derivatives that are equal for all designs are stored.
         slopes_by_variable = []
         for k, constant_slopes in enumerate(self.constant_slopes):
             if constant_slopes is None:

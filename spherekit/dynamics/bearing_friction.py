@@ -174,9 +174,9 @@ class CarriedLoads:
     """The forces that pairs with friction carry, at n rows (samples of a motion).
 
     Friction depends on the carried forces and changes them, so it is computed by iteration.
-    The feedback is the largest eigenvalue of a matrix. It bounds by which factor an
-    iteration changes an error of the friction. If it is below 1, the iteration converges to
-    the only solution.
+    A step of the iteration turns errors of the friction torques into new errors. These are
+    at most a matrix B times the old ones. The feedback is the largest eigenvalue of B. If
+    it is below 1, the iteration converges to the only solution.
 
     Attributes
     ----------

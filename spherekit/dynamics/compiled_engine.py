@@ -108,18 +108,19 @@ class CompiledRuns:
 
     A run is an integration of one compiled equation of motion. A mechanism with m degrees
     of freedom has m coordinates, which are weighted sums of the pair variables, and a
-    momentum for each coordinate. The weights (m, variables) are called a frame. With one
-    degree of freedom the coordinate is the arc length of the configuration curve. Its frame
-    is the tangent of the curve, which is different in each state.
+    momentum for each coordinate. The weights (m, variables) are called a frame. With
+    several degrees of freedom the frame is constant in a run. With one degree of freedom
+    the coordinate is the arc length of the configuration curve. Its frame is the tangent of
+    the curve, which is different in each state.
 
     Attributes
     ----------
     runs
         One run for each choice of coordinates, in order of time.
     momentum_conversions
-        For each run a function that returns the frame of each state. It also replaces the
-        momenta in the states: those of the compiled equation differ in sign or unit from
-        those that all simulations use.
+        For each run a function that converts the momenta in an array of states, in place.
+        Those of the compiled equation differ in sign or unit from those that all
+        simulations use. The function returns the frame of each state.
     compile_seconds
         Time that compiling took, s.
     """

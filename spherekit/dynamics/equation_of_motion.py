@@ -278,6 +278,7 @@ class EquationOfMotion:
         frame
             (m, variables) a frame that was orthonormal in a configuration nearby.
         """
+        # Only the motion is used, which does not depend on the time. It is set to 0.
         dynamics = self.evaluate(np.zeros(1), state[None], frame)
         # (variables,) the rates of the variables by time.
         variable_rates = rates_by_time(dynamics.motion, dynamics.speed)[0]

@@ -108,8 +108,8 @@ def inertia(mechanism: Mechanism, motion: CoordinateMotion) -> Inertia:
         I w_i . (dw_j/dq_l + w_j x w_l)  and  I w_j . (dw_i/dq_l + w_i x w_l).
 
     With one coordinate M is the equivalent inertia B. The cross products vanish, and
-    dB = 2 sum of w . I dw. This is eq. (19) of Di Gregorio (2024), which also has the
-    derivatives of rotations.
+    dB = 2 sum of w . I dw. This is eq. (19) of Di Gregorio (2024), which writes the rate
+    and the axis of w as two factors and differentiates them separately.
     """
     # The derivatives dw are those of w in ground axes. All scalar products are computed
     # with components along link axes, in which the inertia tensors are constant.

@@ -225,13 +225,15 @@ class StoredModel:
             (...) coordinates along a curve of configurations, or (..., m) the m inputs over
             a box of their ranges.
         """
-        # The points in n rows (n, m), with m = 1 along a curve. `arrays.shape` is (..., m).
+        # Flatten the points to n rows. `columns` is a list with an array for each argument,
+        # here the coordinates (n, m) alone. Along a curve, m is 1.
         arrays = self._broadcast(x)
         (coordinates,) = arrays.columns
         # The heading lists the stored functions and their groups.
         group, _ = self.heading.locate_function(names[0])
         values = self._evaluate_group(group, coordinates)
         selected = values[:, self._indices_in_group(names)]
+        # `arrays.shape` is (..., m), the shape of the coordinates before flattening.
         return selected.reshape(*arrays.shape[:-1], len(names))
 
     def inertia(self, x: Any) -> Any:
@@ -449,17 +451,20 @@ class StoredModel:
     def save(self, path: AnyPath) -> None:
         """Write the model to a NumPy archive (.npz) that describes itself.
 
-        The archive has the heading as text, with a description of the arrays. The stored
-        functions are in groups, each of which shares one division of the domain into cells.
-        For each group k the archive has arrays such as "coefficients_k", the coefficients
-        of the Chebyshev series.
+        The archive has a heading as text: names of functions and coordinates, loads, and a
+        description of the arrays. The functions of a model depend on one coordinate along a
+        curve of configurations, or on all inputs in a box of their ranges. This domain is
+        divided into cells. A group has the functions that share one division. For each
+        group k the archive has arrays such as "coefficients_k", the coefficients of the
+        Chebyshev series.
 
         Raises
         ------
         OutputError
             If it cannot be written; an older file is then unchanged.
         """
-        # Along a curve, the cells are intervals between edges. Over a box they are boxes.
+        # The names depend on the cells. Along a curve, cells are intervals between "edges".
+        # In a box, "splits" and "bounds" describe smaller boxes.
         array_names = _array_names(self.heading)
         arrays = {
             f"{name}_{k}": getattr(group, name)

@@ -140,8 +140,9 @@ class Sheet:
     ) -> tuple[Drawing, Any]:
         """Return a figure with a number of panels in rows and columns.
 
-        The figure extends over one or two columns of a journal (`self.columns`). By default
-        it has as many columns of panels. It has one column more if titles are short and
+        The figure extends over one or two columns of a journal page (`self.columns`). By
+        default one column of panels is drawn on each column of the page. One column of
+        panels is added if titles are short and
 
         - there are more than four panels,
         - four panels are on one column of a journal, which become two by two, or

@@ -74,7 +74,8 @@ def moving_columns(diagram: Diagram) -> Iterator[Moving]:
 
     Each item is a path below that of the diagram, and the columns that are logged there.
     If each point has two angles to be listed as numbers (`readings`), they are written in a
-    legend. If each row has a text (`words`), it is written below the frame.
+    legend. If each row has a text (`words`), such as a step of a construction, it is
+    written below the frame.
 
     A leader is a thin line from a point to its name, which is moved aside if names would
     cover each other. The number of visible points and lines changes from row to row. Each
@@ -84,11 +85,12 @@ def moving_columns(diagram: Diagram) -> Iterator[Moving]:
     low, high = np.transpose([diagram.x_range, diagram.y_range])  # corners (x, y)
     is_visible = np.all((diagram.places >= low) & (diagram.places <= high), axis=2)
     visible_count = is_visible.sum(axis=1)  # (rows,)
-    # `tones` has the number of the colour of each point.
+    # The tone of a point is the number of its colour in a list.
     point_colours = [colours.tone_colour(tone) for tone in diagram.tones]
     rgb = np.array(point_colours, np.uint8)  # (points, 3)
     visible_rgb = np.broadcast_to(rgb, (row_count, point_count, 3))[is_visible]
-    # Places of the points in units of the chart, where y points down.
+    # The places of a diagram are in the units of its axes, with y up. `_place` converts
+    # them to the units of the chart, with y down.
     places = _place(diagram, diagram.places)
     # Each name is written at its point, or beside it if it would cover another name. A name
     # is as wide as its number of letters times `LETTER_WIDTH`.
@@ -97,7 +99,8 @@ def moving_columns(diagram: Diagram) -> Iterator[Moving]:
 
     points = rr.Points2D.columns(positions=places[is_visible], colors=visible_rgb)
     yield "points", points.partition(visible_count)
-    # y points down, and the viewer writes a text `LABEL_DROP` below its position.
+    # The viewer writes a text `LABEL_DROP` below its position. Names are moved up by this
+    # length, and up is the direction of negative y.
     names = rr.Points2D.columns(
         positions=name_places[is_visible] - [0.0, LABEL_DROP],
         labels=np.tile(diagram.names, (row_count, 1))[is_visible].tolist(),

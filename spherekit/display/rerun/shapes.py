@@ -103,10 +103,11 @@ def split_at_nan(points: Floats) -> list[Floats]:
 
 
 def _resample(line: Floats) -> Floats:
-    """Return a polyline (n, 3) on the sphere with steps neither too short nor too long.
+    """Return a polyline (n, 3) on the sphere with fewer short and without long steps.
 
-    Steps shorter than `MIN_PATH_STEP_RAD` are joined, and steps longer than
-    `MAX_PATH_STEP_RAD` are divided. A polyline that is shorter altogether becomes empty.
+    Points that are closer than about `MIN_PATH_STEP_RAD` are joined. Points are then added
+    so that no step is longer than `MAX_PATH_STEP_RAD`. An added point may be close to one
+    of the polyline. A polyline shorter than `MIN_PATH_STEP_RAD` altogether becomes empty.
     """
     steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
     length = np.concatenate([[0.0], np.cumsum(steps)])  # from the beginning to each point
