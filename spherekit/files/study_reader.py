@@ -94,6 +94,9 @@ class _StudyReader:
             Path of the file. The study has the name of the file, without the ending. The
             path of the mechanism, which is stated in the file, is relative to its folder.
         """
+        # `self.data` has angles in rad and arrays as tuples. Only the parameters of
+        # analyses are taken as written in the file. They are read by the types that the
+        # classes of the analyses declare, when the analyses are created.
         data = self.data
         start = data.get("start", {})
         # The study can lock pairs of the mechanism, and drive other pairs than its file.

@@ -92,9 +92,10 @@ def find_crossings(
         values_at_high=smallest_margins(evaluate(outside)),
         tolerance=EPS,
     )
-    # The margin that ends the region is negative just beyond the crossing. The search has
-    # ended with a point there, unless the margin is exactly zero at the crossing: then its
-    # end outside may be far away, where other margins are negative too. A small step beyond
+    # The margin that ends the region is negative just beyond the crossing. `angle_outside`
+    # is the end outside of the last bracket of the search, so it is such a point. However,
+    # the search stops early if it meets a value of exactly 0. This bracket may still be
+    # wide, and at its end other margins may be negative too. A point at a small step beyond
     # the crossing is taken instead.
     value = smallest_margins(evaluate_on_arcs(crossing_angle, all_arcs))
     lookup_angle = np.where(

@@ -427,13 +427,14 @@ def _filled_fractions(polynomials: Floats) -> Floats:
     b and c over a subcell in the three directions, and has the value f at its centre. With
     S = |a| + |b| + |c|, the fraction is estimated as 1/2 + f / S, limited to 0 and 1.
 
-    The fractions of single subcells are inaccurate, but not their sum. If the border, where
-    the polynomial is zero, is a plane, errors on both sides of it cancel. At a curved
-    border there is more volume on one side. With g^2 = a^2 + b^2 + c^2 and the Laplacian L
-    of the polynomial (per subcell), the sum is then too small by S^2 L / (24 g^3) per area
-    of the border, if second derivatives along the gradient are neglected. L / 24 is d, the
-    mean of the polynomial over a subcell less f. Subcells with a fraction between 0 and 1
-    are a layer of the thickness S / g, so the term d S / g^2 in each compensates this.
+    The fractions of single subcells are inaccurate, but only their sum matters. If the
+    border, where the polynomial is zero, is a plane, errors on both sides of it cancel.
+    At a curved border they do not, and a correction is added to each fraction.
+
+    Let d be the mean of the polynomial over a subcell less f, and g^2 = a^2 + b^2 + c^2.
+    The sum is too small by d S^2 / g^3 per area of the border, if second derivatives along
+    the gradient are neglected. Subcells with a fraction between 0 and 1 form a layer of the
+    thickness S / g along the border. The correction d S / g^2 in each therefore suffices.
 
     Parameters
     ----------
@@ -445,7 +446,8 @@ def _filled_fractions(polynomials: Floats) -> Floats:
     -------
     (SUBCELLS_PER_SIDE**3, m) fractions from 0 to 1.
     """
-    # The value f, the absolute values of a, b and c, and their sum S.
+    # The constant matrices interpolate the 27 samples of a cell in all subcells. They give
+    # the values f at the centres, the changes a, b and c, and the means.
     value = _AT_CENTRES @ polynomials
     changes = np.abs(_CHANGES @ polynomials)
     change_sum = changes.sum(axis=0)

@@ -191,11 +191,13 @@ class DyadChain:
         self.dyads = tuple(self._make_dyad(group) for group in assembly.groups)
         self.dyad_of_link: dict[int, int] = {}
         self.dyad_of_pair: dict[int, int] = {}
-        # The sign of a dyad, 1 or -1, says which of its two possible assemblies it has.
-        # This mapping has the numbers of the dyads on whose signs a quantity depends. Its
+        # The sign of a dyad, 1 or -1, says which of its two possible assemblies it has. A
+        # result that depends on the signs of some dyads only is computed once for all
+        # combinations of the other signs. This mapping has the numbers of these dyads. Its
         # keys are the names of methods of `WorkingMode` with their arguments. `WorkingMode`
-        # adds a quantity when it computes it for the first time.
+        # adds a key when it computes the quantity for the first time.
         self.sign_dependencies: dict[Hashable, frozenset[int]] = {}
+        # The words near and far only distinguish the two ends of a dyad.
         for number, dyad in enumerate(self.dyads):
             for link in (dyad.near_link, dyad.far_link):
                 self.dyad_of_link[link] = number

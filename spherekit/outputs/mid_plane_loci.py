@@ -304,11 +304,13 @@ class _MidPlaneCurveSearch:
         """Return a measure of the reach of a leg, which is 0 at the limit of its reach.
 
         Base and output mirror each other in the mid-plane. The elbow e, the axis between
-        the two links of the leg, is in this plane. Let a be the angle from the base axis b
-        of the leg to e, and h the angle between b and the plane. The leg reaches the plane
-        if h is at most a and at most pi - a. The measure is sin(a + h) sin(a - h). If the
-        leg reaches the plane, it is the square of the height n . (b x e) of the elbow, with
-        the unit normal n. Out of reach there is no elbow, and the formula is negative.
+        the two links of the leg, is in this plane. Its angle from the base axis b of the
+        leg is the arc a of the link. Let h be the angle between b and the plane. All axes
+        in the plane have angles from h to pi - h to b. An elbow exists if a is one of them.
+
+        The measure is sin(a + h) sin(a - h). If there is an elbow, it is the square of the
+        triple product n . (b x e) with the unit normal n of the plane, called the height of
+        the elbow. If there is none, the measure is negative.
 
         Parameters
         ----------
@@ -322,7 +324,8 @@ class _MidPlaneCurveSearch:
         (n,) measures, negative out of reach. They are NaN where another leg does not reach
         the mid-plane, because there is no configuration.
         """
-        # (n, legs) measures of all legs.
+        # (n, legs) measures of all legs. A foot is the point half-way between the two
+        # elbows that a leg can have.
         height_square = self.form.plane.elbow_feet(normals).height_square
         others_reach = np.all(np.delete(height_square, leg, axis=1) >= 0.0, axis=1)
         return np.where(others_reach, height_square[:, leg], np.nan)

@@ -195,14 +195,15 @@ class _MidPlaneMode:
     def _rates_and_type_1(self) -> tuple[Floats, Floats]:
         """Rates of the inputs per unit angular velocity of the output, and type I measures.
 
-        Rates are (n, inputs, 3), measures (n, inputs). The elbow is the axis between the
-        two links of a driven leg. Let p be the direction of the output, m its home
-        direction, whose mirror image is p, and n the normal of the mid-plane. For the
+        Rates are (n, inputs, 3), measures (n, inputs). Base and output mirror each other in
+        the mid-plane, whose normal is n. The elbow, the axis between the two links of a
+        driven leg, is in this plane, because both links have the same arc. Let p be the
+        direction of the output, and m its home direction, whose mirror image is p. For the
         angular velocity w of the output, the rate of the input is
 
             (elbow x p) . w / (n . (base axis x elbow) |p - m|).
 
-        It is the derivative of elbow . n = 0, since the elbow stays in the mid-plane:
+        It follows from the derivative of elbow . n = 0:
 
             elbow' . n + elbow . n' = 0
 
@@ -211,17 +212,19 @@ class _MidPlaneMode:
           length only changes n along itself, at right angles to the elbow. So
           elbow . n' = elbow . (w x p) / ``|p - m|`` = -(elbow x p) . w / ``|p - m|``.
 
-        The measure of type I is the divisor over the length of elbow x p. The divisor is 0
-        if the leg is at the limit of its reach, or if the output points in its home
-        direction. The input can then move while the output rests.
+        The measure of type I is the divisor over the length of elbow x p. If the divisor is
+        0, the input can move while the output rests. There are two such cases. The leg is
+        at the limit of its reach: n, base axis and elbow are in one plane. Or the output
+        points in its home direction: p = m.
         """
         # Elbows and their heights n . (base axis x elbow).
         elbows, elbow_heights = self._elbows
         numerators = cross(elbows[:, self.driven], self.directions[:, None])
-        # The result is a vector, so it is rotated from mirror axes (in which the formulas
-        # are simplest) to the axes of the base. Denominators are scalars. The sense of a
-        # pair is -1.0 if its variable decreases while the elbow turns about the base axis
-        # in the positive sense.
+        # Elbows and directions are in mirror axes: x halves the angle between the base axes
+        # of the two driven legs, and z is normal to both. The result is rotated to the axes
+        # of the base. Denominators are scalars and need no rotation. The sense of a pair is
+        # -1.0 if its variable decreases while the elbow turns about the base axis in the
+        # positive sense.
         senses = self.form.plane.senses[self.driven]
         numerators = (numerators @ self.form.frame.T) * senses[:, None]
         denominators = elbow_heights[:, self.driven] * self.home_distance[:, None]

@@ -63,16 +63,18 @@ class ModeAtPoses(Protocol):
     def type_2(self) -> Floats:
         """(n,) measure from 0 to 1 of how surely the locked inputs hold the output.
 
-        It is 0 at a singularity of type II, where locked inputs do not hold the output. It
-        would be 1 if all pairs were locked, not only the inputs.
+        It is the transmission measure. At a singularity of type II it is 0, because the
+        output can move although the inputs are locked.
         """
 
     @property
     def rates(self) -> Floats:
         """(n, inputs, 3) rates of the inputs per unit angular velocity of the output.
 
-        The components are along the axes of the link that the output is seen from. If the
-        output is a direction, only the angular velocity at right angles to it counts.
+        The components are along the axes of the link relative to which the pose is given.
+        The rate of an input is the scalar product of its three numbers and the angular
+        velocity. If the output is a direction, only the angular velocity at right angles to
+        it counts.
         """
 
 

@@ -28,10 +28,11 @@ def output_kinematics(
 ) -> OutputKinematics:
     """Return an output with the best way to solve its poses.
 
-    A closed form is preferred. There is one for dyads (groups of two links), wheels on
-    dyads, and a mid-plane symmetric architecture, whose base and output link are mirror
-    images of each other. Otherwise each pose is solved on the graph of all links. If there
-    are neither two nor three inputs, only the poses at inputs can be computed.
+    A closed form is preferred. Three kinds of mechanisms have one: dyads (groups of two
+    links and three R pairs), dyads that are driven by wheels, and a mid-plane symmetric
+    architecture, whose base and output link are mirror images of each other. Otherwise each
+    pose is solved on the graph of all links. If there are neither two nor three inputs,
+    only the poses at inputs can be computed.
 
     Parameters
     ----------
@@ -39,12 +40,15 @@ def output_kinematics(
         The mechanism, and the name of its output if there are several.
     graph
         Whether to solve on the graph of all links although wheels or a mid-plane symmetric
-        architecture give a closed form. Dyads are solved in closed form all the same.
+        architecture give a closed form. Mechanisms of dyads alone ignore this option.
 
     Raises
     ------
-    ModelError, PlanError
-        If the output is unknown, or cannot take every pose.
+    ModelError
+        If the output is unknown.
+    PlanError
+        If the output link by itself cannot take every direction (or orientation), or the
+        mechanism has not one degree of freedom for each input.
     """
     # A pose has two coordinates (direction) or three (orientation), `COORDINATES`. Only
     # with as many inputs do poses determine the inputs. `points` says that poses are
@@ -80,9 +84,9 @@ def _find_closed_form(inverse: InverseKinematics) -> ClosedKinematics:
 
     Three kinds of mechanisms have one. They are tried in this order:
 
-    1. All links are dyads (groups of two links between two known axes) if the output is
-       held in a pose.
-    2. The links are such dyads if wheels that drive them are removed.
+    1. Dyads alone. With the output link fixed in its pose, all other links can be placed
+       as dyads, two links at a time between two known axes.
+    2. Dyads that are driven by wheels. Without the wheels they are of the first kind.
     3. Base and output link are mirror images of each other about a plane (mid-plane
        symmetric architecture).
 
@@ -93,7 +97,8 @@ def _find_closed_form(inverse: InverseKinematics) -> ClosedKinematics:
     """
     if inverse.has_closed_form:
         return DyadKinematics(inverse)
-    # The mechanism of the user, without virtual links that hold the output in a pose.
+    # `inverse` adds virtual links (the wrist), which hold the output link in its pose. The
+    # mechanism of the user is without these.
     mechanism = inverse.own
     output = inverse.wrist.output
     # None if the mechanism is not of the second kind.

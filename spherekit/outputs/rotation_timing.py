@@ -438,7 +438,8 @@ def schedule_limits(
 def _check_shape(shape: str | Law) -> Law:
     """Return a law shape that is given by its name or as a law.
 
-    A law shape is the part of an angle that is reached as a function of time.
+    A law shape is the fraction of the total angle that is reached, as a function of the
+    fraction t of the total time.
 
     Raises
     ------

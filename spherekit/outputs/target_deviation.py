@@ -413,10 +413,11 @@ class TargetDeviation:
         Parameters
         ----------
         force
-            (n, variables) generalised forces G^T d of the spring, with the Jacobian G of
-            the output link and the rotation d that is left to the target. If derivatives of
-            a motion are computed, it is a derivative of these forces. The part that is not
-            along N is balanced by reactions in the loops.
+            (n, variables) generalised forces on the variables. For a motion to the target
+            they are the forces G^T d of the spring, with the Jacobian G of the output link
+            and the rotation d that is left to the target. For the derivatives of a motion
+            of the target, they are the terms without the unknown derivative. Reactions in
+            the loops balance the part of the force that is not along N.
         closure_change
             (n, equations) required change of the closure residuals.
         stiffness
@@ -425,8 +426,9 @@ class TargetDeviation:
         """
         split = self._jacobian_split
         closing_motion = np.matvec(split.pseudo_inverse, closure_change)
-        # N^T K N y = N^T (force - K x) with the first part x. `left_inverse` gives NaN for
-        # a stiffness that is exactly singular, where `np.linalg.inv` would raise an error.
+        # N^T K N y = N^T (force - K x) with x = `closing_motion`, for which
+        # `_gradient_rates` returns K x. `left_inverse` gives NaN for a stiffness that is
+        # exactly singular, where `np.linalg.inv` would raise an error.
         remaining_force = force - self._gradient_rates(closing_motion)
         free_motion = np.matvec(
             left_inverse(stiffness), np.vecmat(remaining_force, split.null_space)

@@ -354,8 +354,9 @@ class WorkingMode:
         # The posed link is the one whose orientation (3, 3, n) the poses give.
         if link == chain.posed_link:
             assert self.posed_rotation is not None
-            # Row k of (3, 3 n) has the components of axis k of the link, for all poses. The
-            # sum of the rows times x, y, z has the components of the vector.
+            # The vector is x, y, z times the three axes of the link. The first index of the
+            # orientation is the axis, the second one its component, the third one the pose.
+            # The last two are joined, so that one product of matrices sums over the axes.
             flat_rotation = self.posed_rotation.reshape(3, -1)
             return (np.array([x, y, z]) @ flat_rotation).reshape(3, -1)
         dyad = chain.dyads[chain.dyad_of_link[link]]
@@ -389,7 +390,7 @@ class WorkingMode:
 
     @_shared_between_modes
     def _triangle(self, dyad_number: int) -> DyadTriangle:
-        """Return the parts of the middle axis of a dyad, from which both signs follow.
+        """Return the parts of the middle axis of a dyad, for both of its positions.
 
         The middle axis b has the angles `dyad.arcs` A and C to the outer axes a and c. Its
         two positions are mirror images of each other about the plane of a and c. They are
@@ -398,7 +399,8 @@ class WorkingMode:
                 + t (a x c) / |a x c|^2,
             t^2 = (cos(A - C) - a . c) (a . c - cos(A + C)),
 
-        with both signs of the triple product t = b . (a x c).
+        with both signs of the triple product t = b . (a x c). It is computed from half the
+        arcs, since differences of cosines lose digits if a and c are nearly parallel.
         """
         dyad = self.chain.dyads[dyad_number]
         a, c = self._outer_axes(dyad_number)

@@ -398,9 +398,12 @@ def _find_smallest_part(
     for body_a, body_b in sorted(couples):
         # The whole structure can move on the sphere as one body, so it has three free
         # pebbles (`BODY_FREEDOMS`). They are gathered on body a.
-        # Constraints that start in the set of bodies reachable from a and b also end in it.
-        # They have taken all pebbles of the set but these three, so the set is a rigid
-        # part. Every rigid part with both bodies contains it.
+        # No constraint points out of the set of bodies that are reachable from a and b. All
+        # pebbles of the set but these three are taken by constraints within the set. They
+        # leave only the freedom of one body, so the set is a rigid part.
+        # Any rigid part with a and b has these three free pebbles, too. Its other pebbles
+        # are taken by constraints within it, so no constraint points out of it either. It
+        # therefore contains the reachable set.
         pebble_game.gather_pebbles(body_a, BODY_FREEDOMS)
         part = pebble_game.reachable_bodies([body_a, body_b])
         parts.append(part)

@@ -183,13 +183,14 @@ class _Relations(NamedTuple):
     ) -> "_Relations":
         """Return the relations sin(r) f - sin(s) g = constant of contacts of two wheels.
 
-        The wheels have the radii r and s and turn by f and g relative to their carrier.
-        `driven` are the numbers of the driven pairs.
+        The wheels have the radii r and s. They turn by f and g relative to their carrier,
+        the link that carries both. `driven` are the numbers of the driven pairs.
         """
         factors, first_factors = np.zeros((2, len(contacts), pair_count))
         for k, contact in enumerate(contacts):
-            # f and g are sums of pair variables with signs. The signs in f, and those in g,
-            # are given by the number of the pair.
+            # f and g are sums of pair variables with signs. `angle_signs` has two mappings
+            # from numbers of pairs to signs, one for f and one for g. The factors of f are
+            # also stored alone, because they give the length that a contact has rolled.
             pairs_of_first_wheel, _ = contact.mesh.angle_signs
             for pair, factor in contact.angle_factors().items():
                 factors[k, pair] = factor
