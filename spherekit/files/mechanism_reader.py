@@ -627,7 +627,8 @@ class _MechanismReader:
         # `call_model` adds file, line and key to the message of any error in a function.
         centres, shaft_angle = self.call_model((*path, "axes"), find_centres)
         # The radius of a circle is the half angle of its cone. `check_half_angles` returns
-        # both half angles: it computes the second one if the file gives only the first.
+        # both half angles. It computes the second one if the file gives only the first, or
+        # if the cones would miss contact by a little.
         contact = item.get("contact", "external")
         if "teeth" in item:
             radii = self.call_model(
