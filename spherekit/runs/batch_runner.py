@@ -388,7 +388,7 @@ class BlockRows:
         self.is_certified[solved_rows] = np.all(
             columns[quality_function.slices["uncertainties"]] <= 1.0, axis=0
         )
-        # The residual of the solver replaces that of the kernel: it is measured directly.
+        # The closure residual that the solver has measured replaces that of the kernel.
         self.closure[0, rows] = residual
 
 
@@ -755,9 +755,9 @@ class BatchRunner:
 
         Each sample has one row in each assembly mode. The rows are evaluated by a kernel
         (compiled functions for many rows at once). `BLOCK_BYTES` limits the memory of a
-        block. A second limit is a multiple of the size without a kernel
-        (`PositionAnalysis.block`). The multiple is `MAX_BLOCK_FACTOR`, or 1 if the run is
-        recorded for the 3D viewer.
+        block. A block has at most `MAX_BLOCK_FACTOR` times the samples of a block without a
+        kernel (`PositionAnalysis.block`). If the run is recorded for the 3D viewer, it has
+        at most as many as that block.
         """
         position_analysis = self.sampling.position_analysis
         # A column has 8 bytes in each row.

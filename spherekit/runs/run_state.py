@@ -296,8 +296,8 @@ class RunState:
         batch
             The samples that the analysis has read. None if failed rows are not counted.
         has_rows_of_batch
-            Whether the rows belong to the samples of the batch. Rows with the status of
-            their configuration are then not counted as failed.
+            Whether the rows belong to the samples of the batch. A row whose status equals
+            that of its configuration is then not counted as failed.
         """
         self.counts[ROWS, analysis_name, table.name] += row_count(data)
         if batch is None:
@@ -322,9 +322,10 @@ class RunState:
             parts = values.parts if isinstance(values, Interleaved) else (values,)
             arrays = (np.asarray(part) for part in parts)
             for codes, part_count in _count_shared_arrays(arrays):
-                # The rows of a sample are successive. If all samples have the same number
-                # of rows, each row is compared with the status of its configuration, and
-                # left out if both are the same. Otherwise the sample of a row is unknown.
+                # The rows of a sample are successive. If the number of rows is a multiple
+                # of the number of samples, all samples are assumed to have equally many. A
+                # row whose status equals that of its configuration is then left out.
+                # Otherwise the sample of a row is unknown, and all rows are counted.
                 has_equal_shares = len(batch) > 0 and len(codes) % len(batch) == 0
                 if has_sample_rows and has_equal_shares:
                     sample_codes = codes.reshape(len(batch), -1)

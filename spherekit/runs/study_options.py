@@ -101,9 +101,10 @@ def _list_options(options_class: type) -> dict[str, inspect.Parameter]:
     """Return the keyword options of a public function, with default values and types.
 
     The function takes a study and options that replace fields of the study. Its options are
-    `input_pair`, most fields of `Study`, and the fields of `options_class`, which belong to
-    this function only. The class may list further fields of `Study` that are no options in
-    its attribute `excluded_study_fields`.
+    most fields of `Study` and the fields of `options_class`, which belong to this function
+    only. `input_pair`, the names of the driven pairs, is added: it changes the mechanism of
+    the study and is no field. If `options_class` has an attribute `excluded_study_fields`,
+    this attribute names further fields of `Study` that are no options.
 
     Returns
     -------

@@ -260,11 +260,12 @@ def find_third_axis(form: Form, links: FourLinks) -> ThirdAxis:
     Where the name is a word of Python, an underscore follows.
 
     The third rotation is the sum or the difference of output and input. The sign of d in
-    the relation c y' = d q' is -1 for the sum, 1 for the difference. R. Di Gregorio's
-    lecture on singularities numbers the conditions for two of the cases, .2 and .3. In the
-    others the label has no number.
+    the relation c y' = d q' is -1 for the sum, 1 for the difference. The last field is the
+    end of the labels of conditions for singularities, such as ".2" in "II.2". These numbers
+    are those of R. Di Gregorio's lecture on singularities, and only two cases have one.
     """
-    # Form ii: o and i, both relative to r. The difference is o relative to i.
+    # Form ii: o and i, both relative to r. The difference is o relative to i. If i is also
+    # s, this axis is stored under the name "os".
     if form == "ii":
         return ThirdAxis("os" if links.s == links.i else "io", 1.0, "")
     # The output is o relative to s, the input is s relative to r (i = s). The sum is o

@@ -138,9 +138,9 @@ class LocusPoints(ArrayRows):
     The locus of a mechanism with g degrees of freedom is the set of configurations in which
     unit rates x of the V variables close the loops and satisfy the m equations E x = 0. E x
     are the rates of the inputs (type II) or of the output (type I). k is the dimension of
-    the space of all possible x. Usually k = g. If only a part of the mechanism can move the
-    output, x moves only this part, and k is smaller. Rows in which Newton's method failed
-    are NaN.
+    the space of all possible x. Usually k = g, and this space is that of the changes of the
+    configuration. If only a part of the mechanism can move the output, x moves only this
+    part, and k is smaller. Rows in which Newton's method failed are NaN.
 
     Attributes
     ----------
@@ -161,12 +161,12 @@ class LocusPoints(ArrayRows):
         (n,) size of Newton's first step (rad), and of the second step relative to it. Steps
         along a curve are accepted only if both are small.
     equations
-        (n, m + 1, g + k) the linearised equations E x = 0 and |x| = 1. The unknowns are g
-        coordinates of the change of the configuration, and k coordinates of the change of
-        x, both in `basis`.
+        (n, m + 1, g + k) the linearised equations E x = 0 and |x| = 1. The unknowns are the
+        coordinates in `basis`: g of the change of the configuration, then k of the change
+        of x.
     basis
-        (n, V, g + k) g columns for changes of the configuration that keep the loops closed
-        (the tangent space), then k columns for x.
+        (n, V, g + k) two bases side by side: g columns for changes of the configuration
+        that keep the loops closed (the tangent space), then k columns for x.
     """
 
     values: Floats
@@ -195,10 +195,10 @@ class _LinearisedLocus:
 
     The equations are: the loops are closed, J x = 0 for the rates x of the motion with the
     Jacobian J of the loop closure, E x = 0 and |x| = 1. E x are the rates of the inputs
-    (type II) or of the output (type I), m numbers. There may be b more equations in the V
-    variables, the borders, which select points of the locus. The first two equations need
-    no rows in `equations`: the bases and `motion_corrections` are chosen so that they
-    remain satisfied.
+    (type II) or of the output (type I), m numbers. V is the number of variables of the
+    mechanism. There may be b more linear equations in the variables, the borders, which
+    select points of the locus. Closed loops and J x = 0 need no rows in `equations`: the
+    bases and `motion_corrections` are chosen so that they remain satisfied.
 
     The unknowns of `equations` are coordinates of the change of the configuration in the
     basis of `space` (g), then coordinates of the change of the motion in the basis of
@@ -217,8 +217,8 @@ class _LinearisedLocus:
     constraint_residual
         (n, m) E x.
     closing_change
-        (n, m) the change of E x by `space.closing_step`, the step of the variables that
-        closes slightly open loops.
+        (n, m) the change of E x when slightly open loops are closed, by the step
+        `space.closing_step` of the variables.
     motion_corrections
         (n, V, g + 1) the changes of x that keep J x = 0 while the configuration changes:
         along each of the g rates of `space`, and, in the last column, by the step that

@@ -98,17 +98,18 @@ class RowClassification:
         between two linear spaces of rates of inputs and output: the possible rates, and all
         rates with the output at rest.
     hold
-        (n,) smallest singular value of the closure equations with locked inputs. It is zero
-        if any link can move with the inputs locked. (`type_two` is zero if the output link
-        can.)
+        (n,) how firmly locked inputs hold the links: the smallest singular value of the
+        closure equations with locked inputs. It is zero if any link can then move.
+        (`type_two` is zero if the output link can.)
     reciprocal_condition
         (n,) smallest singular value of the closure Jacobian divided by the largest one.
     type
         (n,) `RowType` of each row: type I, II or III, regular, self-motion or unknown.
     group
-        (n,) 0 for rows that are not of types I, II or III. For these rows, each input in
-        turn is made the only one that moves, with all others locked. The group is 1 if one
-        of these mechanisms of one degree of freedom is singular, and 2 if none is.
+        (n,) group of a row of type I, II or III; 0 for all other rows. If all inputs but
+        one are locked, the mechanism has one degree of freedom. There is one such mechanism
+        for each input. The group is 1 if at least one of them is singular, and 2 if none
+        is.
     """
 
     input_rate: Floats

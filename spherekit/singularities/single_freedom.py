@@ -139,10 +139,13 @@ class SingleFreedomSingularities:
         The input is the rotation of a link i relative to r, with the rate q'. An output is
         the rotation of a link o relative to s. A relation is an equation c y' = d q' whose
         coefficients follow from the poles of these links. In form i, y' is the rate of the
-        output. In form ii it is the rate of o relative to r. Link s is needed there, too:
-        c and d contain the axes of o and i relative to s. They are zero if s is r, so
-        another link then takes its place. Each form has other configurations at which
-        c = d = 0, so that it says nothing. The class explains the parameters.
+        output. In form ii it is the rate of o relative to r. Its coefficients contain the
+        axes of o and i relative to s. With s = r both coefficients would be zero, so
+        `_links_of_form_ii` then chooses another link for s.
+
+        At configurations with c = d = 0 a form does not determine the ratio of the rates.
+        These configurations differ between the forms, so both are used. The class explains
+        the parameters.
         """
         mechanism = position_analysis.mechanism
         if len(position_analysis.inputs) != 1:
@@ -158,7 +161,8 @@ class SingleFreedomSingularities:
             """Return the order in which some poles are constructed from each other.
 
             It is None if there is no such order, for example because counting links and
-            pairs does not give one degree of freedom.
+            pairs does not give one degree of freedom. The order is the same on all curves,
+            so the result is stored.
             """
             try:
                 # `by_rank`: counting links and pairs gives a wrong number of degrees of
@@ -554,9 +558,9 @@ class SingleFreedomSingularities:
         is that of the output link relative to the reference link of the input.
 
         Several motions are possible at a crossing. The configuration alone then gives c = d
-        = 0 (type III). The tangent of a curve selects one motion, which can determine pole
-        axes that the configuration leaves open. If c and d do not both vanish with these
-        axes, a note says that the relation applies to one curve only.
+        = 0 (type III). The tangent of a curve selects one motion. Some pole axes are
+        determined by this motion, though not by the configuration. If neither c nor d
+        vanishes with these axes, a note says that the relation applies to one curve only.
 
         Parameters
         ----------
@@ -585,6 +589,7 @@ class SingleFreedomSingularities:
         # and d never vanish, and no note is needed.
         is_input = {*self.outputs[output]} == {*self.input}
         relations: list[RelationAt] = []
+        # The type of the configuration, with which the relations are compared.
         types = [Type.III] * curve_count
         for relations_of_curve in self._compare_relations(output, links, types):
             for relation in relations_of_curve:

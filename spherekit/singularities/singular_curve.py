@@ -105,7 +105,7 @@ class SingularCurve:
             (n,) position of the projection on each chord, from 0 to 1.
         """
         nodes = self.nodes
-        # Unit vectors (n, V) along the chords, and their lengths (n,).
+        # Unit vectors (n, V) along the chords. `chords.chords` has the lengths (n,).
         directions = self.chords.directions[chord_numbers]
         lengths = self.chords.chords[chord_numbers]
         # Singular motions (n, V) for the start, interpolated between the nodes.
@@ -119,8 +119,8 @@ class SingularCurve:
             motions=start_motions + parts[:, None] * motion_changes,
             borders=directions[:, None],
             targets=(projections + parts * lengths)[:, None],
-            # Bases of possible rates at the results are aligned with those at the nodes, so
-            # that they change continuously.
+            # The results have bases of the rates that keep the loops closed. Each is
+            # aligned with that of the chord's first node: bases change continuously then.
             reference_basis=nodes.basis[chord_numbers],
         )
         # A curve has one tangent (index 0). Its sign is arbitrary in the result, and is
@@ -212,7 +212,8 @@ class SingularCurve:
         generally reverses its direction there.
 
         The mechanism has two degrees of freedom. If only a part of it moves in singular
-        motions, and this part has fewer, no cusps are searched.
+        motions, and this part has only one, no cusps are searched: the determinant below
+        needs two coordinates of each motion.
         """
         if self.locus.motion_dimension < self.locus.degrees_of_freedom:
             no_points = self.nodes.rows(slice(0))
@@ -222,9 +223,9 @@ class SingularCurve:
             """Return the determinant (n,) of singular motion and tangent, 0 at a cusp."""
             # (n, V, 2) motion and tangent, as rates of all V variables.
             rates = np.stack([points.motions, points.tangents[:, :, 0]], axis=2)
-            # The last columns of `basis` are an orthonormal basis (n, V, 2) of the possible
-            # motions. The first columns, as many as degrees of freedom, are for changes of
-            # the configuration. The products are two coordinates of the motion, and two of
+            # `basis` has two bases side by side. The first two columns are for changes of
+            # the configuration. The last two are an orthonormal basis (n, V, 2) of the
+            # singular motions. The products are two coordinates of the motion, and two of
             # the tangent. Their determinant is zero if both are parallel.
             motion_basis = points.basis[:, :, self.locus.degrees_of_freedom :]
             return np.linalg.det(np.swapaxes(motion_basis, 1, 2) @ rates)

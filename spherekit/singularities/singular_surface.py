@@ -188,15 +188,17 @@ class SingularSurface:
 
         # Newton's method moves the guess onto the surface. A surface has two dimensions, so
         # two linear equations in the variables are added, which the guess satisfies. The
-        # first says that the input is at its limit. The second says that the point does not
-        # move along the tangent direction in which this input is constant.
+        # first says that the input is at its limit. The surface has one tangent direction
+        # in which this input is constant. The second equation says that the point does not
+        # move in this direction.
         driven = self.view.solver.driven
         variable = driven[input_position]
         unit_vectors = np.eye(guess.values.shape[1])
         tangents = self.nodes.tangents[ends[:, 0]]
-        # The tangent plane at the first end of the edge has two basis vectors. (k, 2) is
-        # the change of the input along each of them. Turned by 90 deg in this plane, it is
-        # the direction along which the input is constant.
+        # The tangent plane is that at the first end of the edge. It only selects one of the
+        # singular configurations with this input, so it need not be that at the point.
+        # (k, 2) is the change of the input along the two basis vectors of the plane. Turned
+        # by 90 deg in this plane, it is the direction along which the input is constant.
         input_gradient = tangents[:, variable]
         level_coordinates = input_gradient[:, ::-1] * [-1.0, 1.0]
         second_rows = np.vecmat(level_coordinates, np.swapaxes(tangents, 1, 2))
@@ -205,6 +207,7 @@ class SingularSurface:
         # the other input keeps its value. (The limited input itself is not constant along
         # edges that cross its limit.)
         for other_variable in driven:
+            # Change of the other input from the first end of an edge to the second.
             edge_change = np.abs(guess.edge_vectors[:, other_variable])
             is_constant = edge_change < EQUAL_INPUT_TOLERANCE_RAD
             second_rows[is_constant] = unit_vectors[other_variable]

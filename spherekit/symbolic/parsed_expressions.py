@@ -86,6 +86,7 @@ def convert_to_graph(
         # Operands are numbers or nodes of the graph. A denominator that is the number 0 is
         # an error. A node, which may be zero at some values of its variables, differs from
         # 0.0 in this comparison.
+        # In the message an expression without text is called a load.
         if name == "/" and full_operands[1] == 0.0:
             subject = f'"{expression.text}"' if expression.text else "a load"
             raise EngineError(f"{subject} divides by what is zero everywhere")

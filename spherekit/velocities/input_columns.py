@@ -147,11 +147,11 @@ class InputColumns:
         self._request = request
         tree = rows.tree
         moving_variable = rows.pair_variables[request.plan.input][0]
-        # `solve_loops` returns rates at which the loops stay closed while all inputs rest.
-        # An offset e of a pair is subtracted from the relative angular velocity of its
-        # links. With e = -v, where v is the angular velocity of the moving input at unit
-        # rate, v is added. The rates are then those that the moving input causes. Its own
-        # rate, 1, is entered afterwards.
+        # `solve_loops` returns the rates of the other pairs that close the loops while all
+        # inputs rest and a given offset is subtracted from the angular velocity of a pair.
+        # The moving input at unit rate has the angular velocity v, its vector. The offset
+        # -v adds v, so the rates are those that the moving input causes. Its own rate, 1,
+        # is entered afterwards.
         self._rates = rows.solve_loops(
             {request.plan.input: -1.0 * rows.vectors[moving_variable]}
         )
@@ -164,8 +164,11 @@ class InputColumns:
             self._rates, self._w
         )
         self._dw = sum_along_paths(tree, pair_accelerations)
+        # The sums of velocities and of accelerations around the loops. They are zero up to
+        # rounding.
         self.rate_residual = self._loop_residual(self._w, pair_velocities)
         self.acceleration_residual = self._loop_residual(self._dw, pair_accelerations)
+        # Bounds of the errors of rates, angular velocities, their derivatives, and axes.
         self._set_error_bounds()
         self._add_columns(columns)
 

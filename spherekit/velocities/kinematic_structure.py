@@ -166,15 +166,17 @@ class KinematicStructure:
         The equation of a loop is a vector equation: a sum of axes times rates is zero. Two
         variables that occur in no other loop, the private ones, can be eliminated at once:
         the component of the equation along the normal of both axes does not contain them.
-        Loops without two such variables have none that are called private. If both axes
-        coincide in a link, and so at all configurations, there is no normal. Only the sum
-        or the difference of both rates then follows from the equations.
+        A loop has two private variables or, if it has no two such variables, none. If both
+        axes coincide in a link, and so at all configurations, there is no normal. Only the
+        sum or the difference of both rates then follows from the equations.
         """
         for group in self.groups:
             for private_variables in group.private_variables:
                 if not private_variables:
                     continue
                 first, second = private_variables
+                # The axes (3,) by the numbers of the links in which they are fixed. There
+                # are none for a contact profile that is no circle.
                 first_axes = self.fixed_vectors(first)
                 second_axes = self.fixed_vectors(second)
                 for link in first_axes.keys() & second_axes.keys():
