@@ -363,9 +363,10 @@ class Simulation:
         """Balances of energy and power, largest closure residual, and the error.
 
         The error is the difference from a simulation with a smaller tolerance, if there is
-        one. Balances are evaluated at three times within each of the steps
-        `StatePath.checked_steps`, and at the end. The states contain the momenta p = R u
-        with the rates u of the coordinates and the symmetric root R of the inertia matrix.
+        one. Balances are evaluated at the end, and at three times within some steps. These
+        steps (`checked_steps`) are evenly chosen, and limited in number to save time. The
+        states contain the momenta p = R u with the rates u of the coordinates and the
+        symmetric root R of the inertia matrix.
         """
         path = self.path
         equation = self.equation
@@ -385,9 +386,9 @@ class Simulation:
         # The error of dp/dt is not computed at the end. There a load may jump, or dp/dt may
         # have no value because the inertia matrix is singular.
         rate_errors[t >= self.end.t] = 0.0
-        # The largest momentum is the scale of their errors. A mechanism at rest would have
-        # the scale zero. The scale is therefore at least the largest eigenvalue of R, which
-        # is a momentum at the rate 1 rad/s.
+        # Errors of momenta are divided by the largest momentum. This would be zero if the
+        # mechanism rests all the time. The divisor is therefore at least the largest
+        # eigenvalue of R, which is a momentum at the rate 1 rad/s.
         momentum_sizes = np.append(
             np.linalg.norm(momenta, axis=1), dynamics.roots.eigenvalues
         )

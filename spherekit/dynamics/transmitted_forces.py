@@ -522,12 +522,14 @@ def compute_reactions(driven: DrivenState, *, forces: bool = False) -> JointReac
     # The moment by which equilibrium is missed is the residual of its equations.
     unbalanced = equilibrium.residual
     if not forces:
+        # Forces were not computed. Nothing is known of whether they are open.
         wrenches[..., MOMENT_COMPONENTS:] = np.nan
         opened[..., MOMENT_COMPONENTS:] = False
     # Rows in which a link can be displaced from O.
     is_sliding = np.any(equations.slides, axis=1)
     if np.any(is_sliding):
-        # Moments are still determined. They are computed without the equations of forces.
+        # Forces are not determined in these rows. Moments are, and they are computed from
+        # the equations of moments alone.
         moments_only = compute_reactions(driven.rows(is_sliding))
         wrenches[is_sliding] = moments_only.wrenches
         opened[is_sliding] = moments_only.opened

@@ -204,6 +204,8 @@ class ImportedDynamics:
         """
         gravity = self._linkage.foreign_model.gravity
         if gravity is not None and has_masses:
+            # `shorten` removes rounding: 9.810000000000002 becomes 9.81. What is only
+            # rounding of 1 m/s^2 becomes 0.
             acceleration = [shorten(component, 1.0) for component in gravity]
             yield "gravity", {"kind": "gravity", "acceleration": acceleration}
         for pair in self._linkage.pairs:

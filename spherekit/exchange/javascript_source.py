@@ -126,12 +126,13 @@ def _write_function(source: Source, function: SourceFunction) -> str:
     - The function of the formulas writes to the array ``result`` and returns it.
     - If positions have no closed form, another function makes one step of Newton's method.
       It writes the variables of all pairs after the step to its argument ``variables``. It
-      returns the closure residual, by which the loops were open before the step.
+      returns the closure residual, by which the loops were open before the step. Only a
+      function of this kind has a `closure_residual`, the name of this number in its lines.
     """
     parameters = ", ".join(source.arguments)
     if function.closure_residual:  # the step of Newton's method
-        # The name of this argument is ``variables`` for a step of Newton's method. (It is
-        # ``mode`` in closed form.)
+        # The argument that chooses the assembly mode (the way to assemble the mechanism).
+        # Here it is called ``variables``, because approximate variables choose the mode.
         target = source.mode_argument
     else:
         target = "result"

@@ -346,8 +346,9 @@ def _convert_to_sizes(mechanism: Mechanism) -> tuple[Mechanism, Floats]:
     sizes_by_link: dict[str, LinkSizes] = {}
     rotation_by_link: dict[str, Floats] = {}
     for link, axes in link_axes(mechanism).items():
-        # The columns are unit vectors: towards the second axis, at right angles to it, and
-        # the first axis. They become y, -x and z of the new frame.
+        # `next(iter(axes))` is the name of the first axis. The columns of its frame are
+        # unit vectors: towards the second axis, at right angles to it, and the first axis.
+        # They become y, -x and z of the new frame.
         toward, across, first = reference_frame(axes, next(iter(axes))).T
         rotation = np.stack([-across, toward, first])
         rotation_by_link[link] = rotation
@@ -362,8 +363,8 @@ def _convert_to_sizes(mechanism: Mechanism) -> tuple[Mechanism, Floats]:
         )
     ground_rotation = rotation_by_link[mechanism.ground]
     pairs = mechanism.pairs
-    # The frames of all pairs in the new axes of their first and of their second link. They
-    # also tell at which angle the variable of each pair is zero.
+    # Each pair has one frame in its first link and one in its second link. z is the axis of
+    # the pair. The variable of the pair is zero if the x axes of both frames coincide.
     frames_in_first: dict[str, Floats] = {}
     frames_in_second: dict[str, Floats] = {}
     old_frames_in_first, old_frames_in_second = pair_frames(mechanism)

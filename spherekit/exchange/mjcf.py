@@ -176,6 +176,9 @@ class MujocoModel:
                 self._loaded_loop_hinges.append(reversed_hinge)
             else:
                 self._loaded_loop_hinges.append(hinge)
+        # Most children of hinges are links. The others are bodies that replace contacts.
+        # All names follow from those of links and bodies. The dictionary has the link of
+        # each twin, by the pair that moves the twin.
         added_bodies = [hinge.child for hinge in self._rigid_bodies.hinges]
         self._names = name_elements(
             mechanism,

@@ -390,16 +390,18 @@ class BorderSegments(ArrayRows):
         A chord is the arc of a great circle between the ends of a segment of the border. A
         margin is a function of the direction that is at least 0 in the region. One of them
         is zero on the segment, and no other one may be negative there. A segment with a
-        negative margin is not the border of the region. It is replaced by its chord and
-        marked as not sound.
+        negative margin is not the border of the region. It is replaced by its chord, and
+        marked as not sound: its border was not found.
 
-        The difference between another margin and the zero one is tested at samples along
-        the segment. On the exact border, it is equal to the other margin. A parabola
-        through every three samples shows a minimum between them.
+        The margin that is zero on the exact border is only nearly zero on the computed
+        segment. It is therefore subtracted from the other margins, which are tested at
+        samples along the segment. A parabola through every three samples shows a minimum
+        between them.
         """
         u = np.linspace(-1.0, 1.0, AUDIT_STEPS + 1)
         # The height of a segment, an angle to the left of its chord, is a polynomial along
-        # the chord. In new segments its degree is 4, and its values at 5 nodes are stored.
+        # the chord. In new segments its degree is `ORDERS[1]`, which is 4. The height is
+        # stored by its values at 5 nodes.
         order = ORDERS[1]
         nodes_to_samples = interpolation_matrix(order, u)
         height = self.height[selected, : order + 1] @ nodes_to_samples.T

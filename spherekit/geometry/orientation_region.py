@@ -371,13 +371,14 @@ class _OrientationCells:
     def _sample(self, boxes: _Boxes) -> tuple[Floats, Floats]:
         """Return the k margins at the samples and check points of n cells.
 
-        A margin may be NaN, which has two meanings:
+        A margin is NaN where it cannot be computed. A point with NaN is always outside of
+        the set:
 
-        - No other margin is negative at this point. The orientation cannot be reached, so
-          it is outside of the set. The NaN is replaced by -1.
-        - Another margin is negative, which excludes the point already. The NaN must not
-          exclude more, so it is replaced by a positive number if there is one: the largest
-          value that its margin has in the cell, or 1 if the margin is NaN everywhere in it.
+        - If no other margin is negative there, the orientation cannot be reached. The NaN
+          is replaced by -1, which excludes the point.
+        - Otherwise the negative margin excludes the point, and the NaN should not change
+          the sign of its own margin. It is replaced by the largest value that this margin
+          has in the cell, or by 1 if the margin is NaN everywhere in it.
 
         The orientation whose smallest margin is the largest so far is stored, too.
 
@@ -401,7 +402,7 @@ class _OrientationCells:
         cubes = np.broadcast_to(boxes.cube, points.shape[:2])
         # Neighbouring cells share samples. Each one is evaluated once: number of the cube
         # and coordinates are combined to one integer key. `CUBE_POINTS` are the numbers of
-        # integer points along the sides of a cube.
+        # possible values of the three coordinates.
         key = np.ravel_multi_index((cubes, *np.moveaxis(points, 2, 0)), (4, *CUBE_POINTS))
         _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
         quaternions = _quaternions(cubes.ravel()[first], points.reshape(-1, 3)[first])

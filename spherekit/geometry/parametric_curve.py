@@ -35,12 +35,13 @@ of files.
 class PathFrames:
     """Frames and geodesic curvatures of a path on the unit sphere at n parameters.
 
-    p is the point of the path, t the unit tangent there.
+    p is the point of the path, t the unit tangent there. Their vector product p x t is the
+    normal, which points to the left of the path.
 
     Attributes
     ----------
     frame
-        (n, 3, 3) frames with the columns t, n = p x t and p.
+        (n, 3, 3) frames with the columns t, p x t and p.
     curvature
         (n,) geodesic curvatures k, positive if the path turns left.
     curvature_rate

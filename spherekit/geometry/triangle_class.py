@@ -200,7 +200,8 @@ def _bound_margins(triangles: Indices, samples: Floats) -> MarginBounds:
     samples
         (10, n, k) margins: at the three vertices, at the midpoints of the edges 12, 23 and
         31, at a check point on each of these edges, and at the centroid. A check point is
-        at a quarter of its edge from the vertex with the lower number.
+        at a quarter of its edge from the vertex with the lower number. Both triangles at an
+        edge therefore have the same check point.
     """
     # Six samples determine a polynomial of degree 2, which its Bernstein coefficients
     # bound. Its error is measured at four check points.

@@ -241,12 +241,12 @@ def find_wheel_contact(
         for wheel, rotation in zip(wheels, orientations, strict=True)
     )
     # The contact point is on the great circle through both centres, at the distance of the
-    # first radius from the first centre. The normal of each circle points to its centre. At
-    # the contact both normals are equal, so one circle touches the other from inside. (If
-    # they touch from outside, the second one is described by the opposite centre and the
-    # radius pi - radius.) The contact is therefore on the side of the second centre if the
-    # first circle is the larger one, and on the opposite side if it is the smaller one.
-    # Circles with equal radii only touch if they have the same centre.
+    # first radius from the first centre. Both centres are described such that one circle
+    # touches the other from inside. (If they touch from outside, the second one has the
+    # opposite centre and the radius pi - radius.) The contact is therefore on the side of
+    # the second centre if the first circle is the larger one. It is on the opposite side if
+    # the first circle is the smaller one. The distance of the centres is the difference of
+    # the radii, so circles with equal radii have the same centre, which is an error.
     # `across` is the part of the second centre perpendicular to the first.
     across = second_centre - (first_centre @ second_centre) * first_centre
     size = np.linalg.norm(across)

@@ -417,6 +417,8 @@ def geared_kinematics(mechanism: Mechanism, output: Output) -> GearedKinematics 
     entry_inputs = tuple(
         Input(mechanism.pairs[pair].name, 0.0, TURN) for pair in entry_pairs
     )
+    # An error means that the mechanism without the wheels is not valid, or that links can
+    # still move, or hinder each other, if its output is held.
     try:
         driven_at_entry_pairs = replace(mechanism, inputs=entry_inputs, modes={})
         part = of_pairs(driven_at_entry_pairs, pairs_without_wheels)

@@ -230,10 +230,11 @@ class MidPlaneArchitecture:
         Returns
         -------
         phi, gamma, omega
-            (n,) angles (rad). They are NaN for a direction at which several mid-planes make
-            the output point.
+            (n,) angles (rad). They are NaN at one direction, m: the direction of the output
+            is the mirror image of m. m itself is its own image in every plane through m.
         """
-        # The second result is 0 for such a direction.
+        # The second result is the distance of each direction from m. It tells how accurate
+        # the normals are, and is not needed.
         normals, _distance = self.normals_to(directions @ self.frame)
         return mirror_angles(normals)
 

@@ -174,11 +174,12 @@ class _MidPlaneCurveSearch:
         of the base in the mid-plane, whose unit normal n therefore determines its pose. The
         elbow (the axis between the two links) of a leg with the base axis b and the arc a
         is in the mid-plane. The leg is at the limit of its reach if the angle between b and
-        this plane is a (or pi - a), which means ``|n . b| = sin a``. These normals are two
-        circles around b and -b. Each mid-plane is considered once, by its normal with
-        n_z >= 0. Only the parts of the circles that all other legs reach are yielded. They
-        are yielded once for each assembly mode: each of these legs has a sign, 1 or -1,
-        that chooses one of its two possible elbows.
+        this plane is the smaller one of a and pi - a. This means ``|n . b| = sin a``. These
+        normals are two circles around b and -b. Both n and -n are on them and are normals
+        of one mid-plane. Only the normal with n_z >= 0 is considered, so that each
+        mid-plane occurs once. Only the parts of the circles that all other legs reach are
+        yielded. They are yielded once for each assembly mode: each of these legs has a
+        sign, 1 or -1, that chooses one of its two possible elbows.
         """
         plane = self.form.plane  # the equations of mid-planes and elbows
         # Numbers of the legs whose base pairs are inputs.

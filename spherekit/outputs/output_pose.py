@@ -320,7 +320,8 @@ class PoseFinder:
             If the output takes the other kind of pose, or does not reach it.
         """
         kinematics = InverseKinematics(self.mechanism, self.output.name)
-        # `points` is a flag: whether the pose of this output is a direction.
+        # The wrist consists of two virtual links that prescribe the pose of the output. Its
+        # flag `points` is true if this pose is a direction.
         takes_direction = kinematics.wrist.points
         if takes_direction != is_direction:
             expected = "a direction" if takes_direction else "an orientation"
