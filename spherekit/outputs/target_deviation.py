@@ -593,18 +593,20 @@ class TargetDeviation:
         # turns, -d changes likewise: it is the rotation from the target to the link.
         d_rate = target_rate - log_rate(-d, w)
         # Equation v is a_v . f_v = 0, with the axis vector a_v of variable v and the moment
-        # f_v at its pair: (a_v . f_v)' = a_v' . f_v + a_v . f_v' = 0. `force_rate` is the
-        # change without that of the reactions m, which have to balance it.
+        # f_v at its pair: (a_v . f_v)' = a_v' . f_v + a_v . f_v' = 0. `force_rate` has all
+        # terms but those of the rates m' of the reactions. `_moments_at_pairs` solves
+        # J^T m' + force_rate = 0 for m' and returns f_v' at all pairs.
         force_rate = np.vecdot(vector_rates, self._pair_moments)
         force_rate = force_rate + np.vecmat(d_rate, self.output_jacobian)
         moment_rates = self._moments_at_pairs(output_moment=d_rate, force=force_rate)
         # Changes of J and G, times the first derivatives of the variables.
         loop_bias, output_bias = self._velocity_biases(first, vector_rates)
 
-        # 3. Second derivatives. `d_bias` is the second derivative of d for constant angular
-        # velocities of target and link: the change of both terms of `d_rate`. However, the
-        # angular velocity of the link changes by `output_bias` at constant rates of the
-        # variables, because the axes turn. The `force` below contains this effect.
+        # 3. Second derivatives. `log_rate_change` is the derivative of `log_rate` at
+        # constant angular velocity. `d_bias` is the derivative of both terms of `d_rate` if
+        # target and link have constant angular velocities. However, that of the link
+        # changes by `output_bias` at constant rates of the variables, because the axes
+        # turn. The `force` below contains this effect.
         d_bias = log_rate_change(d, d_rate, axis)
         d_bias -= log_rate_change(-d, -d_rate, w)
 

@@ -321,12 +321,13 @@ class WorkingMode:
         The shape is (3, n), or (3, 1) if the axis is the same at all poses.
         """
         chain = self.chain
-        # Links are placed dyad after dyad. If the axis coincides with that of a pair at a
-        # link that is placed earlier, it is taken from there (`source`). Both axes may
-        # point in opposite directions.
+        # Links are placed one after another, so the axis may be needed before its link is
+        # placed. It is then taken from a link placed earlier that has a pair with the same
+        # axis (`source`). Both axes may point in opposite directions.
         source = chain.axis_source(pair, link)
         dyad = chain.dyad_of_link.get(source.link)
-        # The posed link is the one that the poses place, and not a dyad.
+        # The poses place one link, the posed link. `posed_axes` has those of its axes that
+        # the poses determine directly. Dyads place all other links.
         if source.link == chain.posed_link and source.pair in self.posed_axes:
             axis = self.posed_axes[source.pair]
         elif dyad is not None and source.pair == chain.dyads[dyad].middle_pair:

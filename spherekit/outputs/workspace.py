@@ -403,9 +403,9 @@ def nearest_reachable(
     workspace is known.
     """
     # Poses of the workspace (k, 3 or 4) from which `nearest_in_mode` starts its search. It
-    # also starts from evenly spread poses of its own. An attribute `place` is a pose.
+    # also starts from evenly spread poses of its own.
     if isinstance(workspace, OrientationWorkspace):
-        # One orientation well inside.
+        # One orientation well inside, stored as `place`.
         inside_poses = workspace.orientations.place[None]
     else:
         region = workspace.region
@@ -415,6 +415,7 @@ def nearest_reachable(
         # given pose. The border of the region is an approximation, so it is a start only.
         component_poses = [component.place for component in region.components]
         inside_poses = np.stack([region.nearest(place), *component_poses])
+    # For one pose the list has one item: the nearest pose with the angle to it, or None.
     (nearest_pose,) = nearest_in_mode(
         kinematics, bounds, workspace.signs, place[None], inside_poses
     )
@@ -452,14 +453,15 @@ def nearest_in_mode(
 
     def is_inside(poses: Floats) -> Bools:
         """Return whether poses (n, 3 or 4) keep all limits."""
-        # `judge` computes the margin too, but also inputs and measures of singularities,
-        # which are not needed here and take most of its time.
+        # The margin is the angle that is left to the nearest limit. It is computed alone,
+        # because measures of singularities would take much more time.
         with np.errstate(all="ignore"):
             mode = kinematics.at(_convert_poses(kinematics, poses), signs)
             margin, _ = find_least_margin(bounds, mode)
         return margin >= 0.0
 
     search = NearestPoseSearch(make_margins(kinematics, bounds, signs), is_inside)
+    # `points` is true if the poses of the output are directions.
     samples = direction_samples() if kinematics.points else orientation_samples()
     reachable_poses = samples[is_inside(samples)]
     if inside_poses is not None:

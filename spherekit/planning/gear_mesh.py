@@ -94,8 +94,9 @@ class CarriedContact(NamedTuple):
 
     A circle on the sphere has two centres, opposite to each other. Here both circles have
     the centre on the same side of their common tangent at the contact. So the relation
-    always is that of an internal contact. For wheels that touch from outside, one of the
-    two centres is opposite to that of its wheel. Radius and angle then refer to it.
+    always is that of an internal contact. If the wheels touch from outside, the centre of
+    one circle is therefore opposite to the centre of its wheel. The radius and the angle of
+    this circle are then measured from and about the opposite centre.
 
     Attributes
     ----------

@@ -248,8 +248,8 @@ def _find_smallest_block(
         The mechanism with its bodies and the moving input, as a plan without steps.
     pebble_game
         Counts the degrees of freedom: each body owns three, its pebbles. A constraint takes
-        a pebble of one of its two bodies and points to the other. If the game is None, the
-        part is the whole mechanism.
+        a pebble of one of its two bodies and points to the other. It is None if redundant
+        constraints make the count useless. The part is then the whole mechanism.
     part_by_pole
         The bodies of the smallest part for each pole that was examined. Results are added,
         so that later calls need not find them again.
@@ -266,14 +266,15 @@ def _find_smallest_block(
             # If counting finds that the two bodies cannot move relative to each other,
             # `find_rigid_part` returns the smallest rigid part with both, which is used.
             # Otherwise four pebbles are free on the two bodies: three for the motion of the
-            # whole, and one for their relative motion. All other pebbles of the bodies to
-            # which constraints lead from the two are taken by constraints among these
-            # bodies. So this set has one degree of freedom, and no smaller set with both
-            # bodies has.
+            # whole, and one for their relative motion. `reachable_bodies` adds all bodies
+            # to which constraints point from the two, directly or in several steps. No
+            # other pebble in this set is free, and their constraints point to bodies of the
+            # set. So it is the smallest set with both bodies and one degree of freedom.
             rigid_part = pebble_game.find_rigid_part(*pole)
             part_by_pole[pole] = rigid_part or pebble_game.reachable_bodies(pole)
     part = min((part_by_pole[pole] for pole in unknown_poles), key=len)
-    # The pairs between different bodies of the part. Locked inputs join links of one body.
+    # The pairs between different bodies of the part. A locked input joins two links of one
+    # body (a = b), so it is not one of these pairs.
     pairs = [n for n, (a, b) in enumerate(empty_plan.ends) if a != b and {a, b} <= part]
     return BlockPoles(
         links=tuple(sorted(part)),

@@ -224,6 +224,7 @@ def _reduce_geometry(
         Names of the links and pairs that stay.
     """
     if isinstance(geometry, PoseGeometry):
+        # `values` are the pair variables in the reference pose.
         return PoseGeometry(
             {name: axis for name, axis in geometry.axes.items() if name in pairs},
             {name: value for name, value in geometry.values.items() if name in pairs},
@@ -233,5 +234,6 @@ def _reduce_geometry(
         if link in links:
             unpaired_axes = tuple(axis for axis in sizes.axes if axis not in pairs)
             sizes_by_link[link] = replace(sizes, unpaired=unpaired_axes)
+    # `zeros` are the angles of pairs at which their variables are zero.
     zeros = {name: geometry.zeros[name] for name in geometry.zeros if name in pairs}
     return SizeGeometry(sizes_by_link, zeros)

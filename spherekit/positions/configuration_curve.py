@@ -354,12 +354,13 @@ class ArcCurve(Chords):
         rest = s - laps * self.length
         # Both ends of the curve belong to it, also with rounding errors.
         is_inside = np.abs(rest / self.length - 0.5) <= 0.5 + 1e-12
-        # The curve is computed by a parameter u, the length of the polygon of chords
-        # between its nodes. On a chord, the length up to the projection of the point
-        # counts. `table` has the arc length as a function of u, which is inverted.
+        # Chords join neighbouring nodes of the curve. The parameter u of a point is the
+        # length along these chords up to the projection of the point onto its chord.
+        # `table` has the arc length as a function of u, which is inverted.
         u = self.table.invert(np.where(is_inside, rest, 0.0))
         points, _ = self._evaluate_parameter(u)
         points.values[:] += np.outer(laps, self.rise)
+        # Points beyond the ends of an open curve are set to NaN.
         return points.only(is_inside)
 
     def locate(self, function: CurveFunction, variable: int | None = None) -> Zeros:

@@ -353,8 +353,11 @@ def _find_common_zeros(forms: Floats) -> Floats | None:
         slopes = np.einsum("fij,nj->nfi", forms, y)
         form_values = np.sum(slopes * y[:, None], axis=2)
         residuals = np.append(form_values, np.zeros((len(y), 1)), axis=1)
+        # The matrices are square. `left_inverse` returns NaN for singular ones, while
+        # NumPy would refuse all of them.
         inverse = left_inverse(np.concatenate([2.0 * slopes, y[:, None]], axis=1))
         y = unit_rows(y - (inverse @ residuals[..., None])[..., 0])
+    # Residuals and inverses are those at y before the last step.
     zeros: list[Floats] = []
     largest_residuals = max_abs(residuals, axis=1)
     inverse_norms = np.linalg.norm(inverse, axis=(1, 2))

@@ -49,11 +49,12 @@ def bound_by_newton(sensitivity: Floats, gap: Floats, curvature: Floats) -> Floa
     """Return bounds (n,) in rad of the errors of variables by Kantorovich's theorem.
 
     J is the derivative of the loop residuals by the variables that are not inputs. With
-    sensitivity b, gap g and curvature k of J, the first step of Newton's method is taken to
-    be at most b g. If k b^2 g is at most 1/2, the solution is not farther away than
-    2 b g / (1 + sqrt(1 - 2 k b^2 g)), which is at most twice the first step. Otherwise the
-    theorem does not apply, and the bound is infinite. The rounding of the variables
-    themselves, 2 `EPS`, is added.
+    sensitivity b, gap g and curvature k of J, the first step of Newton's method is assumed
+    to be at most b g. This is an estimate, because g bounds each component and not the
+    Euclidean norm of the residuals. If k b^2 g is at most 1/2, the solution is not farther
+    away than 2 b g / (1 + sqrt(1 - 2 k b^2 g)), which is at most twice the first step.
+    Otherwise the theorem does not apply, and the bound is infinite. The rounding of the
+    variables themselves, 2 `EPS`, is added.
 
     Parameters
     ----------

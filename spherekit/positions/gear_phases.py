@@ -170,8 +170,8 @@ def list_equivalent_lengths(joint: Joint, length: float) -> list[float]:
 
     A rolled length is how far both wheels have rolled on each other, as an arc length. If
     one wheel is turned by whole revolutions, it is in the same position, but the rolled
-    length differs by as many circumferences of this wheel. Lengths that need revolutions of
-    both wheels are not listed.
+    length differs by as many circumferences of this wheel. Revolutions of both wheels give
+    equivalent lengths too, but these are not listed.
 
     Parameters
     ----------

@@ -97,6 +97,8 @@ class AssemblyState:
                 (joints[input_pair],), values[:, list(variables[input_pair])]
             )
             # Rotation from the axes of the second link of the pair to those of its first.
+            # `states.first` and `states.second` are the frame of the pair in the axes of
+            # these links. Index 0 is the only pair that was evaluated.
             first_from_second = states.first[:, 0] @ transpose(states.second[:, 0])
             is_forward = mechanism.ends[input_pair][0] == parent
             body_from_link[child] = body_from_link[parent] @ (
@@ -113,8 +115,8 @@ class AssemblyState:
             # Angle (rad) by which the triangle of a dyad (two links that close a triangle)
             # may miss closing. It begins with rounding errors; dyads enlarge it.
             slack=np.full(n, REACH_SLACK),
-            # Least ratio of the smallest to the largest side (sine) of the triangles that
-            # dyads have closed. It begins with 1, the largest ratio.
+            # Least ratio of the smallest to the largest sine of a side, in the spherical
+            # triangles that dyads have closed. It begins with 1, the largest ratio.
             slenderness=np.ones(n),
         )
 

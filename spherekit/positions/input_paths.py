@@ -154,8 +154,8 @@ def is_nearly_singular(
     driven
         Numbers of the variables of the inputs.
     ratio
-        The Jacobian is nearly singular if its smallest singular value, relative to the
-        largest, is not larger.
+        Threshold for the smallest singular value over the largest one. The Jacobian is
+        nearly singular if this quotient does not exceed the threshold.
     """
     passive_jacobian = np.delete(linearisation.jacobian, driven, axis=2)
     # The negated comparison is also true for a condition number that is NaN.

@@ -201,6 +201,7 @@ def fail_row(row: int) -> MotionChange:
         for array in (values, rotations, residual):
             array[row] = np.nan
         status[row] = Status.OUT_OF_REACH
+        # A motion reads its `rotations` from the field `placed` if that is given.
         return replace(
             motion, values=values, placed=rotations, residual=residual, status=status
         )
