@@ -448,8 +448,9 @@ class SampledModes:
     def _search(self, samples: Indices) -> SearchStatistics:
         """Add the sheets of configurations that random starts lead to.
 
-        A sheet is the set of configurations that verified steps reach from one of them, at
-        most one at each sample.
+        A sheet is the set of configurations that steps from sample to sample reach from one
+        of them, at most one at each sample. Each step is tested, so that it does not lead
+        to another sheet (`verified_steps.py`).
 
         Parameters
         ----------
@@ -467,6 +468,8 @@ class SampledModes:
         high = np.max(q, axis=0)
         starts = random_starts(self.solver, low, high, samples=q[samples])
         variables = len(self.solver.mechanism.variable_owners)
+        # The work of a start grows with the number of variables, so fewer are allowed. At
+        # least `RANGE_ROUNDS` rounds are made.
         statistics = SearchStatistics(variables, min_rounds=RANGE_ROUNDS)
         while statistics.needs_more_starts and not self._is_sheet_limit_reached:
             # A round gives the number of its starts, the configurations that closed, and
@@ -494,9 +497,10 @@ class SampledModes:
             A node of the mode of the reference pose, which becomes mode 0 if it is kept.
             None without one.
         shares_numbers
-            Whether modes on separate parts of a path of samples become one mode, so that
-            there are fewer modes. The determinants of all groups of links must have the
-            same signs in both.
+            Whether two modes on separate parts of a path of samples get one number, so that
+            there are fewer modes. Each group of links must have the same sign in both. This
+            is the sign of the triple product of the axes of a dyad (two links and three
+            pairs), or of the determinant of the velocity equations of another group.
         """
         graph = self._graph
         # The largest modes come first.

@@ -137,7 +137,8 @@ def group_joints_by_kind(joints: tuple[Joint, ...]) -> tuple[JointsOfKind, ...]:
     """Return the joints sorted by kind (revolute, rolling, sliding), to evaluate together.
 
     The kinds are in the order of their first occurrence. Results are cached, because the
-    same joints are evaluated again and again.
+    same joints are evaluated again and again. Their numbers are stored as slices if they
+    are consecutive, and as lists otherwise.
     """
     # Numbers of the pairs and of their variables, which are numbered pair after pair.
     pairs_by_kind: dict[Kind, list[int]] = {}

@@ -284,9 +284,9 @@ class DistinctConfigurations:
         smallest = singular_values[:, -1]
         is_singular = smallest < SINGULAR_MODE_RATIO * singular_values[:, 0]
         # Two computed copies of one solution may differ by several times the first-order
-        # error. The tolerance for copies is at least SAME_MODE, because of rounding. At a
-        # dead centre, where the error is largest, it is at most SAME_DEAD_CENTRE, so that
-        # different configurations do not count as copies.
+        # error, at most by the factor `ERROR_SPREAD`. The tolerance for copies is at least
+        # SAME_MODE, because of rounding. At a dead centre, where the error is largest, it
+        # is at most SAME_DEAD_CENTRE, so that different configurations are not copies.
         error = np.maximum(linearisation.closure_residual, EPS) / np.maximum(smallest, EPS)
         tolerance = np.clip(ERROR_SPREAD * error, SAME_MODE, SAME_DEAD_CENTRE)
         rolled_sum = np.sum(np.abs(values[:, self._rolling_variables]), axis=1)
@@ -298,8 +298,9 @@ class DistinctConfigurations:
             equal = np.flatnonzero(
                 distances <= np.maximum(tolerance[row], self._tolerances)
             )
-            # A group that can move has infinitely many configurations, so the number of
-            # singular ones is limited.
+            # In a singular configuration, the group of links may be movable although the
+            # inputs are locked. It then has infinitely many configurations, so the number
+            # of singular ones is limited.
             has_room = len(self.values) < MAX_MODES and not (
                 is_singular[row] and self._singular_count == MAX_SINGULAR_MODES
             )

@@ -107,9 +107,11 @@ class DyadPlacement:
         U a^T + W b^T + (U x W) n^T. It is a rotation if the arc between U and W is that of
         the link.
     arc_cosine
-        Cosine of the arc of the link between its two axes.
+        Cosine of the arc of the link between its two axes, as a ball (a number with a bound
+        of its error).
     arc_sine
-        Lower bound of the sine of this arc.
+        Lower bound of the sine of this arc. It serves for upper bounds of the lengths of
+        `dual_rows`, which are at most 1 / sine.
     """
 
     parent_axes: list[Vector]

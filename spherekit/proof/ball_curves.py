@@ -85,6 +85,9 @@ def evaluate_rotation(terms: Array, angles: Array) -> Array:
 def make_ball_curve(profile: Profile, backwards: bool = False) -> Curve:
     """Return the curve of a profile in balls of the present precision.
 
+    A ball is a number with a bound of its error. The caller sets the number of its digits
+    (`working_precision`).
+
     The curve is a function that returns at arc lengths (n,) the frames (n, 3, 3), with the
     tangent, normal and point of the curve as columns.
 

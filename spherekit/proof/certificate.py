@@ -250,9 +250,9 @@ def _wheel_tables(
 ) -> list[dict[str, Any]]:
     """Return the rotation of each wheel as a function of one variable.
 
-    After one or more turns of the input, all wheels are back at their initial angles. The
-    variable makes one turn meanwhile. The angle of each wheel is a whole multiple of the
-    variable plus a constant.
+    After a number of turns of the input, all wheels are back at their initial angles. The
+    variable is the angle of the input divided by this number of turns. The angle of each
+    wheel is a whole multiple of the variable plus a constant.
 
     Parameters
     ----------
@@ -277,8 +277,8 @@ def _wheel_tables(
         if len(step.pairs) == 1
     }
     with working_precision(WHEEL_PRECISION_BITS):
-        # The angle of the input, then those of the followers in their order, if the input
-        # angle is 0. The variable is 0 as well.
+        # The angle of the input, then those of the followers in their order. If the input
+        # angle is 0, the variable is 0 as well.
         _input_angle, *wheel_angles = decimal_mechanism.known_angles([exact_ball(0.0)])
         angles = _round_balls(wheel_angles)
     return [
@@ -344,16 +344,18 @@ def wheels_certificate(
     """Return the certificate of a mechanism in which wheels determine all angles.
 
     Followers are the pairs whose angles follow from the inputs through wheels. They are
-    linear functions of the inputs, so there is one assembly mode without dead centres. The
-    certificate, a table for a JSON file, states the slopes ("ratios"). "off" is the bound
-    of their errors as float64 numbers.
+    linear functions of the inputs. So there is one assembly mode (one way to assemble the
+    links), and it has no dead centres. The certificate is a table for a JSON file. Another
+    program can check its numbers: the slopes ("ratios"), and a bound of their errors as
+    float64 numbers ("off").
 
     Parameters
     ----------
     decimal_mechanism
         The mechanism.
     ratios
-        (followers, inputs) rates of the followers at unit rates of the inputs.
+        (followers, inputs) rates of the followers at unit rates of the inputs. They are
+        balls, which are numbers with a bound of their error.
     """
     structure = decimal_mechanism.structure
     rounded_ratios = [_round_balls(row) for row in ratios]

@@ -83,9 +83,10 @@ class FourPairLoop:
     variables
         Numbers of the two variables among those of the mechanism.
     planar_angles
-        (2, 2) balls (rad). In row i, the arcs of both links of the pair of variable i are
-        in one plane. At the angle in column 0 they extend from the pair axis to the same
-        side. At the angle in column 1 they extend to opposite sides.
+        (2, 2) angles (rad) as balls, which are numbers with a bound of their error. At the
+        angles in row i, the arcs of both links of the pair of variable i are in one plane.
+        At the angle in column 0 they extend from the pair axis to the same side. At the
+        angle in column 1 they extend to opposite sides.
     closes
         (2, 2) bools: entry (i, j) is whether the loop closes in a plane if the first
         variable has its planar angle i and the second variable its planar angle j.

@@ -208,8 +208,9 @@ class DecimalGeometry:
 
         if "axes" in table:
             # Bevel gears: the file names the shaft of each gear and gives teeth or half
-            # angles. The angle between the shafts is measured in the carrier, the link in
-            # which both turn. There, the axis of the pair can be opposite to that of the
+            # angles. In the link of a gear, the axis of its shaft points to the centre of
+            # its circle. The angle between the shafts is measured in the carrier, the link
+            # in which both turn. There, the axis of the pair can be opposite to that of the
             # gear. `shaft.sense` is then -1, otherwise 1.
             centres = tuple(map(pair_axis, table["axes"], pair.links))
             joined_links = {name: mechanism.pair(name).links for name in frames}
@@ -225,8 +226,8 @@ class DecimalGeometry:
             circles = (self._profile_circle(table, link, pair_axis) for link in pair.links)
             centres, radii = zip(*circles, strict=True)
 
-        # Wheels turn in the ratio of the sines of their radii. Numbers of teeth have the
-        # same ratio exactly, so they take the place of the sines.
+        # Only the ratio of the sines is used, in which the wheels turn. Numbers of teeth
+        # have the same ratio without an error, so they replace the sines.
         if "teeth" in table:
             sines = [exact_ball(teeth) for teeth in table["teeth"]]
         else:

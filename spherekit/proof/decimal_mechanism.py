@@ -134,7 +134,10 @@ class DecimalMechanism(DecimalGeometry):
         Followers are the pairs whose angles follow from the inputs through wheels. Two
         wheels in mesh have the radii r1 and r2 and turn by the angles a1 and a2 relative to
         the link that carries both. They roll the same length, so sin(r1) a1 - sin(r2) a2 is
-        constant. Each angle is a sum of pair angles. The constant is known in one position.
+        constant. This is also true for wheels beside each other, because both axes are
+        taken on the same side of the common tangent. Each angle is the sum of the angles of
+        the R pairs between wheel and carrier, with signs. The constant is known in one
+        position.
         These linear equations, one for each mesh, determine the followers.
 
         Parameters
@@ -148,7 +151,8 @@ class DecimalMechanism(DecimalGeometry):
         relations = self._mesh_relations()
         if isinstance(self.mechanism.geometry, PoseGeometry):
             # Nothing has rolled in the reference pose, in which the file gives the angles.
-            # The constants are the sums of these angles.
+            # A pair without an angle in the file has the angle 0 there. The constants are
+            # the sums of these angles.
             pose_angles = self.pair_angles("value")
             constants = relations @ [
                 pose_angles.get(pair, exact_ball(0.0)) for pair in structure.pairs

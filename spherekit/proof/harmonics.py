@@ -68,7 +68,7 @@ class Harmonics:
             a number with a bound of its error.
         """
         self.degrees = degrees
-        # At least 1, also if there is no equation.
+        # `initial` is the least result. Without it, `max` fails if there is no equation.
         self.max_degree = int(np.max(degrees, initial=1))
 
         # Equations share many of their nodes, so values of all equations are cached. A node

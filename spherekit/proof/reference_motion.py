@@ -259,13 +259,15 @@ class _SignChange:
     Attributes
     ----------
     x
-        Position in the step, from -1 at its start to 1 at its end.
+        Position in the step, from -1 at its start to 1 at its end, as a ball (a number with
+        a bound of its error).
     switch
         Number of the switch, -1 for a joint limit. None at the end of the step.
     is_at_start
         Whether the condition is negative already at the first position that is examined
-        after the start. If the switch has just changed, it would then change back at once,
-        and the motion ends as sticking.
+        after the start. A switch that changed at the start would then change back at once.
+        Neither of its cases can go on, as in dry friction at rest, so the motion ends as
+        sticking.
     """
 
     x: Ball

@@ -177,18 +177,18 @@ class ChartRoots:
         Parameters
         ----------
         polynomials
-            For each polynomial an array (m, ..., size_1, size_2, ...) of coefficients. They
+            For each polynomial an array (m, ..., size_1, ..., size_k) of coefficients. They
             depend on given variables, which are the inputs and unknowns that were solved
-            before. The first axis is one of m choices of their values. The last axes, one
-            for each unknown, are the powers of z. Axes between them, such as one for
-            derivatives of the coefficients by the given variables, are kept.
+            before. Index i of the first axis is choice i of their values. The last k axes
+            are the powers of z of the k unknowns. The result keeps any axes between them,
+            such as one for derivatives of the coefficients by the given variables.
         order
             Order of the derivatives: 0, 1 or 2.
 
         Returns
         -------
-        (n, polynomials, ...) values for order 0. For order 1 or 2 there are one or two axes
-        of unknowns after these. The kept axes come last.
+        (n, polynomials, ...) values for order 0, (n, polynomials, k, ...) first derivatives
+        and (n, polynomials, k, k, ...) second derivatives. The dots are the kept axes.
         """
         n, count = self.z.shape
         # One array (n, ...) for each polynomial and each unknown or pair of unknowns.
@@ -197,8 +197,8 @@ class ChartRoots:
             # `variables` are the unknowns by which one derivative is taken; an unknown that
             # occurs twice means a second derivative.
             for variables in np.ndindex(*[count] * order):
-                # (n, ..., size_1, size_2, ...) coefficients at the given variables of each
-                # point.
+                # (n, ..., size_1, ..., size_k) coefficients at the given variables of each
+                # point. `row` has the index of their choice for each point.
                 part = coefficients[self.row]
                 # The axes of coefficients are summed with the powers of the unknowns, the
                 # last axis (last unknown) first. n: point, p: power.

@@ -25,7 +25,8 @@ class SaddleForm:
 
     A saddle is a place where two configuration curves cross or narrowly miss each other.
     The curves are the zeros of a function g(u, v) in a rectangle about it. u and v are
-    scaled so that the curves of a crossing are the diagonals u = v and u = -v, nearly.
+    scaled so that the curves of a crossing are the diagonals u = v and u = -v, nearly. A
+    ball is a number with a bound of its error, which encloses all values in the rectangle.
 
     Attributes
     ----------

@@ -472,10 +472,11 @@ def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array)
         (variables,) half lengths (rad) of the box; the first two are those of the
         rectangle.
     value, gradient
-        g and its slopes (2,) at the centre, balls.
+        g and its slopes (2,) at the centre, as balls (numbers with a bound of their error).
     hessian
-        (2, 2) balls: second derivatives of g over the whole box.
+        (2, 2) balls that enclose the second derivatives of g over the whole box.
     """
+    # From here, u and v are the half lengths of the rectangle.
     u, v, *_ = limits
     # Upper bounds of the value and of the slopes at the centre, without sign.
     value_size = upper_magnitude(value)
@@ -493,11 +494,11 @@ def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array)
     # 1e-12 here and 1.001 below are larger than the rounding of these few float64 products.
     is_positive_on_sides = value_on_sides > 1e-12 * u * u
     # Condition 2: g descends by more than its value at the centre.
-    # Condition 3: let m(v) be the least value of g over u. As the least of functions that
-    # are concave in v, m is concave. The saddle point is at the v with the largest m. Since
-    # g is convex in u, m(0) is at least the value at the centre less u times the slope. At
-    # the inner height, m is at most the value at the centre less the descent. If the
-    # descent is larger, m decreases from 0 to the inner height. The test requires more than
-    # this, twice u times the slope.
+    # Condition 3: let m be the least value of g at a fixed second coordinate. As the least
+    # of concave functions, m is concave, and the saddle point is at its maximum.
+    # - Since g is convex in u, m at the centre is at least the value less u times slope_u.
+    # - At the inner height, m is at most the value at the centre less the descent.
+    # If the descent exceeds u times slope_u, m decreases from the centre to the inner
+    # height, so its maximum is nearer. The test requires more: twice u times slope_u.
     descends_enough = descent > 1.001 * max(value_size, 2.0 * u * slope_u)
     return bool(is_positive_on_sides and descends_enough)
