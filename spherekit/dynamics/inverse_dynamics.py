@@ -208,9 +208,9 @@ class InverseSolution(InputMotion):
         times the sum of the sizes of its terms. M is the inertia matrix, C has products of
         its derivatives dM/dq with rates, and Q are the generalised forces.
 
-        M changes by about its own size when an input moves by 1 rad, so |M| also estimates
-        dM/dq. The sum of the first two terms then is at most |M| a, with
-        a = |ddq| + |dq| max |dq|.
+        M changes by about its own size when an input moves by 1 rad, so the sizes of M also
+        estimate dM/dq. The sum of the first two terms is then at most ``abs(M) a``. The
+        component of a that belongs to input i is ``abs(ddq_i) + abs(dq_i) max(abs(dq))``.
         """
         speeds = np.abs(self.input_rates)
         # Sizes that overflow are infinite. The torque then counts as 0 if it is finite.
