@@ -53,8 +53,8 @@ def test_error_bounds_are_right_for_special_geometry(seeds):
     from the decimal degrees of its file. Rows with another status are not compared.
 
     Bounds must not be useless either: the error of some direction is more than 5 % of its
-    bound, and rows with another status are few. At least 150 poles per mechanism have to be
-    compared.
+    bound, and there is less than one row with another status for every ten poles compared.
+    At least 150 poles per mechanism have to be compared.
     """
     pole_count = 0  # poles in all compared rows
     rows_not_ok = 0
@@ -71,8 +71,8 @@ def test_error_bounds_are_right_for_special_geometry(seeds):
         worst_ratio = max(worst_ratio, float(np.max(ratios, initial=0.0)))
     assert pole_count > 150 * len(seeds)
     assert worst_ratio > 0.05
-    # A four-bar has six poles and larger mechanisms have more. This number is therefore at
-    # least that of the compared rows.
+    # A row of a four-bar has six poles. Rows of larger mechanisms have more poles and count
+    # as more than one row.
     row_count = pole_count / 6
     assert rows_not_ok < 0.6 * row_count
 

@@ -434,11 +434,13 @@ def test_the_four_bar_of_the_paper_term_by_term(p):
             # A pole axis has two opposite unit vectors. The document and the paper have
             # opposite ones for u_31, and so opposite signs of its coefficient m_31.
             sense = -1 if name == "u_{31}" else 1
+            # The document sets vectors in bold: the name u_{31} is there \mathbf{u}_{31}.
             ours = known[rf"\mathbf{{{name[0]}}}{name[1:]}"]
             assert mpmath.norm(sense * vector - ours) < 1e-15
         assert abs(ratios["m_{31}"] + known["m_{31}"]) < 1e-15
         assert abs(ratios["m_{41}"] - known["m_{41}"]) < 1e-15
 
+        # This formula of the paper is differentiated numerically at the input angle q.
         def ratio_of_the_paper(angle, name):
             _, _, ratios, _ = four_bar_of_the_paper(angle, p)
             return ratios[name]

@@ -375,7 +375,9 @@ def test_types_of_shipped_mechanisms_are_those_of_the_kernel(name):
 @pytest.mark.many
 @pytest.mark.parametrize("name", ["five_bar", "three_rrr", "agile_eye", "two_dof_spm"])
 def test_measures_of_singularities_agree_with_inverse_kinematics(name):
-    """At twenty random poses two analyses agree in the measures of types I and II.
+    """Two analyses agree in the measures of types I and II.
+
+    They are compared at those of twenty random poses that the mechanism reaches.
 
     The measures of type II are equal. Those of type I have different definitions. Let
     q' = P w be the rates of the inputs at an angular velocity w of the output, and |P| the
@@ -404,7 +406,8 @@ def test_measures_of_singularities_agree_with_inverse_kinematics(name):
     rows = coefficients(motion, output_of(mechanism))
     assert np.max(np.abs(rows.type_two - solutions.type_2[reached])) < 1e-12
     largest_row_size = 1.0 / np.min(solutions.type_1[reached], axis=1)
-    # The sine of an angle is 1 / hypot(1, |P|) if its tangent is 1 / |P|.
+    # `type_one` is the sine of an angle with the tangent 1 / |P|: in a right triangle with
+    # the legs 1 and |P|, opposite the leg 1.
     size_of_P = 1.0 / np.tan(np.arcsin(rows.type_one))
     input_count = len(mechanism.inputs)
     assert np.all(size_of_P < np.sqrt(input_count) * largest_row_size * (1.0 + 1e-9))

@@ -169,8 +169,12 @@ def test_folding_four_bars_have_the_right_types(name):
 
     Where configuration curves cross, all axes are in one plane. This is a singularity of
     type III, whose geometric condition has the label III.a. `FOLDING` has the numbers of
-    rows by type for each shape. A link that rests on a whole curve has a row without an
-    input; it is not said to swing by 0 deg. Transmission angles do not exist everywhere.
+    rows by type for each shape.
+
+    A link can rest on a whole curve. If it is the input, each configuration of the curve is
+    singular of type II, and if it is the output, of type I. The whole curve has one row,
+    without an input. `FOLDING` has the numbers of these rows, too. The link is not said to
+    swing by 0 deg. Transmission angles do not exist everywhere.
     """
     arcs, count_by_type, resting_count_by_type, expected_remarks = FOLDING[name]
     result = sk.run(four_bar(np.radians(arcs)), NAME, samples=37)

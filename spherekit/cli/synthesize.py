@@ -94,11 +94,12 @@ def execute(options: Namespace) -> int:
 def _print_result(result: "Synthesis") -> None:
     """Print how far each objective fell, and the best designs.
 
-    A synthesis evaluates many designs (rows, one for each assembly mode of a design). From
-    the best rows that meet its conditions, it minimises one or more objectives by descents
-    (local optimisations). With one objective its best designs are printed. With several,
-    designs of the Pareto front are printed, evenly chosen along it. Each assembly mode has
-    its own front.
+    A synthesis looks at many designs in all their assembly modes (ways to assemble the
+    loops). A row is one design in one mode. From the best rows that meet the conditions,
+    local optimisations (descents) minimise the objectives.
+
+    With one objective the best designs are printed. With several objectives, designs of the
+    Pareto fronts are printed, evenly chosen. Each assembly mode has its own front.
     """
     import numpy as np
 
@@ -117,8 +118,9 @@ def _print_result(result: "Synthesis") -> None:
         print(f"{name}: {text}, the least there {before:.6g}, after descents {after:.6g}")
     has_one_objective = len(result.headings) == 1
     if not has_one_objective:
-        # A design of the front is beaten by no other one of its assembly mode. One design
-        # beats another if it is better in all objectives by more than these differences.
+        # One design beats another of the same assembly mode if it is better in all
+        # objectives by more than these differences. The front has the designs that no
+        # design of the synthesis beats.
         tolerances = " and ".join(f"{value:.2g}" for value in result.tolerance)
         print(
             f"{counted(len(result.objectives), 'design')} that none met beats, of their "

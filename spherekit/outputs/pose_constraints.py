@@ -106,9 +106,10 @@ class LegSpan(NamedTuple):
 class AngleLimit:
     """A limit of an angle that depends on the pose of an output.
 
-    There are two margins, which are positive inside and negative beyond the limit. `left`
-    is the angle that is left to the limit, for reports. `column` is a difference of
-    cosines. It is smooth at the border of a workspace, which is computed from it.
+    Two methods return margins, which are positive inside and negative beyond the limit.
+    `left()` returns the angle that is left to the limit, for reports. `column()` returns a
+    difference of cosines. It is smooth at the border of a workspace, which is computed from
+    it.
 
     Attributes
     ----------
@@ -121,9 +122,9 @@ class AngleLimit:
     cosine
         Function that returns the cosine (n,) of the angle at n poses in one working mode.
     unit
-        Factor from the angle to the quantity that is reported, usually 1.0. A distance to a
-        singularity is an angle b with sin b = 0 at the singularity. Then 2 b is limited,
-        because cos 2 b is smooth even at b = 0, and the factor is 0.5.
+        Factor from the limited angle to the reported angle, usually 1.0. It is 0.5 for the
+        distance b from a singularity, with sin b = 0 at the singularity. Reports state b,
+        but the limited angle is 2 b, because cos 2 b is smooth even at b = 0.
     """
 
     name: str

@@ -321,13 +321,16 @@ class WorkingMode:
         The shape is (3, n), or (3, 1) if the axis is the same at all poses.
         """
         chain = self.chain
-        # Links are placed one after another, so the axis may be needed before its link is
-        # placed. It is then taken from a link placed earlier that has a pair with the same
-        # axis (`source`). Both axes may point in opposite directions.
+        # The orientations of links are computed one after another. The axis may be needed
+        # before that of its link is known. It is then taken from an earlier link that has a
+        # pair with the same axis line. `source` is this pair and link. Both axes may point
+        # in opposite directions: `source.sense` is then negative.
         source = chain.axis_source(pair, link)
         dyad = chain.dyad_of_link.get(source.link)
-        # The poses place one link, the posed link. `posed_axes` has those of its axes that
-        # the poses determine directly. Dyads place all other links.
+        # The poses are those of one link, the posed link. `posed_axes` has the axes of this
+        # link that the poses determine directly. All other links belong to dyads (two links
+        # joined by a middle pair). The axis of the middle pair is computed first, as one of
+        # two intersections, and the orientations of both links follow from it.
         if source.link == chain.posed_link and source.pair in self.posed_axes:
             axis = self.posed_axes[source.pair]
         elif dyad is not None and source.pair == chain.dyads[dyad].middle_pair:
@@ -492,13 +495,16 @@ class WorkingMode:
         # frame, which is at right angles to the axis.
         if link in (chain.base, chain.posed_link):
             return self.vector(link, frame[:, 0]), np.array([1.0, 0.0, 0.0])
-        # Any other link belongs to a dyad. It has the middle pair of the dyad, and an outer
-        # pair at a link placed before, its support. Their axes are known in base axes. The
-        # vector is the axis of the middle pair, or of the outer pair if the middle one is
-        # parallel.
+        # Any other link belongs to a dyad: two links that are joined by a middle pair. An
+        # outer pair joins each of them to a link whose orientation is known already, its
+        # support. So the link has a middle and an outer pair, whose axes are known in base
+        # axes. The vector is the axis of the middle pair, or of the outer pair if the
+        # middle one is parallel to the axis of `pair`.
         other_pair = chain.dyads[chain.dyad_of_link[link]].middle_pair
         if pair == other_pair or chain.is_coaxial(pair, other_pair, link):
             other_pair, _ = chain.support_of(link)
+        # Columns of `frame` are its unit vectors in link axes. So this product has the
+        # components of the axis along them.
         components = chain.axis_in(other_pair, link) @ frame
         return self.axis(other_pair, link), components
 

@@ -190,13 +190,16 @@ def _choose_sources(whole_plan: Plan) -> dict[Pole, Iterable[Pole]]:
     irreducible if its poles do not follow one by one from such circles. They are computed
     together, from the primary poles of its pairs.
 
+    A plan is the list of steps that compute the poles one after another. A step is a
+    primary pole, a secondary pole, or all poles of an irreducible part.
+
     Returns
     -------
     For each pole the poles that it needs directly. Primary poles need none.
     """
     # The ancestors of a pole are all poles to be computed until it is known, itself
-    # included. They measure the cost of the pole. Primary poles are known from the pairs
-    # without computation, so they have none and count as none.
+    # included. Their number is the cost of the pole, by which circles are chosen. Primary
+    # poles are known from the pairs without computation, so they have no ancestors.
     ancestors: dict[Pole, frozenset[Pole]] = {}
     sources_by_pole: dict[Pole, Iterable[Pole]] = {}
     for step in whole_plan.steps:
@@ -215,6 +218,7 @@ def _choose_sources(whole_plan: Plan) -> dict[Pole, Iterable[Pole]]:
             # The step with the chosen circles only: its sources are P_ik and P_jk.
             sources_by_pole[step.pole] = replace(step, via=via).sources
         else:
+            # A primary pole.
             ancestors[step.pole] = frozenset()
             sources_by_pole[step.pole] = ()
     return sources_by_pole

@@ -356,10 +356,12 @@ class ConfigurationGraph:
         # one.
         axis_count = len(self._neighbours) // 2
         back_along_last_axis = 2 * (axis_count - 1) + 1
-        # The nodes from which a path in this direction may join two pieces.
+        # The nodes from which a path in this direction may join two pieces. A path is left
+        # out, for example, if its piece already has a node at the previous sample.
         nodes = np.flatnonzero(self._may_join_pieces(back_along_last_axis))
         self._join_along_paths(nodes, back_along_last_axis)
-        # Paths to previous samples, from the last axis but one to the first axis.
+        # Paths to previous samples, from the last axis but one to the first axis. Pieces
+        # are long now, so that this method tries a few paths of each piece first.
         for axis in range(axis_count - 2, -1, -1):
             self._join_in_directions([2 * axis + 1])
         # All directions again, because nodes can have been added meanwhile.

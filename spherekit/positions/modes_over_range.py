@@ -556,10 +556,12 @@ class ModesOverRange:
             self.assembly_modes[first_mode:], self._families[first_mode:], strict=True
         ):
             (rows,) = np.nonzero(families < 0)
-            # 1. The guide of a mode has its verified configurations (nodes). The prediction
-            # is interpolated between two of them. Its error is taken to be less than
-            # `spread`, the largest change of a variable between these nodes, plus
-            # `MODE_DISTANCE_RAD`. Inputs agree, so only passive angles are compared.
+            # 1. The guide of a mode has its verified configurations (nodes). A prediction
+            # is interpolated between two nodes. It is not OK where the mode has no node.
+            # Its `spread` is the largest change of a variable between the two nodes. If the
+            # error of the prediction exceeds `spread` plus `MODE_DISTANCE_RAD`, a
+            # configuration of the mode is missed here. The inputs of both configurations
+            # are equal, so only passive angles are compared.
             assert mode.guide is not None
             # A guide of one input is a curve, which needs no numbers of rows.
             prediction = mode.guide.predict(q[rows], rows=None)

@@ -371,10 +371,11 @@ def _make_spline(spline_path: SplinePath) -> Path:
         knots = exact_balls(
             spline_knots[first + np.arange(1, 2 * degree + 1)[:, None], None]
         )
-        # De Boor's algorithm: each level interpolates between neighbouring points, from a
-        # knot `low` to a knot `high`, until one point is left. `low` and `high` have one
-        # row for each interpolation, and one row less at each level. The slope of the last
-        # level, times the degree, is the derivative of the spline.
+        # De Boor's algorithm: each level interpolates between neighbouring points, until
+        # one point is left. In interval i the points k and k + 1 of a level belong to the
+        # knots i + k + level + 1 (`low`) and i + k + degree + 1 (`high`). Row 0 of `knots`
+        # is the knot i + 1. The slope of the last level, times the degree, is the
+        # derivative of the spline.
         for level in range(degree):
             low = knots[level:degree]
             high = knots[degree : 2 * degree - level]

@@ -74,7 +74,8 @@ class DecimalMechanism(DecimalGeometry):
 
     Each sliding contact of circles is replaced by a coupler: a link joined by R pairs at
     the centres of both circles. The links and pairs with those of the couplers are the
-    *structure*. Its numbers differ from those of the mechanism, which has contacts instead.
+    *structure*. The numbers (indices) of its links and pairs differ from those of the
+    mechanism, which has contacts instead.
 
     Attributes
     ----------
@@ -84,8 +85,9 @@ class DecimalMechanism(DecimalGeometry):
         The rolling contacts, each with its carrier: the link that carries both wheels.
     rolled_lengths
         For each mesh, the approximate lengths (rad) along both circles that have rolled in
-        the position in which all pair angles are zero. They decide between whole turns
-        only.
+        the position in which all pair angles are zero. The exact lengths follow from the
+        azimuths of the contacts, which are known up to whole turns. The approximate lengths
+        only select these turns.
     """
 
     structure: Structure
@@ -216,10 +218,14 @@ class DecimalMechanism(DecimalGeometry):
         the radius for a pair of a coupler. In an external contact the arc length along the
         second circle runs against the angle, so that factor is negative.
         """
+        # First each pair gets the column of an R pair. Then those of the coupler pairs are
+        # replaced, because the table has no such columns.
         columns = [(f"theta_{name}", 1.0) for name in self.structure.pairs]
         for coupler, contact in enumerate(self.structure.couplers):
             pair = self.mechanism.pairs[contact]
             circle_contact = self.circle_contact(contact)
+            # The coupler pairs at the centres of the first and of the second circle, and
+            # the names of the arc lengths along these circles, in the same order.
             _, coupler_pairs = self.structure.coupler_parts(coupler)
             names = pair.kind.variable_names(pair.name, pair.links)
             for coupler_pair, name, sense, radius in zip(

@@ -890,9 +890,12 @@ class ExactSimulation:
     def _find_sign_changes(self, step: _Step) -> Iterator[_SignChange]:
         """Yield the first sign change of each condition that has one in a step.
 
-        A condition is a Legendre series that is positive while a load keeps the sign on
-        which it depends (a switch), or a joint is within its limits. A sign change is first
-        noticed between two samples in float64, and then located by bisection in all digits.
+        A step is an interval of time on which the motion is a series. A switch is an
+        `abs`, `sign`, `min` or `max` in a load, whose value depends on the sign of a term.
+        The step is computed with the sign that this term has at the start. A condition is
+        a Legendre series that is positive while this sign remains, or while a joint is
+        within a limit. A sign change is first noticed between two samples in float64, and
+        then located by bisection in all digits.
         """
         for switch, condition in step.conditions:
             is_negative = (

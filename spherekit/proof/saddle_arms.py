@@ -161,8 +161,11 @@ def _evaluate_direction(
     only. The curve has the tangent (-g_v, g_u), and the rates of the variables along it are
     their derivatives by u and v times this tangent.
 
-    A sign is 0 if the ball of the rate contains 0, so that nothing is proven.
+    The signs tell which variables grow and which fall along this tangent. The numbers are
+    balls (intervals with a centre and a radius). A sign is 0 if the ball of the rate
+    contains 0, so that nothing is proven.
     """
+    # At (1, slope) the larger coordinate has this size. `widen` adds the error to a radius.
     error = slope_error * max(1.0, abs(slope))
     direction = exact_balls([1.0, slope])
     gradient = [widen(entry, error) for entry in form.hessian @ direction]

@@ -593,7 +593,7 @@ def run_status(motion: Motion, pole_fields: PoleFields) -> SmallIntegers:
     """Return (n,) status codes of the rows of a run.
 
     The code of a row is that of its configuration if this has failed. Otherwise it is that
-    of the first input whose velocities have failed.
+    of the first input whose velocities have failed. If nothing has failed, it is OK.
     """
     status = motion.status
     for pole_field in pole_fields:

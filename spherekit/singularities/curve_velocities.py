@@ -391,6 +391,8 @@ class CurveMotion:
         # minimum of the whole vector nearby, which is more accurate.
         s = self._refine_zeros(zeros.places, is_double, pole)
         # Bounds of the errors of the arc lengths, first as if all zeros were simple.
+        # `speed` is the size of the relative rate, `slope` that of its derivative by s, and
+        # `links.rounding` a bound of the rounding error of the rate.
         links = self.links_at(s)
         speed, slope = links.speeds(pole)
         rounding_of_s = ZERO_ROUNDING_FACTOR * EPS * curve.length

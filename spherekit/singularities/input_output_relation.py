@@ -224,11 +224,16 @@ class ThirdAxis:
     (axes of relative rotation) are in one plane with the unit normal n: the axis u_q of the
     input, the axis u_y of the output, and a third axis p.
 
-    The angular velocities of three links satisfy y' u_y - q' u_q = r' p or
-    y' u_y + q' u_q = r' p, depending on the order in which input and output name the links.
-    The rate r' is eliminated by the triple product of both sides with p and n. The
-    coefficients are therefore c = n . (u_y x p) and d = n . (u_q x p) in the first case,
-    d = -n . (u_q x p) in the second one.
+    Input and output are rotations of one link relative to another. There are two cases:
+
+    - The shared link is the moving link of both or the reference link of both. The third
+      rotation is then the difference, y' u_y - q' u_q = r' p.
+    - The shared link moves in one and is the reference in the other. The third rotation is
+      then the sum, y' u_y + q' u_q = r' p.
+
+    The cross product of both sides with p eliminates the rate r'. Its scalar product with n
+    is c y' = d q'. So c = n . (u_y x p), and d = n . (u_q x p) for the difference, or
+    d = -n . (u_q x p) for the sum.
 
     Attributes
     ----------

@@ -193,16 +193,22 @@ class LocusPoints(ArrayRows):
 class _LinearisedLocus:
     """The equations of a locus, linearised at n pairs of a configuration and a motion.
 
-    The equations are: the loops are closed, J x = 0 for the rates x of the motion with the
-    Jacobian J of the loop closure, E x = 0 and |x| = 1. E x are the rates of the inputs
-    (type II) or of the output (type I), m numbers. V is the number of variables of the
-    mechanism. There may be b more linear equations in the variables, the borders, which
-    select points of the locus. Closed loops and J x = 0 need no rows in `equations`: the
-    bases and `motion_corrections` are chosen so that they remain satisfied.
+    The locus is the set of singular configurations of one type. Newton's method and the
+    tangents of the locus use these linear equations. A configuration of V variables is on
+    the locus if it has a singular motion. The rates x (V,) of this motion satisfy:
 
-    The unknowns of `equations` are coordinates of the change of the configuration in the
-    basis of `space` (g), then coordinates of the change of the motion in the basis of
-    `motion_space` (k).
+    - J x = 0, with the Jacobian J of the loop closure: the motion keeps the loops closed.
+    - E x = 0, m equations. E x are the rates of the inputs for a singularity of type II,
+      and those of the output for type I.
+    - The length of x is 1.
+
+    There may be b more linear equations in the variables, the borders, which select points
+    of the locus.
+
+    The unknowns are g coordinates of the change of the configuration in the basis of
+    `space`, then k coordinates of the change of x in the basis of `motion_space`. Changes
+    along these bases, with `motion_corrections`, keep the loops closed and J x = 0. So both
+    have no rows in `equations`.
 
     Attributes
     ----------
@@ -220,9 +226,10 @@ class _LinearisedLocus:
         (n, m) the change of E x when slightly open loops are closed, by the step
         `space.closing_step` of the variables.
     motion_corrections
-        (n, V, g + 1) the changes of x that keep J x = 0 while the configuration changes:
-        along each of the g rates of `space`, and, in the last column, by the step that
-        closes slightly open loops.
+        (n, V, g + 1) changes of x. J depends on the configuration, so x has to change with
+        it to keep J x = 0. The first g columns belong to changes of the configuration along
+        the rates of `space`. The last one belongs to the step that closes slightly open
+        loops.
     equations
         (n, m + 1 + b, g + k) the rows E x = 0, |x| = 1 and the borders.
     """

@@ -187,9 +187,10 @@ class SampledSingularities:
     def modes_of(self, pieces: Iterable[Piece]) -> list[int]:
         """Return the numbers of the assembly modes of pieces of curves.
 
-        A piece is a part of a curve that is one assembly mode. The pieces are those of the
-        part of the mechanism that places the outputs. A mode of the part belongs to one or
-        several modes of the whole mechanism, whose numbers are returned.
+        The configuration curves are those of a submechanism: the links and pairs that
+        determine the positions of the outputs. A piece is a section of such a curve that is
+        one assembly mode of the submechanism. This mode belongs to one or several modes of
+        the whole mechanism, whose numbers are returned.
         """
         modes: list[int] = []
         for part_mode in {piece.assembly_mode for piece in pieces}:
@@ -202,11 +203,16 @@ class SampledSingularities:
     ) -> Iterator[tuple[float, list[int], bool]]:
         """Yield the inputs in the range at which a configuration occurs.
 
-        After a period of the input the mechanism is in the same configuration again. So a
-        configuration occurs at several inputs if the range has several periods. If it does
-        not occur in the range, the input nearest to the range is yielded, as not inside.
-        If the rows are a simulation that does not pass the curve, no input is inside, and
-        only the first one is yielded.
+        After a period of the input the mechanism is in the same configuration again. There
+        are three cases:
+
+        - The configuration occurs in the range. Its inputs in the range are yielded, which
+          are several if the range has several periods.
+        - It does not occur in the range. The input nearest to the range is yielded, as not
+          inside.
+        - The analysed rows are a simulation, which passes only parts of the configuration
+          curves, and it does not pass the first curve. Only the first input is yielded, as
+          not inside.
 
         Parameters
         ----------

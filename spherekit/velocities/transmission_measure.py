@@ -131,17 +131,18 @@ class Transmission:
 
         At a singularity of type II the output can move although the inputs are locked. The
         measure assumes that pairs have play. With locked inputs, the passive pairs can then
-        move at any rates x. They open the loops: their relative velocities do not add up
-        to 0 by the misfits J x, which the play has to take up. The output moves by A x. A
-        transmission is good if small misfits move the output little:
+        move at any rates x. Their relative velocities need not add up to 0 around a loop.
+        The sums are J x, with the loop equations J, and the play takes them up. The output
+        moves by A x. A transmission is good if small sums J x move the output little:
 
             transmission = 1 / sqrt(1 + |A J^+|^2 / rho).
 
-        The misfits that go around no loop move the output, too. They are counted by rho, as
-        if all pairs were locked: the resistance between the output link and its reference
-        link if all pairs were electric resistances 1. It is the sum of the squares of the
-        currents in the pairs (`_path_currents`). The transmission is NaN in rows in which
-        an argument is not finite.
+        Play whose sum around every loop is 0 does not appear in J x, but also moves the
+        output, even if all pairs are locked. The number rho counts this motion. It is the
+        resistance between the output link and its reference link if all pairs were electric
+        resistances 1. This is the sum of the squares of the currents in the pairs
+        (`_path_currents`). The transmission is NaN in rows in which an argument is not
+        finite.
 
         Parameters
         ----------

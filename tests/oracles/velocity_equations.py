@@ -168,7 +168,9 @@ def locked_rates(motion, row, moved):
     """Return the link rates of one row while some inputs move and the others are locked.
 
     The velocity equations of revolute pairs (R), rolling (Cr) and sliding contacts (Cs) are
-    solved by least squares. The rate of every input is prescribed.
+    solved by least squares. The rate of every input is prescribed. Every pair has three
+    equations, for the components of the relative rate of its links. Only a sliding contact
+    has one, for the component along its normal.
 
     Parameters
     ----------
@@ -183,8 +185,8 @@ def locked_rates(motion, row, moved):
     rates
         (links, 3) angular velocities in ground axes.
     gap
-        Smallest singular value over the largest. Near 0 the inputs do not determine the
-        motion.
+        Smallest singular value of the equations over the largest: their reciprocal
+        condition number. Near 0 the inputs do not determine the motion.
     """
     input_rates = moved if isinstance(moved, dict) else {moved: 1.0}
     mechanism = motion.mechanism

@@ -57,7 +57,9 @@ def free_ports(count: int) -> list[int]:
 def run_viewer(
     *words: str, messages: Any = subprocess.DEVNULL
 ) -> Iterator[subprocess.Popen[bytes]]:
-    """Run the viewer as long as a `with` block lasts; its value is the process.
+    """Run the viewer as long as a `with` block lasts.
+
+    `with run_viewer(...) as process` gives the process of the viewer to the block.
 
     Parameters
     ----------
