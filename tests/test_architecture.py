@@ -192,7 +192,7 @@ def test_plugins_use_the_public_contract_only():
 
 
 def test_the_default_analysis_loads_no_code_for_outputs_or_designs():
-    """Loading it took as long as the run itself when all topics were loaded."""
+    """Each start of a run would load this code for nothing."""
     code = (
         "import sys, spherekit_analyses.poles\n"
         "parts = ('spherekit.outputs.', 'spherekit.designs.')\n"
