@@ -169,9 +169,15 @@ def test_an_order_whose_pivot_is_only_rounding_gives_no_inverse(rounding):
 
 
 @pytest.mark.slow
-def test_rates_of_a_sheet_of_six_vertices_match_the_null_space():
-    """This sheet has more redundant loops than the sheet of four vertices."""
-    assert check_rates_against_null_space(miura_sheet(2, 3), samples=5) > 9
+@pytest.mark.parametrize("range_deg", [(10.0, 170.0), (25.0, 150.0), (63.0, 141.0)])
+def test_rates_of_a_sheet_of_six_vertices_match_the_null_space(range_deg):
+    """This sheet has more redundant loops than the sheet of four vertices.
+
+    In some modes and ranges an order that is chosen for one configuration alone does not
+    exist, although the order of another configuration suits it.
+    """
+    sheet = miura_sheet(2, 3, range_deg=range_deg)
+    assert check_rates_against_null_space(sheet, samples=4) > 9
 
 
 @pytest.mark.slow

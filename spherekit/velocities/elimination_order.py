@@ -74,11 +74,18 @@ def assign_elimination_orders(
     Returns
     -------
     Pairs of an order and the indices (k,) of its configurations. The first order also gets
-    the configurations with singular velocity equations, those that remain after
-    `MOST_ORDERS` orders, and those for which no order was found. The list is empty if no
-    order gives all passive variables.
+    the configurations with singular velocity equations, and those at which none of the
+    orders is well conditioned. The list is empty if no order gives all passive variables.
     """
     least_sizes = inverse_sizes(jacobians[:, :, list(passive)])
+
+    def find_suited(order: EliminationOrder | None, rows: Indices) -> Bools:
+        """Return at which of the configurations `rows` an order is well conditioned."""
+        if order is None:
+            return np.zeros(len(rows), dtype=bool)
+        sizes = eliminated_inverse_sizes(jacobians[rows], order)
+        return np.asarray(sizes <= MAX_AMPLIFICATION * least_sizes[rows])
+
     assigned: list[tuple[EliminationOrder, Indices]] = []
     # Singular equations have an infinite inverse, and every order is equally bad there.
     # These configurations therefore choose no order, unless there are no others.
@@ -96,34 +103,31 @@ def assign_elimination_orders(
             )
         ]
         order = choose_elimination_order(jacobians[chosen_rows], passive)
-        is_well_conditioned = np.zeros(len(remaining), dtype=bool)
-        if order is not None:
-            sizes = eliminated_inverse_sizes(jacobians[remaining], order)
-            # The limit of singular configurations is infinite, so all of them pass. A size
-            # that is NaN would not pass otherwise.
-            is_well_conditioned = (
-                sizes <= MAX_AMPLIFICATION * least_sizes[remaining]
-            ) | is_singular[remaining]
-        if not np.any(is_well_conditioned):
-            # The order is badly conditioned at all of these configurations. The first of
-            # them gets an order that is chosen for it alone, so the loop always makes
-            # progress. The flag of this one is set even if there is no such order.
+        is_suited = find_suited(order, remaining)
+        if not np.any(is_suited):
+            # The order is badly conditioned at all of these configurations. The next one is
+            # chosen for the first of them alone.
             order = choose_elimination_order(jacobians[remaining[:1]], passive)
-            if order is not None:
-                sizes = eliminated_inverse_sizes(jacobians[remaining], order)
-                is_well_conditioned = sizes <= MAX_AMPLIFICATION * least_sizes[remaining]
-            is_well_conditioned[0] = True
-        if order is None:
-            left_over.append(remaining[is_well_conditioned])
+            is_suited = find_suited(order, remaining)
+        if order is None or not np.any(is_suited):
+            # One configuration is left over, so the loop always makes progress.
+            left_over.append(remaining[:1])
+            remaining = remaining[1:]
         else:
-            assigned.append((order, remaining[is_well_conditioned]))
-        remaining = remaining[~is_well_conditioned]
-    if assigned:
-        first_order, first_rows = assigned[0]
-        assigned[0] = (
-            first_order,
-            np.sort(np.concatenate([first_rows, *left_over, remaining])),
-        )
+            assigned.append((order, remaining[is_suited]))
+            remaining = remaining[~is_suited]
+    if not assigned:
+        return []
+
+    # The choice of pivots is not exhaustive, so an order that was chosen for other
+    # configurations can suit one that is left over.
+    remaining = np.concatenate([*left_over, remaining])
+    for number, (order, rows) in enumerate(assigned):
+        is_suited = find_suited(order, remaining)
+        assigned[number] = (order, np.sort(np.append(rows, remaining[is_suited])))
+        remaining = remaining[~is_suited]
+    first_order, first_rows = assigned[0]
+    assigned[0] = (first_order, np.sort(np.append(first_rows, remaining)))
     return assigned
 
 
