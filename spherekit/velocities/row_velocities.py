@@ -32,7 +32,6 @@ from spherekit.tolerances import (
 from spherekit.velocities.decimal_rates import DecimalRates
 from spherekit.velocities.elimination_order import (
     MAX_AMPLIFICATION,
-    MAX_LEFT_INVERSE_ERROR,
     EliminationOrder,
     assign_elimination_orders,
     inverse_sizes,
@@ -58,14 +57,6 @@ from spherekit.velocities.row_kernel import (
     RowKernel,
     row_kernel,
 )
-
-MAX_CHECKED_CONDITION = 1e8
-"""Condition number up to which a large residual of the rates means a wrong inverse.
-
-Beyond it, rounding alone can cause the residual (`MAX_LEFT_INVERSE_ERROR`). Larger: rows
-near singular configurations get other elimination orders that do not help. Smaller: wrong
-inverses are overlooked in more rows, which then have the status AT_SINGULARITY.
-"""
 
 SECOND_ORDER_FACTOR = 4.0
 """Bound of the terms of second order in an error, relative to those of first order and to
@@ -173,16 +164,7 @@ class RowVelocities:
         self.is_quad_precision = ~self.is_certified & ~motion.failed
         if order is None:
             condition_numbers = self._bound("condition_number")
-            # A pivot that is only rounding can give an inverse of ordinary size that does
-            # not solve the equations. Such rows need another order, too.
-            relative_residual = self._bound("rate_residual") / np.maximum(
-                self._bound("rate_size"), 1.0
-            )
-            is_no_inverse = ~(relative_residual <= MAX_LEFT_INVERSE_ERROR)
-            is_no_inverse &= condition_numbers <= MAX_CHECKED_CONDITION
-            self.reordered = self._find_reordered_rows(
-                np.where(is_no_inverse, np.inf, condition_numbers)
-            )
+            self.reordered = self._find_reordered_rows(condition_numbers)
             for _, rows in self.reordered:
                 self.is_quad_precision[rows] = False
 
