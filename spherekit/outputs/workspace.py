@@ -240,17 +240,19 @@ Workspace = TypeVar("Workspace")
 class _SampledWorkspace(Generic[Workspace]):
     """A workspace of one working mode, with margins at sampled poses.
 
-    A margin says how much is left to a limit of an angle. If another mode has the same
-    margins, bit for bit, at these poses, it is assumed to have the same workspace.
+    A workspace is a region of directions or of orientations that the output reaches. The
+    margin of a pose to a limit is a smooth function of the pose, which is positive inside
+    the limit and negative beyond it. If another mode has the same margins at these poses,
+    bit for bit, it is assumed to have the same workspace.
 
     Attributes
     ----------
     poses
         (n, 3) directions or (n, 4) quaternions.
     margins
-        (n, limits) margin of each pose to each limit, negative beyond the limit.
+        (n, limits) margin of each pose to each limit.
     workspace
-        The workspace.
+        The region that was computed with these poses.
     """
 
     poses: Floats

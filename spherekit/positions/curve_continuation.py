@@ -406,10 +406,11 @@ def _make_start_node(closure: Closure, values: Floats, limits: CurveLimits) -> _
 
 
 def _find_motion(closure: Closure, values: Floats) -> Floats:
-    """Return the unit vector (variables,) of the only motion at a configuration.
+    """Return the rates of all pair variables in the only motion at a configuration.
 
-    Its component of largest absolute value is positive, which defines the sense of the arc
-    length.
+    They are scaled to a unit vector (variables,), the tangent of the configuration curve.
+    The component of largest absolute value is positive. This sign defines in which sense
+    the curve is followed.
 
     Raises
     ------

@@ -296,19 +296,6 @@ class ExactSimulation:
     The motion is computed step by step. In each step one pair variable, the coordinate c,
     and p = sqrt(B) dc/dt are series in time, where B is the equivalent inertia.
 
-    Parameters
-    ----------
-    arithmetic
-        The number of digits.
-    mechanism
-        A mechanism with masses. All its loads act.
-    driven, q, dq
-        The variable whose value q (rad) and rate dq (rad/s) at t = 0 are given exactly.
-    until
-        The time (s) at which the motion ends, unless it ends earlier.
-    float_solution
-        A float64 solution, from which the iteration starts.
-
     Attributes
     ----------
     arithmetic, mechanism, until

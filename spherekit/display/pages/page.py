@@ -90,19 +90,6 @@ class PageText(NamedTuple):
 class PageMaker:
     """Makes the page of one mechanism.
 
-    Parameters
-    ----------
-    mechanism
-        The mechanism, the name of a shipped one, or the path of a file.
-    vary
-        Keys of the numbers that have sliders, None for all sizes.
-    quantities
-        Names or patterns of the quantities that have curves, None for the default ones.
-    input_pair
-        The driven pairs, None for those of the mechanism.
-    crossings
-        Whether modes end at crossings ("end") or follow smooth curves ("pass").
-
     Attributes
     ----------
     keys
