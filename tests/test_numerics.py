@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
-from spherekit.numerics.chebyshev import PiecewiseChebyshev
+from spherekit.numerics.chebyshev import PiecewiseChebyshev, find_real_zeros
 from spherekit.numerics.least_squares import minimize_squares
 from spherekit.numerics.local_polynomials import make_local_polynomials
+from spherekit.numerics.minima import minimize_in_brackets
 from spherekit.numerics.zeros import find_zeros
 
 
@@ -52,6 +53,25 @@ def test_local_polynomials_give_functions_at_single_places():
     found = np.array([local(float(s)) for s in places])
     assert np.max(np.abs(found - functions(places)) / size) < 4e-13
     assert np.max(np.abs(found - series.evaluate(places)) / size) < 3e-14
+
+
+def test_minima_far_from_zero_end_at_the_spacing_of_numbers():
+    """At 70 rad, neighbouring numbers are 1.4e-14 apart, more than the default width."""
+    calls = []
+
+    def decreasing(x):
+        calls.append(len(x))
+        assert len(calls) < 100, "the search does not end"
+        return -x
+
+    (position,) = minimize_in_brackets(decreasing, np.array([70.0]), np.array([71.3]))
+    assert abs(position - 71.3) <= 4.0 * np.spacing(71.3)
+
+
+@pytest.mark.parametrize("zero", [-1.005, 0.3, 1.005])
+def test_zeros_of_a_series_are_found_up_to_the_limit(zero):
+    """Beyond 1 the polynomials exceed 1: x - 1.005 has its zero outside, inside 1.01."""
+    assert find_real_zeros(np.array([-zero, 1.0]), 1.01) == pytest.approx([zero])
 
 
 def polynomial(roots):

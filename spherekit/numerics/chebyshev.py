@@ -384,10 +384,12 @@ def find_real_zeros(series: Floats, limit: float = 1.0) -> Floats:
     # the rounding error (1e-15) are removed.
     largest_coefficient = float(np.max(np.abs(series), initial=0.0))
     series = trim_series(series, 1e-15 * largest_coefficient)
-    # No polynomial T_k exceeds 1 in [-1, 1]. If the first term is larger than all others
-    # together, the series has no zero there. A zero just beyond an end is then not returned
-    # either.
-    if len(series) < 2 or abs(series[0]) > np.sum(np.abs(series[1:])):
+    # No polynomial T_k exceeds its value at the limit, cosh(k acosh(limit)), which is 1 for
+    # the limit 1. If the first term is larger than all others together can be, the series
+    # has no zero up to the limit.
+    orders = np.arange(1, len(series))
+    largest_values = np.cosh(orders * np.arccosh(limit))
+    if len(series) < 2 or abs(series[0]) > np.abs(series[1:]) @ largest_values:
         return np.zeros(0)
     roots = chebyshev.chebroots(series)
     real_roots = roots.real[np.abs(roots.imag) < MAX_IMAGINARY_PART]

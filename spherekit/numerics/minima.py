@@ -24,6 +24,13 @@ Near a minimum the value changes with the square of the distance. A smaller brac
 therefore only show rounding errors.
 """
 
+LEAST_BRACKET_SPACINGS = 2.0
+"""Width of the narrowest bracket, as a multiple of the distance of floating-point numbers.
+
+Larger: positions far from zero are less accurate. Smaller: a bracket may have no number
+between its ends, so that it is not narrowed further and the search does not end.
+"""
+
 MIN_DEPTH_RATIO = 1e-9
 """A minimum must be lower than both neighbouring samples by this part of its value.
 
@@ -93,12 +100,15 @@ def minimize_in_brackets(
     low, high
         (n,) ends of the brackets.
     width
-        The brackets are narrowed until none is wider. The width must be larger than the
-        rounding error of the positions. The default is meant for angles (rad) of a few
-        revolutions.
+        The brackets are narrowed until none is wider. Far from zero, floating-point numbers
+        have distances above the default. A bracket of `LEAST_BRACKET_SPACINGS` of these
+        distances is narrow enough, whatever `width` is.
     """
     brackets = np.arange(len(low))
-    while np.any(high - low > width):
+    # The spacing of the floating-point numbers is largest at the end with the larger size.
+    spacing = np.spacing(np.maximum(np.abs(low), np.abs(high)))
+    width_limits = np.maximum(width, LEAST_BRACKET_SPACINGS * spacing)
+    while np.any(high - low > width_limits):
         # (fractions, n) samples in all brackets. `FRACTIONS` is a column (fractions, 1) of
         # numbers from 0 to 1.
         positions = low + (high - low) * FRACTIONS
