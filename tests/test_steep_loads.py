@@ -11,6 +11,7 @@ from oracles.newton_euler import check_simulated_motion, with_point_masses
 
 from spherekit.cli.main import FAILED_SAMPLES, main
 from spherekit.dynamics.forward_dynamics import simulate
+from spherekit.dynamics.step_probes import find_first_errors
 from spherekit.errors import EngineError, SolveError
 from spherekit.files.mechanism_reader import load
 from spherekit.files.mechanism_writer import dump
@@ -25,6 +26,20 @@ RUBBED = [
     ("roller_cam", ("cam_shaft", "follower_pivot"), 0.01, 0.2),
     ("four_bar", ("43", "21"), 0.5, 6.0),
 ]
+
+
+@pytest.mark.parametrize("extremum", [15 / 32, 0.47])
+def test_an_extremum_between_equal_values_is_probed(extremum):
+    """The probes at 7/16 and 8/16 have the same argument if its maximum is between them.
+
+    The step is wrong within 1e-6 of the maximum only, which no even probe meets.
+    """
+
+    def probe(_steps, places):
+        errors = np.where(np.abs(places - extremum) < 1e-6, 2.0, 0.0)
+        return errors, (1.0 - (places - extremum) ** 2)[:, None]
+
+    assert find_first_errors(probe, 1) == pytest.approx([extremum], abs=1e-6)
 
 
 @pytest.mark.slow

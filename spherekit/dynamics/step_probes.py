@@ -163,14 +163,25 @@ def _find_zeros(
         (steps, k + 1, functions) values of the functions in the order of rising places.
     low, high
         (k,) ends of the brackets. If the sign changes between values j and j + 1, a zero is
-        between the places `low[j]` and `high[j]`.
+        between the places `low[j]` and `high[j]`. If values between j and j + m are zero,
+        it is between `low[j]` and `high[j + m - 1]`.
 
     Returns
     -------
-    The step and the place of each zero. A value that is exactly zero is no change of sign.
+    The step and the place of each zero. Values that are exactly zero have no sign: a change
+    of sign is between the values before and after them. Such values occur, for example, if
+    an extremum is in the middle between two places, whose difference is then zero.
     """
-    # For each change of sign the step, the number of the bracket, and the function.
-    steps, brackets, functions = np.nonzero(values[:, :-1] * values[:, 1:] < 0.0)
+    # For each value the number of the last value up to it that is not zero, -1 if all are.
+    numbers = np.arange(values.shape[1])[:, None]
+    last_nonzero = np.maximum.accumulate(np.where(values != 0.0, numbers, -1), axis=1)
+    previous = last_nonzero[:, :-1]
+    signs = np.sign(values)
+    previous_signs = np.take_along_axis(signs, np.maximum(previous, 0), axis=1)
+    # For each change of sign the step, the number of the value before it (an index of
+    # `low`) and after it (minus one, an index of `high`), and the function.
+    steps, last_brackets, functions = np.nonzero(previous_signs * signs[:, 1:] < 0.0)
+    first_brackets = previous[steps, last_brackets, functions]
 
     def evaluate_bracketed(places: Floats, numbers: Indices) -> Floats:
         """Return the values (n,) at places (n,), each in the bracket of a given number."""
@@ -180,9 +191,9 @@ def _find_zeros(
 
     zeros, _ = find_bracketed_zeros(
         evaluate_bracketed,
-        low=low[brackets],
-        high=high[brackets],
-        values_at_low=values[steps, brackets, functions],
-        values_at_high=values[steps, brackets + 1, functions],
+        low=low[first_brackets],
+        high=high[last_brackets],
+        values_at_low=values[steps, first_brackets, functions],
+        values_at_high=values[steps, last_brackets + 1, functions],
     )
     return ProbePlaces(steps, zeros)
