@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.refusals import mechanism_text
 from mechanism_examples.linkages import (
     choose_random_inputs,
     mechanism_from_chain,
@@ -14,6 +15,7 @@ from oracles.configuration_search import count_missing, search_configurations
 import spherekit as sk
 from spherekit import progress
 from spherekit.cli.main import main
+from spherekit.errors import SolveError
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions.assembly_enumeration import enumerate_assemblies, random_starts
 from spherekit.positions.group_assembly import group_closure
@@ -176,3 +178,39 @@ def test_the_order_of_modes_does_not_hang_on_rounding_at_half_turns():
         again = np.array(sorted(mixed, key=mode_sort_key))
         # The sine of half the difference is 0 if angles differ by a whole turn.
         assert np.max(np.abs(np.sin(0.5 * (again - angles)))) < 1e-11
+
+
+def test_a_dyad_that_closes_in_the_other_mode_is_not_at_fault(tmp_path):
+    """The dyad 54, 65, 61 closes only if the dyad before it has the sign -1.
+
+    Without links 7 and 8, the mechanism therefore closes. These two are too short for the
+    distance of their ends in any mode.
+    """
+    text = mechanism_text("three_dyads")
+    path = tmp_path / "three_dyads.toml"
+    path.write_text(text)
+    with pytest.raises(SolveError, match="the dyad of pairs 76, 87, 81 reaches nowhere"):
+        sk.trace(path, samples=3)
+    lines = [line for line in text.split("\n") if not line.startswith(("7", "8"))]
+    shorter = "\n".join(lines).replace(', "81"]', "]").replace(', "76"]', "]")
+    shorter = shorter.replace("38, 60.0]", "38]").replace("[109, 200.0]", "[109]")
+    shorter = shorter.replace("[27, 30.0], angles = [20.0]", "[27]")
+    path.write_text(shorter)
+    motion = sk.trace(path, samples=3)
+    assert {mode.signs[0] for mode in motion.assembly_modes} == {-1}
+
+
+def test_modes_of_wheels_are_looked_for_in_the_middle_of_the_range_first(tmp_path):
+    """The first sample and the middle are examined, and no sample between them.
+
+    With so short a coupler, the linkage closes at cam angles from 13 to 43 degrees only.
+    The middle of the range is 28 degrees.
+    """
+    text = mechanism_text("dwell_drive").replace(
+        '"joint"], arcs = [60.0]', '"joint"], arcs = [8.0]'
+    )
+    path = tmp_path / "dwell_drive.toml"
+    path.write_text(text.replace("to = 360.0", "to = 56.0"))
+    position_analysis = PositionAnalysis(sk.load(path), samples=21)
+    assert len(position_analysis.assembly_modes) == 2
+    assert position_analysis.claim.reason == "modes found at 2 inputs"

@@ -293,8 +293,9 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
     """Return the message for a mechanism that cannot be assembled at any sample.
 
     Its groups are placed one after another. The first groups are dyads in many mechanisms.
-    If one of them closes at no sample, the message names it. Otherwise it names the first
-    group that is not a dyad, or the last group if all are dyads.
+    If one of them closes at no sample, in whichever way the dyads before it close, the
+    message names it. Otherwise it names the first group that is not a dyad, or the last
+    group if all are dyads.
     """
     name = solver.mechanism.name
     inputs = solver.mechanism.names_of(solver.assembly.inputs)
@@ -304,18 +305,26 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
         for pair, low, high in zip(inputs, lows, highs, strict=True)
     )
     # Place the first groups as long as they are dyads, at up to `PROBED_RANGE_INPUTS`
-    # samples. A dyad that closes does so in two ways. The sign 1 chooses one of them; the
-    # other one is not tried. A later dyad that closes only after the other one is
-    # therefore named as well.
-    state = solver.start(input_grid.q[spread_rows(len(input_grid), PROBED_RANGE_INPUTS)])
+    # samples. A dyad that closes does so in two ways, and a later one may close after one
+    # of them only. All ways in which the dyads close at some sample are therefore kept.
+    samples = spread_rows(len(input_grid), PROBED_RANGE_INPUTS)
+    states = [solver.start(input_grid.q[samples])]
     with np.errstate(invalid="ignore", divide="ignore"):
         for group in solver.assembly.groups:
             pairs = ", ".join(solver.mechanism.names_of(group.pairs))
-            if not group.is_dyad:
+            # With too many ways, it is not decided which dyad is at fault.
+            if not group.is_dyad or len(states) > MAX_ASSEMBLY_MODES:
                 break
-            place_dyad(state, group, sign=1)
-            # `is_open` marks the samples at which the dyad does not close.
-            if np.all(state.is_open):
+            closed_states = []
+            for state in states:
+                for sign in (1, -1):
+                    next_state = state.copy()
+                    place_dyad(next_state, group, sign)
+                    # `is_open` marks the samples at which the dyad does not close.
+                    if not np.all(next_state.is_open):
+                        closed_states.append(next_state)
+            states = closed_states
+            if not states:
                 return (
                     f"{name}: arcs cannot close: the {group.kind} of pairs {pairs} "
                     f"reaches nowhere for inputs {degrees}; change the arcs of its "

@@ -60,7 +60,10 @@ A mode takes some tens of steps, and thousands near configurations that are sing
 higher order. Larger: more modes of such mechanisms are found, in more time.
 """
 PROBED_FRACTIONS = np.array([0.5, 0.3, 0.7, 0.1, 0.9])
-"""Positions in the range at which the first mode of a mechanism with wheels is searched."""
+"""Positions in the range at which the first mode of a mechanism with wheels is searched.
+
+They are examined in this order, until a mode is found.
+"""
 PROBED_INTERVALS = 15
 """Intervals of the range in each of which modes are computed, if meetings are unknown.
 
@@ -223,8 +226,8 @@ class ModesOverRange:
         is_outside = np.abs(distance_to_middle) > half_range
         shift = np.where(is_outside, whole_laps(distance_to_middle, solver.periods), 0.0)
         values = solver.shift_inputs(solver.reference[None], reference_input + shift)
-        ((closed_values, curve),) = self._follow_configurations(values)
-        self._add_mode(closed_values, curve)
+        (curve,) = self._follow_configurations(values)
+        self._add_mode(curve)
         # If the input is still not in the range, the mode may end before the range begins.
         # This matters for wheels (`gear_phases`), whose configurations may never repeat, so
         # that the input has no period. The whole curve through the pose is then followed,
@@ -237,9 +240,7 @@ class ModesOverRange:
         if self._mobilities and self._mobilities[0] < 1:
             check_mobility(solver, self._mobilities[0])
 
-    def _follow_configurations(
-        self, values: Floats
-    ) -> list[tuple[Floats, ModeCurve | None]]:
+    def _follow_configurations(self, values: Floats) -> list[ModeCurve | None]:
         """Close configurations and follow them over the range.
 
         If a group has redundant constraints, the mobility of each configuration is appended
@@ -252,8 +253,8 @@ class ModesOverRange:
 
         Returns
         -------
-        For each configuration the closed one (variables,), and its curve. The curve is None
-        if the rank of the velocity equations does not leave one degree of freedom.
+        The curve of each configuration. It is None if the rank of the velocity equations
+        does not leave one degree of freedom.
         """
         solver = self.solver
         values = solver.closure.solve(values, fixed=solver.driven).values
@@ -276,21 +277,13 @@ class ModesOverRange:
                 high=high,
             )
         )
-        return [
-            (row, next(curves) if mobile else None)
-            for row, mobile in zip(values, is_mobile, strict=True)
-        ]
+        return [next(curves) if mobile else None for mobile in is_mobile]
 
-    def _add_mode(
-        self, values: Floats, curve: ModeCurve | None, family: int | None = None
-    ) -> bool:
+    def _add_mode(self, curve: ModeCurve | None, family: int | None = None) -> bool:
         """Add the mode of a curve, if it is in the range, and return whether it is.
 
         Parameters
         ----------
-        values
-            (variables,) the configuration from which the curve was followed (rad). It is
-            not evaluated.
         curve
             The curve, with rising values of the input. None if the configuration does not
             have one degree of freedom, so that it was not followed.
@@ -306,9 +299,10 @@ class ModesOverRange:
             return False
         # Every group of links has a matrix: the three axes of a dyad (two links and three
         # R pairs), or the velocity equations of another group. The sign of its determinant
-        # is constant in a mode. It is computed at the middle of the curve, because `values`
-        # may be at a dead centre, where the determinant is zero. `least` is the reciprocal
-        # condition number below which a sign counts as unknown; with 0 none does.
+        # is constant in a mode. It is computed at the middle of the curve, because the
+        # curve may begin at a dead centre, where the determinant is zero. `least` is the
+        # reciprocal condition number below which a sign counts as unknown; with 0 none
+        # does.
         middle_values = curve.values[len(curve.values) // 2]
         (determinant_signs,) = group_signs(self.solver, middle_values[None], least=0.0)
         self.assembly_modes.append(
@@ -396,8 +390,9 @@ class ModesOverRange:
         curve are known, in the second case those that the examined inputs led to.
         """
         q = self.input_grid.q
-        # A few samples spread over the range, in rising order.
-        for row in np.unique((PROBED_FRACTIONS * len(q)).astype(np.intp)):
+        # A few samples spread over the range, the middle first, each once.
+        rows = (PROBED_FRACTIONS * len(q)).astype(np.intp)
+        for row in dict.fromkeys(rows.tolist()):
             if self.assembly_modes:
                 break
             self._compute_modes_at(q[row : row + 1])
@@ -505,7 +500,7 @@ class ModesOverRange:
         # together, which is faster. Their curves are used one by one: after each new mode,
         # the configurations that are on it get its family, and their curves are not needed.
         families = self._find_families(values, first_mode=0)
-        followed: dict[int, tuple[Floats, ModeCurve | None]] = {}
+        followed: dict[int, ModeCurve | None] = {}
         for row in np.flatnonzero(families < 0).tolist():
             if families[row] >= 0 or self._has_enough_modes:
                 continue
@@ -516,9 +511,8 @@ class ModesOverRange:
                 results = self._follow_configurations(values[rows])
                 followed = dict(zip(rows.tolist(), results, strict=True))
             first_new_mode = len(self.assembly_modes)
-            closed_values, curve = followed[row]
             # A mode is not added if it is not in the range, or if it cannot move.
-            if not self._add_mode(closed_values, curve, family):
+            if not self._add_mode(followed[row], family):
                 continue
             # If the new mode ends inside the range, the modes that continue it are added.
             # They may contain some of the configurations, too.
