@@ -119,7 +119,16 @@ class Dynamics(AbstractAnalysis):
     )
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return the motion in time, with the variables on which loads depend."""
+        """Declare that the analysis reads the motion in time, and variables of loads.
+
+        These are the variables of the pairs on which loads such as springs depend. They are
+        read with whole revolutions. `tracer` gives access to the configurations.
+
+        Raises
+        ------
+        ModelError
+            If the mechanism has neither masses nor loads.
+        """
         need_terms(mechanism)
         return Needs(
             time=True,

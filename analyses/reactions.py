@@ -144,7 +144,16 @@ class ReactionAnalysis(AbstractAnalysis):
         )
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return the motion in time, with the variables on which loads depend."""
+        """Declare that the analysis reads the motion in time, and variables of loads.
+
+        These are the variables of the pairs on which loads such as springs depend. They are
+        read with whole revolutions. `tracer` gives access to the configurations.
+
+        Raises
+        ------
+        ModelError
+            If the mechanism has neither masses nor loads.
+        """
         need_terms(mechanism)
         return Needs(time=True, tracer=True, continued_values=used_pairs(mechanism))
 
@@ -195,17 +204,18 @@ class ReactionAnalysis(AbstractAnalysis):
         """Return the largest moments and loads, contacts that lift off, and open reactions.
 
         A reaction is called open if redundant constraints leave it undetermined. A contact
-        lifts off if it would have to pull. The summary also lists the entries of the file
-        that are missing to determine the forces through the centre of the sphere
-        (`forces_need`):
+        lifts off if it would have to pull. The summary also says what the file lacks to
+        determine the forces through the centre of the sphere (`forces_need`):
 
-        - Links without a centre of mass, and contacts without a distance from the centre.
-        - Pairs that would have to float, so that their links can slide along the axis.
-        - Whether forces stay open even with these entries, because constraints are
-          redundant.
-        - All of this as phrases (`wanted`).
-        - Rolling contacts without a pressure angle. Teeth with a pressure angle have one
-          unknown fewer, because their normal force follows from the tangential one.
+        - `centres_of_mass`: links without a centre of mass.
+        - `distances_of_contacts`: contacts without a distance from the centre.
+        - `floating_pairs`: pairs whose links would have to be free to slide along the axis.
+        - `repeated_constraints`: whether some forces would stay open even then, because
+          constraints are redundant.
+        - `wanted`: these four as phrases of a sentence.
+        - `pressure_angles`: rolling contacts without a pressure angle. Teeth with a
+          pressure angle have one unknown fewer, because their normal force follows from the
+          tangential one.
         """
         mechanism = batch.mechanism
         result = self._reactions(batch)

@@ -202,10 +202,22 @@ class SensitivityAnalysis(AbstractAnalysis):
     draws: int = 64
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return configurations with their times; refuse what has no derivative."""
+        """Declare that the analysis reads configurations, and check its parameters.
+
+        Times and rates are read if a quantity depends on them, and for mechanisms with one
+        input always. The variables of pairs on which loads such as springs depend are read
+        with whole revolutions.
+
+        Raises
+        ------
+        AnalysisError, DesignError
+            If a parameter is not valid, or a quantity has no derivative by a size.
+        """
         sensitivity = self._sensitivity(mechanism)
+        # This call only raises an error if a parameter of the deviations is not valid.
         self._size_deviations(sensitivity)
         return Needs(
+            # This gives access to the configurations.
             tracer=True,
             time=len(mechanism.inputs) == 1 or sensitivity.timed,
             continued_values=frozenset(sensitivity.wound),

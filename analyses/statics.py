@@ -121,7 +121,19 @@ class Statics(AbstractAnalysis):
     time: float = 0.0
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return the configurations, with the variables on which loads depend."""
+        """Declare that statics reads configurations, and variables of loads.
+
+        These are the variables of the pairs on which loads such as springs depend. They are
+        read with whole revolutions. The links that are read are those on which masses and
+        loads act, and both links of each output. `tracer` gives access to the
+        configurations.
+
+        Raises
+        ------
+        AnalysisError
+            If a parameter is not valid for the mechanism.
+        """
+        # This call only raises an error if a parameter is not valid.
         self._drive_stiffness(mechanism)
         output_links: set[int] = set()
         for output in mechanism.outputs:

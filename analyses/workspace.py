@@ -40,16 +40,40 @@ SIZE_UNIT = "sr or sr rad"
 class WorkspaceAnalysis(AbstractAnalysis):
     """Directions or orientations that an output reaches in a working mode.
 
-    `output` is its name, if several are declared. `mode` is the signs of one mode, such as
-    ``+-``, or its number; by default all modes. Angles are in degrees: `limits` of pairs
-    are ``PAIR:LOW:HIGH``, beside the joint limits of the mechanism; `apart` are angles
-    between the axes of two pairs, ``PAIR/PAIR:LEAST`` or ``PAIR/PAIR:LEAST:GREATEST``;
-    `near` is the least angle to a singularity of type I or II. Links of a `width` on a
-    sphere of a `radius`, in the same unit of length, are kept from touching. `tolerance` is
-    the relative error of the area or volume, by default 1e-4 of directions and 1e-2 of
-    orientations. `pose` is judged: ``name=number+name=number`` of x, y, z or azimuth, tilt
-    of a direction; azimuth, tilt, torsion, qx, qy, qz, qw or rx, ry, rz of an orientation;
-    phi, gamma; or all driven pairs.
+    A working mode is one of the ways to assemble the legs at a given pose of the output.
+    All angles below are in degrees.
+
+    Attributes
+    ----------
+    output
+        Name of the output, needed if the mechanism declares several.
+    working_mode
+        Signs of one working mode, such as ``+-``, or its number. By default all modes.
+    limits
+        Ranges of pair variables, ``PAIR:LOW:HIGH``, in addition to the joint limits of the
+        mechanism.
+    apart
+        Ranges of the angle between the axes of two pairs, ``PAIR/PAIR:LEAST`` or
+        ``PAIR/PAIR:LEAST:GREATEST``.
+    near
+        Least angle to a singularity of type I or II.
+    width, radius
+        Width of the links and radius of the sphere, in the same unit of length. The outer
+        axes of each leg that can fold stay ``width / radius`` (rad) apart, so that its
+        links do not touch.
+    tolerance
+        Relative error of the area or volume. With 0 it is 1e-4 for the area of directions
+        and 1e-2 for the volume of orientations.
+    pose
+        Poses of which the analysis reports whether they are inside of the workspace. A pose
+        is written ``name=number+name=number``, with one of these sets of names:
+
+        - ``x``, ``y``, ``z`` or ``azimuth``, ``tilt`` of a direction,
+        - ``azimuth``, ``tilt``, ``torsion``, a quaternion ``qx``, ``qy``, ``qz``, ``qw`` or
+          a rotation vector ``rx``, ``ry``, ``rz`` of an orientation,
+        - ``phi``, ``gamma``, the angles of the plane about which base and output link are
+          mirror images of each other, in a mid-plane symmetric architecture,
+        - all driven pairs: the pose at these inputs is meant.
     """
 
     name = "workspace"

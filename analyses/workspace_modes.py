@@ -223,8 +223,10 @@ class WorkspaceModes:
         directions outside of it a gap. A curve separates one component from one gap, and
         the table has the numbers of both.
         """
-        # In some mechanisms base and output are mirror images in a plane. The table then
-        # has the two angles of this plane. Of others the architecture is None.
+        # The points of arcs are directions (k, 3). The table has their components x, y, z.
+        # If the base and the output link are mirror images of each other about a plane, it
+        # also has the angles phi and gamma of this plane. Otherwise the architecture is
+        # None.
         mid_plane_architecture = self.kinematics.form
         columns = []
         for curve_number, curve in enumerate(region.boundaries):

@@ -144,7 +144,16 @@ class RotationResult:
         return (page, self._time_scene(self.trajectory, text))
 
     def _time_scene(self, trajectory: Trajectory, text: str) -> Scene:
-        """Return the page over time; its text explains the time of its rows."""
+        """Return a page with drawings and plots of the rotation over time.
+
+        Parameters
+        ----------
+        trajectory
+            The rotation at equally spaced times. Each of them is a row of the page.
+        text
+            The findings in Markdown. A sentence is added that says how the time of a row
+            follows from its number.
+        """
         time_step = trajectory.t[-1] / (len(trajectory.t) - 1)
         accelerations = trajectory.accelerations
         text += f"\n\nRow k of this page is at k x {time_step:.6g} s."

@@ -28,20 +28,39 @@ from .tables import FORWARD, INVERSE, PAIRS
 class InverseKinematicsAnalysis(AbstractAnalysis):
     """Inputs of poses of an output in every working mode, or all poses at given inputs.
 
-    Poses are `poses`, each ``name=number+name=number``, one after another; or the rows of
-    a CSV or Parquet `file`, in which `columns` are those to read where that is not clear;
-    or the grid over a `window`, ``NAME:FROM:TO:COUNT`` joined by +. The names are ``x``,
-    ``y``, ``z`` or ``azimuth``, ``tilt`` of a pointing output, also ``phi``, ``gamma`` of
-    a mid-plane form; ``azimuth``, ``tilt``, ``torsion``, a quaternion ``qx``, ``qy``,
-    ``qz``, ``qw``, a rotation vector ``rx``, ``ry``, ``rz`` or a matrix ``r11`` .. ``r33``
-    of an orientation. With the names of the driven pairs the numbers are inputs, and the
-    poses at these are found. `unit` of angles is deg or rad; a Parquet file may say its
-    own.
+    A working mode is one of the ways to assemble the legs at a given pose of the output.
+    Poses are given in one of three ways: `poses`, `file` or `window`. The numbers of a pose
+    have one of these sets of names:
 
-    `output` is its name, if several are declared; `mode` the label of one working mode, by
-    default all. `graph` solves the graph of all links where there is a closed form too.
-    `pairs` are those whose variables are wanted, or ``all``. `nearest` is the number of
-    rows out of reach for which the nearest reachable pose is looked for.
+    - ``x``, ``y``, ``z`` or ``azimuth``, ``tilt`` of a direction,
+    - ``azimuth``, ``tilt``, ``torsion``, a quaternion ``qx``, ``qy``, ``qz``, ``qw``, a
+      rotation vector ``rx``, ``ry``, ``rz`` or a matrix ``r11`` .. ``r33`` of an
+      orientation,
+    - ``phi``, ``gamma``, the angles of the plane about which base and output link are
+      mirror images of each other, in a mid-plane symmetric architecture,
+    - all driven pairs: the numbers are inputs, and the poses at these are computed.
+
+    Attributes
+    ----------
+    poses
+        Poses one after another, each ``name=number+name=number``.
+    file, columns
+        CSV or Parquet file whose rows are poses. `columns` are those that are read, if the
+        file has more than one of the sets.
+    window
+        Grid of poses, ``NAME:FROM:TO:COUNT`` joined by ``+``.
+    unit
+        Unit of angles. A file may state another one, which is then used.
+    output
+        Name of the output, needed if the mechanism declares several.
+    working_mode
+        Label or number of one working mode. By default all modes.
+    graph
+        Whether to solve the graph of all links even if there is a closed form.
+    pairs
+        Pairs whose variables are wanted, or ``all``.
+    nearest
+        Number of poses out of reach for which the nearest reachable pose is computed.
     """
 
     name = "inverse_kinematics"

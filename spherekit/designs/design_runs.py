@@ -187,7 +187,11 @@ class DesignRuns:
             self.names.append(ASSEMBLY)
 
     def grashof_classes(self, values: Floats) -> NDArray[np.str_] | None:
-        """Return the Grashof classes (n,) of designs (variables, n), if a kernel can."""
+        """Return the Grashof classes (n,) of designs (variables, n), such as crank-rocker.
+
+        None if the mechanism is not a four-bar, or if no kernel, a function that evaluates
+        many designs at once, covers its designs.
+        """
         if self.kernel_evaluator is None:
             return None
         return self.kernel_evaluator.grashof_classes(values)
@@ -313,16 +317,18 @@ class DesignRuns:
     def _join_run(self, kernel_rows: DesignTable | None, run: RunResult) -> DesignTable:
         """Return the rows of a design with figures of its run and of the kernel.
 
-        Each row is an assembly mode: one way in which the links are put together. The run
-        numbers the modes, the kernel labels them by signs. A mode that is certainly the
+        The kernel, a function that evaluates many designs at once, has computed some
+        figures of merit of this design before the run. The others follow from tables of the
+        run. Each row is an assembly mode: one way in which the links are put together. The
+        run numbers the modes, the kernel labels them by signs. A mode that is certainly the
         same in both has one row with the figures of both; each other mode has its own row.
 
         Parameters
         ----------
         kernel_rows
-            Its rows by the kernel, None without a kernel.
+            The rows of this design that the kernel has computed, None without a kernel.
         run
-            The run of the design.
+            The run of this design.
         """
         # A mode of the run has a row if it has figures, or if the tables are wanted. If no
         # mode has a row, there is one row for all modes.

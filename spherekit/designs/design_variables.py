@@ -72,9 +72,10 @@ class DesignVariable:
     value
         The value in the file, in the unit of the file.
     is_angle
-        Whether the number is an angle.
+        Whether the number is an angle that has a `slot`. Angles of loads and of contact
+        profiles count as other numbers.
     slot
-        Which size of links or pairs the number is, as kind and location:
+        Which angle of links, pairs or outputs the number is, as kind and location:
         ``("arcs", ("2", "32"))`` is the arc of link 2 to the axis of pair 32, and
         ``("zeros", "41")`` the zero position of pair 41. None if it is no such size.
     """
@@ -119,8 +120,10 @@ def design_variable(document: Document, key: str) -> DesignVariable:
             f"and joint limits "
             f"are the same for all; vary numbers of {listing(DESIGNED)}"
         )
-    # Kind and location of a number that is an argument of kernels: functions that compute
-    # many designs at once. All of these are angles. `slot` is None for all other numbers.
+    # Kind and location of an angle that is an argument of kernels: functions that compute
+    # many designs at once. `slot` is None for all other numbers. Most of them, such as
+    # masses, are no angles. Those that are, such as angles of loads, keep the unit of the
+    # file and are not marked as angles.
     slot = _kernel_slot(document, path)
     return DesignVariable(
         key=key,

@@ -1,4 +1,8 @@
-"""Figures of merit of designs in their assembly modes, from samples of a kernel."""
+"""Figures of merit of designs in their assembly modes, computed by a kernel.
+
+A kernel is a function that evaluates quantities of many designs at many samples of the
+inputs at once. A figure of merit reduces these quantities to one number.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -126,10 +130,12 @@ class DesignSamples:
         start = np.array([driven.start for driven in mechanism.inputs])
         sense = np.array([driven.sense for driven in mechanism.inputs])
         if study.path is not None:
-            # Each input is taken to increase at 1 rad/s. The time of a sample is the change
-            # of the first input since time zero. A single input has the time zero at its
-            # smallest value, so that no time is negative. With several inputs, the time is
-            # zero at the first sample, and negative where the first input is smaller.
+            # A path states neither rates nor times, but expressions of figures may contain
+            # them. By convention the rate of every input is 1 rad/s at every sample,
+            # whichever way the path runs, and the time of a sample is the change of the
+            # first input since time zero. A single input has the time zero at its smallest
+            # value, so that no time is negative. With several inputs, the time is zero at
+            # the first sample, and negative where the first input is smaller.
             has_one_input = len(names) == 1
             start = np.min(input_grid.q, axis=0) if has_one_input else input_grid.q[0]
             sense = np.ones(len(names))
@@ -147,11 +153,12 @@ class DesignSamples:
         sense: Floats,
         shape: tuple[int, ...] | None = None,
     ) -> "DesignSamples":
-        """Return samples of inputs that move at 1 rad/s, without accelerations.
+        """Return samples at which every input has the rate 1 or -1 rad/s.
 
-        The time of a sample is the change of the first input since time 0, divided by its
-        rate. On a grid of several inputs, samples with the same first input have the same
-        time. Rates are those of all inputs at once, also on a grid.
+        These rates are a convention for samples without a time law. They need not agree
+        with the changes from one sample to the next. Accelerations are 0. The time of a
+        sample is the change of the first input since time 0, divided by its rate. On a grid
+        of several inputs, samples with the same first input have the same time.
 
         Parameters
         ----------
@@ -466,8 +473,10 @@ class KernelFigures:
     ) -> DesignTable:
         """Evaluate the figures of n modes, each of which is an assembly mode of a design.
 
-        The kernel computes the quantities at all samples and points, block by block. The
-        expressions of the figures are evaluated from them and then reduced over samples.
+        The kernel computes the quantities at all samples and points, block by block. Points
+        are further inputs, which figures such as ``at(theta_41, 0.5)`` state. The
+        expressions of the figures are evaluated from the quantities and then reduced over
+        the samples, or taken at the point of the figure.
 
         Parameters
         ----------
