@@ -315,7 +315,18 @@ class DesignProfiles:
         return derivatives
 
     def _all_profile_numbers(self, values: Floats) -> Floats:
-        """Return the numbers of all profiles of a design (variables,); raise if none."""
+        """Return the numbers that define all contact profiles of a design, in one array.
+
+        Parameters
+        ----------
+        values
+            (variables,) values of the design variables, in the units of the file.
+
+        Raises
+        ------
+        SpherekitError
+            If the design is impossible.
+        """
         mechanism = make_design(self.document, self.variables, values)
         return np.concatenate(
             [profile_numbers(profile) for profile, _ in list_profiles(mechanism)]
@@ -419,10 +430,21 @@ def differentiate_profile(
 
 
 def _differentiate_by_arc_length(columns: Floats) -> Floats:
-    """Return the derivatives (profiles, 8, n) of columns (9 profiles, n) by arc length.
+    """Return the derivatives of the columns of profiles by the arc length.
 
-    On the unit sphere the tangent changes by k (p x t) - p, where p is the point, t the
-    tangent and k the geodesic curvature.
+    The nine columns of a profile are the tangent t (3), the point p (3), the geodesic
+    curvature k, and its first and second derivative. The second derivative is not
+    differentiated, so eight columns remain. On the unit sphere dt/ds = k (p x t) - p and
+    dp/ds = t.
+
+    Parameters
+    ----------
+    columns
+        (9 profiles, n) columns at n points of each profile.
+
+    Returns
+    -------
+    (profiles, 8, n) derivatives of the first eight columns.
     """
     columns = columns.reshape(-1, COLUMN_COUNT, columns.shape[1])
     tangent, point, curvature, curvature_derivatives = np.split(columns, [3, 6, 7], axis=1)
@@ -436,13 +458,18 @@ def _nearest_point_rates(
 ) -> Floats:
     """Return how the contact point of two profiles moves along both as a number changes.
 
-    The contact is where the moving frames (tangent, normal, point on the unit sphere) of
-    both curves differ by the smallest angle. In the given design the curves touch, and the
-    frames are equal. If a design variable v changes by dv, and the points move by ds1 and
-    ds2 along the curves, the rotation vector between the frames becomes
+    Profiles touch in the reference pose where their moving frames (tangent, normal, point
+    on the unit sphere) are equal. In the given design such points exist. In a changed
+    design the frames differ everywhere in general, because two arc lengths cannot make the
+    three components of a rotation zero. The contact is then where the frames differ by the
+    smallest angle (`find_contact_lengths`). The joint makes the frames equal there, so the
+    links turn out of the reference pose by this angle.
+
+    If a design variable v changes by dv, and the points move by ds1 and ds2 along the
+    curves, the rotation vector between the frames becomes
     ``r1_s ds1 - r2_s ds2 + (r1_v - r2_v) dv``. Frame 1 rotates by r1_s per unit of its arc
-    length, and by r1_v per unit of v. In general two movements cannot make all three
-    components zero. The angle is smallest for the least-squares solution ds1/dv, ds2/dv.
+    length, and by r1_v per unit of v. The least-squares solution ds1/dv, ds2/dv makes the
+    length of this vector, which is the angle, smallest.
 
     Parameters
     ----------

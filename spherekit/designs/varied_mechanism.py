@@ -142,8 +142,9 @@ class DesignPoint:
             The n samples, the configurations at them and the whole revolutions of angles;
             arguments of `DesignKernel.evaluate_samples`.
         pair_values
-            (n, variables of pairs) configurations (rad) at which profiles touch, NaN where
-            there is none. Without profiles only their number counts.
+            (n, variables of pairs) configurations (rad) at the samples, NaN if a sample has
+            none. The columns of profiles are evaluated at them. If all profiles are
+            circles, only the number n of configurations is used.
         """
         profile_columns = None
         if self.profiles is not None:
@@ -509,7 +510,12 @@ class VariedMechanism:
 
     @cached_property
     def varied_numbers(self) -> Indices:
-        """Indices of the numbers that follow the variables; all if no trial is possible."""
+        """Indices of the numbers of contacts, masses and loads that follow the variables.
+
+        A number follows the variables if it changes in a trial: a design in which all
+        variables are changed a little (`_trials`). If all these designs are impossible, all
+        numbers count as following.
+        """
         if not self._reads_files:
             return np.zeros(0, np.intp)
         differences = [numbers != self._nominal_numbers for _, numbers in self._trials]
@@ -617,9 +623,9 @@ class VariedMechanism:
             # `ACTIONS` are the tables of masses and loads in the file.
             is_mass_or_load = variable.path[0] in ACTIONS
             if not self._reads_whole_file and not is_mass_or_load:
-                # This variable is a size of a link. No contact is replaced by links, and
-                # masses do not follow sizes. The varied numbers are then numbers of masses
-                # and loads, which do not depend on this variable.
+                # If the whole file need not be read, no contact is replaced by links and no
+                # mass follows sizes of links. All varied numbers then stand in the tables
+                # of masses and loads, and a variable outside these tables changes none.
                 constant_slopes.append(np.zeros(len(self.varied_numbers)))
                 continue
             # The derivatives at the design of the file come first. Those of trial designs

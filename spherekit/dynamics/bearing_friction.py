@@ -77,12 +77,7 @@ class IndeterminateForces:
 
     @property
     def wanted(self) -> list[str]:
-        """The information that would determine the forces, as phrases of a message.
-
-        A pair floats if its bearings let the link slide along the axis. The file says so by
-        the axial positions of the bearings (``axial``). If too many pairs hold the links
-        along their axes, their forces can balance each other and are not determined.
-        """
+        """The information that would determine the forces, as phrases of a message."""
         wanted = []
         if self.centres:
             wanted.append(f"mass and centre of the links {listing(self.centres)}")
@@ -104,18 +99,21 @@ class IndeterminateForces:
 def diagnose_indeterminate_forces(
     mechanism: Mechanism, frames: Floats
 ) -> IndeterminateForces:
-    """Return the information that would determine all forces through the centre O.
+    """Return the information that a file lacks, so that forces of pairs are not determined.
+
+    It consists of centres of mass, distances of contacts, and pairs that would have to
+    float: to let their links slide along the axis. These pairs are chosen here.
 
     Reactions that balance each other without loads form a linear space, and no equation
-    determines their sizes. Each pair that lets its links slide along its axis has no axial
-    force. This removes one dimension of the space, unless the axial force is zero
-    everywhere in the space. Pairs are chosen one after another, always the one whose axial
-    force has the largest part in the remaining space.
+    determines their sizes. A pair that floats has no axial force. This removes one
+    dimension of the space, unless the axial force is zero everywhere in the space. The
+    floating pairs are chosen one after another, always the pair whose axial force has the
+    largest part in the remaining space.
 
     Parameters
     ----------
     mechanism
-        A mechanism.
+        The mechanism whose forces are not determined.
     frames
         (pairs, 3, 3) axes of the pairs in their columns, in ground axes.
     """

@@ -68,7 +68,8 @@ class CoordinateMotion(ArrayRows):
     def with_senses(self, senses: Floats) -> "CoordinateMotion":
         """Return the motion with all coordinates reversed in rows whose sense is -1.
 
-        Second derivatives by one coordinate do not change.
+        First derivatives change their signs. Second derivatives change them twice, also
+        those by two different coordinates, and so stay the same.
 
         Parameters
         ----------

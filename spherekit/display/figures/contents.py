@@ -225,7 +225,20 @@ def _plan_series(
 
 
 def _find_marks(scenes: Sequence[Scene], axis_label: str) -> list[tuple[Page, InputMarks]]:
-    """Return the marked inputs of scenes over one axis, with their pages."""
+    """Return all marks that belong into plots over one quantity, with their pages.
+
+    Analyses mark inputs, such as those of singularities. The plots of other analyses show
+    these marks too, if they have the same quantity on the x axis.
+
+    Parameters
+    ----------
+    scenes
+        Scenes of all analyses. The axes `over` of a scene are the quantities over which its
+        samples run.
+    axis_label
+        Label of the quantity on the x axis. Scenes over another quantity, or over several,
+        are left out.
+    """
     marks: list[tuple[Page, InputMarks]] = []
     for scene in scenes:
         if [axis.label for axis in scene.over] == [axis_label]:

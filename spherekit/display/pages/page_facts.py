@@ -78,7 +78,11 @@ def link_facts(mechanism: Mechanism, link: str) -> Facts:
 
 
 def pair_facts(mechanism: Mechanism) -> list[Facts]:
-    """Return the names, links and numbers of variables of all pairs."""
+    """Return facts of all pairs: name, links, whether it has an axis, count of variables.
+
+    An R pair has an axis. A contact has none; it has one variable if it rolls, two if it
+    slides.
+    """
     return [
         {
             "name": pair.name,

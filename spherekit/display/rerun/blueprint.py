@@ -181,9 +181,7 @@ class Layout:
         (`has_findings`) come before plots of the motion.
 
         A page is the number of an assembly mode (one way to assemble the mechanism), or the
-        title of any other page, such as a list of singularities. A page of a mode has the
-        sphere with the mechanism. A page with a title has it only if the page itself draws
-        something on it.
+        title of any other page, such as a list of singularities.
         """
         # Items that all pages show have the page None.
         page_plots = [plot for plot in self.plots if plot.page in (None, page)]

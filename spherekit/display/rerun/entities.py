@@ -304,23 +304,23 @@ def rows_for_path(primitive: Primitive) -> Floats | None:
 def draw_path(primitive: Primitive, rows: Floats, row_length: int | None) -> Stills:
     """Yield the curve on which a direction or a point of a plot moved over all rows.
 
-    The only item is the path below that of the primitive, and the curve that is logged
-    there once (`Stills`). Nothing is yielded if all rows are NaN. Curves on the sphere are
-    drawn a little outside of it (`CURVE_SCALE`, `PATH_SCALE`), so that it does not hide
-    them.
+    The only item has the name under which the curve is logged, below the entity of the
+    primitive, and the curve itself. Nothing is yielded if all rows are NaN. Curves on the
+    sphere are drawn a little outside of it (`CURVE_SCALE`, `PATH_SCALE`), so that it does
+    not hide them.
 
     Parameters
     ----------
     primitive
-        The primitive that moved: an `Arrow`, a `Trace` (the path of a direction in the axes
-        of a link), or a `Portrait` (a plot of one quantity against another). A primary
-        arrow is the axis of a pair, in silver. Other arrows are the pole axes about which
-        two links turn relative to each other at the moment.
+        The primitive that moved: an `Arrow`, a `Trace` (a direction seen in the axes of a
+        link), or a `Portrait` (a plot of one quantity against another). A primary arrow is
+        the axis of a pair, in silver. Other arrows are the pole axes about which two links
+        turn relative to each other at the moment.
     rows
         Its positions in all rows: directions (rows, 3), or points (rows, 2) in the frame.
     row_length
         Number of samples in one row of a grid of two inputs, after which the curve is
-        broken; None if the samples form one path.
+        broken; None if the samples follow each other along a single curve.
     """
     if isinstance(primitive, Portrait):
         if shapes.split_at_nan(rows):
@@ -340,7 +340,7 @@ def draw_path(primitive: Primitive, rows: Floats, row_length: int | None) -> Sti
             colour = colours.GOLD
             line_width = POLE_PATH_WIDTH
         else:
-            colour = colours.BRONZE  # many paths, one for each row of the grid
+            colour = colours.BRONZE  # many curves, one for each row of the grid
             line_width = THIN_PATH_WIDTH
         yield "path", _curves(lines, PATH_SCALE, colour, line_width)
 

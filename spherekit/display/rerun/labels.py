@@ -207,8 +207,8 @@ class Names:
             for axis in body.joints:
                 dots = project(self._sight, np.einsum("nij,j->ni", rotations, axis))
                 self._boxes.append(_Box(DOT_COST, dots, np.full(2, DOT_HALF_SIZE)))
-            requests += self._pair_requests(body, rotations)
-            requests += self._link_requests(body, rotations)
+            requests += self._pair_name_requests(body, rotations)
+            requests += self._link_name_requests(body, rotations)
         names: dict[str, list[Name]] = {body.path: [] for body in bodies}
         requests.sort(key=lambda request: -len(request.text))
         for request in requests:
@@ -232,10 +232,11 @@ class Names:
             names[request.path].append(name)
         return names
 
-    def _pair_requests(self, body: Body, rotations: Floats) -> list[_NameRequest]:
-        """Return requests for names of the pairs of a link that no other link names.
+    def _pair_name_requests(self, body: Body, rotations: Floats) -> list[_NameRequest]:
+        """Return requests for places of the names of a link's pairs.
 
-        Pairs with nearly the same axis share one name, such as "A, B".
+        Pairs that another link names already are left out. Pairs with nearly the same axis
+        share one name, such as "A, B".
 
         Parameters
         ----------
@@ -267,8 +268,18 @@ class Names:
             requests.append(_NameRequest(body.path, text, True, places, centres))
         return requests
 
-    def _link_requests(self, body: Body, rotations: Floats) -> list[_NameRequest]:
-        """Return the request for the name of a link, if it has a name and an arc."""
+    def _link_name_requests(self, body: Body, rotations: Floats) -> list[_NameRequest]:
+        """Return a request for a place of the name of a link, at its longest arc.
+
+        The list is empty if the link has no name or no arc.
+
+        Parameters
+        ----------
+        body
+            The link.
+        rotations
+            (pictures, 3, 3) its orientation in each picture.
+        """
         if not len(body.curves) or not body.label:
             return []
         longest = np.asarray(max(body.curves, key=_curve_length))
