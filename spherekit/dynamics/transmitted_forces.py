@@ -80,10 +80,11 @@ class DrivenState(ArrayRows):
     torques
         (n, inputs) driving torques, N m.
     carried
-        (n, k) loads to which the friction of k bearings and contacts is proportional: the
-        force (N) on each bearing, the moment (N m) of each contact. None without such
-        friction. `Loads.friction_components` are the indices of these k frictions among all
-        loads.
+        (n, k) what k pairs carry, to which their friction is proportional. For an R pair it
+        is the sum of the forces (N) on its bearings. For a sliding contact it is the moment
+        (N m) of its normal force about the centre O, which needs no distance of the
+        contact from O. The order is that of `Loads.friction_components`. None without such
+        friction.
     """
 
     mechanism: Mechanism
@@ -194,7 +195,11 @@ class NewtonEuler:
         forces: bool = False,
         tooth_sides: Floats | None = None,
     ) -> None:
-        """Assemble the equations.
+        """Assemble the matrix of the equations, and invert it.
+
+        In the axes of a pair, z points along the axis of an R pair. At a contact, z points
+        from the centre O of the mechanism to it, x along the common tangent of the profiles
+        and y along their normal.
 
         Parameters
         ----------
@@ -205,14 +210,15 @@ class NewtonEuler:
         forces
             Whether to solve for forces through O as well as for moments.
         tooth_sides
-            (n, pairs) signs of the moments about y of teeth with a pressure angle; 1 if
-            left out.
+            (n, pairs) +1 or -1: on which of their two sides teeth with a pressure angle
+            press. It is the sign of the moment about y that they transmit. Other pairs do
+            not use it. By default all are +1.
         """
         self.mechanism = mechanism
         self.frames = frames
         # The unknowns: moments of each pair about directions about which it does not turn.
-        # With a pressure angle the moment of teeth about x follows from that about y, so
-        # component 0 is left out.
+        # With a pressure angle the moment of teeth about x (component 0) follows from that
+        # about y, so it is left out.
         self.columns = [
             (pair_number, component)
             for pair_number, pair in enumerate(mechanism.pairs)
@@ -397,7 +403,18 @@ class NewtonEuler:
         return self.sum_wrenches(self.is_open.astype(float)) != 0.0
 
     def sum_wrenches(self, reactions: Floats) -> Floats:
-        """Return the wrenches (n, pairs, 6) of reactions (n, columns), in pair axes."""
+        """Return the wrench of each pair, the sum of its reactions, in pair axes.
+
+        Parameters
+        ----------
+        reactions
+            (n, columns) sizes of the reactions. Each is one component of the moment or
+            force of one pair, listed in `columns`.
+
+        Returns
+        -------
+        (n, pairs, 6) moments about the centre (N m) and forces (N).
+        """
         return self._column_to_pair.T @ (reactions[..., None] * self.unit_wrenches)
 
 

@@ -96,7 +96,7 @@ CASADI_MOVED_INPUT_TEMPLATE = """\
 
 
 def write_casadi(source: Source) -> str:
-    """Return Python functions, each of which returns a function of CasADi."""
+    """Return the source code of Python functions that each return a CasADi function."""
     parts = [
         write_constants(source, "casadi as ca"),
         *write_series(
@@ -182,8 +182,9 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
     returned = f"{source.mode_argument}_there"
     if source.formulas.step:
         input_lines = f"    inputs = {texts.known_inputs}\n"
-        # The source in NumPy has the same phrase about "inputs", because its functions have
-        # arrays of inputs. Here it becomes ", and the input at which it has them".
+        # The docstring of the written function says that it returns the known input too:
+        # "..., and the input at which it has them". The text is shared with the source in
+        # NumPy, whose function has an array of inputs. Here there is a single one.
         docstring_end = KNOWN_INPUTS_TEXT.replace("inputs", "the input")
         first_input = "known_input = ca.DM(inputs[0][mode])\n    "
         next_input = (

@@ -320,7 +320,16 @@ def load_coupling(path: AnyPath) -> CouplingTable:
     """
 
     def construct_table(heading: dict[str, Any], arrays: dict[str, Any]) -> CouplingTable:
-        """Return the table of its fields: texts and single numbers, and then arrays."""
+        """Construct the table from the contents of the archive.
+
+        Parameters
+        ----------
+        heading
+            Values of the fields that are texts or single numbers. The format and version of
+            the archive are there too, and are ignored.
+        arrays
+            Values of the fields that are arrays.
+        """
         heading_fields = {name: heading[name] for name in HEADING_FIELDS}
         return CouplingTable(**heading_fields, **arrays)
 

@@ -170,7 +170,8 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
         moved_template=JAVASCRIPT_MOVED_INPUT_TEMPLATE,
     )
     input_lines = ""
-    # The name of the array with the mode values.
+    # The template writes the mode values at q into an array. It is named like the argument
+    # of the formulas that takes these values, such as ``mode``.
     returned = source.mode_argument
     # Without a closed form, `step` has the terms of a step of Newton's method.
     has_closed_form = not source.formulas.step

@@ -171,7 +171,8 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
         moved_template=JULIA_MOVED_INPUT_TEMPLATE,
     )
     input_lines = ""
-    # In the written function, the mode values have the name of the argument for them.
+    # The template assigns the mode values at q to a variable. It is named like the argument
+    # of the formulas that takes these values, such as ``mode``.
     returned = source.mode_argument
     # Without a closed form, `step` has the terms of a step of Newton's method.
     has_closed_form = not source.formulas.step

@@ -165,7 +165,19 @@ class FormulaList:
         return self.write(make_symbol(f"{letter}_{{{index}}}{mark}"), *rows)
 
     def name_quantity(self, kind: str, owner: str, *expressions: Expr) -> None:
-        """Note the expressions of a quantity that users may ask for, as ``kind_owner``."""
+        """Store the expressions of a quantity, so that users can ask for it by its name.
+
+        The name is ``kind_owner``, such as ``velocity_coefficient_2_1``.
+
+        Parameters
+        ----------
+        kind
+            What the quantity is, such as ``velocity_coefficient``.
+        owner
+            The link, pair or two links to which it belongs, such as ``2_1``.
+        expressions
+            One expression, or the three axes of an orientation.
+        """
         self.quantities[f"{kind}_{owner}"] = [*expressions]
 
     def select_required(self, expressions: Sequence[Expr]) -> dict[ExpressionNode, Formula]:

@@ -125,8 +125,8 @@ class PositionFormulas:
     Raises
     ------
     EngineError
-        If a link has one axis only, an arc is 0 or 180 degrees or signed, or the inputs do
-        not lead to the ground one after another.
+        If a link has only one axis, an arc is not between 0 and 180 degrees, or an input is
+        neither on the ground nor on a link that other inputs join to the ground.
     """
 
     def __init__(

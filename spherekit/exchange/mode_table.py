@@ -141,8 +141,9 @@ class ModeCandidate:
         """(n,) largest accepted difference (rad) of a variable in each configuration.
 
         It is a fixed tolerance plus ten times the error bound of the mechanism's variables.
-        The factor leaves room for the rounding errors of the formulas, which have other
-        steps and no error bound of their own. Smaller: modes of long chains are rejected.
+        The factor ten leaves room for the rounding errors of the formulas, which have other
+        steps and no error bound of their own. A smaller factor would reject right modes of
+        long chains.
         """
         return ANGLE_TOLERANCE_RAD + 10.0 * self.motion.float64_error
 

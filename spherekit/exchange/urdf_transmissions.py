@@ -43,10 +43,12 @@ class DrivenJoint:
 
 @dataclass(frozen=True)
 class DrivenWheel:
-    """A wheel, coaxial with `inner_joint`, through which a motor turns two joints.
+    """A wheel that stands for one motor of a transmission with two motors and two joints.
 
-    Its angle is the angle of the inner joint plus `ratio` times the angle of the outer
-    joint. The inner joint carries the outer one.
+    The inner joint carries the outer one. In a differential, for example, each motor turns
+    a side wheel, and both wheels together move both joints. The wheel is coaxial with the
+    inner joint. Its angle is the angle of the inner joint plus `ratio` times that of the
+    outer joint. This is one equation; the other motor of the transmission gives the second.
 
     Attributes
     ----------

@@ -390,14 +390,22 @@ def _explain_error(error: Any, kind: Kind) -> Iterator[_Fault]:
 
 
 def _description_of_key(key: str, part: Table, kind: Kind) -> str:
-    """Return the description of a key that is missing in a part of the schema.
+    """Return the description of a key that a file lacks, as the end of a message.
 
-    The part itself may only require the key; then its definition is searched elsewhere.
+    Parameters
+    ----------
+    key
+        The key that is missing in the file.
+    part
+        The part of the schema whose rule requires the key. It may have the rule without a
+        description of the key. The first description in other parts is then returned.
+    kind
+        The kind of file.
     """
-    declaration = schema(kind)
-    for place in (part, *declaration["$defs"].values(), declaration):
-        if declared := place.get("properties", {}).get(key):
-            return _description(declared)
+    whole_schema = schema(kind)
+    for table in (part, *whole_schema["$defs"].values(), whole_schema):
+        if key_rules := table.get("properties", {}).get(key):
+            return _description(key_rules)
     return ""
 
 

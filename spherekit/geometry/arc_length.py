@@ -98,15 +98,11 @@ class ArcLength:
         """Interpolant of the curve parameter u minus its linear part, as a function of s.
 
         Here s is the arc length. The linear part is s times the mean slope of u over s, and
-        `invert` adds it again. The rest is zero at both ends of the curve, and also zero in
-        between if the speed is constant.
+        `invert` adds it again. The rest is zero if the speed ds/du is constant.
         """
 
         def deviation(s: Floats) -> Floats:
             """Return u minus s times the mean slope, (n, 1), at arc lengths s (n,).
-
-            u is the parameter of the curve. Only its deviation from the mean slope is
-            interpolated, since it is zero if the speed ds/du is constant.
 
             A panel is a range of u on which the speed is a Legendre series. `edges` are the
             parameters, and `starts` the arc lengths, at the ends of panels.

@@ -349,28 +349,34 @@ class BorderSegments(ArrayRows):
         """
         # The number of the margin that is zero on the border of each segment.
         border_margin = self.margin[segment]
-        # The parabola, which is zero at both ends of the chord.
+        # The parabola, which is zero at both ends of the chord, bounds the search at each
+        # of the m points of chords. Heights are searched as fractions of it, so that the
+        # search is between -1 (right of the chord) and 1 (left) at all points.
         max_height = MAX_HEIGHT_RATIO * self.length[segment] * (1.0 - u * u)
 
-        def all_margins(fraction: Floats, items: Indices) -> Floats:
-            """Return all margins over some points, at fractions of the largest height."""
-            height = fraction * max_height[items]
-            return evaluate(self._points_at(segment[items], u[items], height))
+        def evaluate_margins(fraction: Floats, points: Indices) -> Floats:
+            """Return all margins (k, margins) at heights over some points of chords.
 
-        def zero_margin(fraction: Floats, items: Indices) -> Floats:
-            """Return the margin of the segment, which is zero on the border."""
-            return select_margins(all_margins(fraction, items), border_margin[items])
+            `points` (k,) are numbers of the m points. The height over each of them is
+            `fraction` (k,) of its largest searched height, negative right of the chord.
+            """
+            height = fraction * max_height[points]
+            return evaluate(self._points_at(segment[points], u[points], height))
 
-        # Fractions of the largest height: -1 on the right of the chord, 1 on the left.
+        def evaluate_border_margin(fraction: Floats, points: Indices) -> Floats:
+            """Return (k,) only the margin that is zero on the border, at these heights."""
+            margins = evaluate_margins(fraction, points)
+            return select_margins(margins, border_margin[points])
+
         limits = np.repeat([-1.0, 1.0], len(u))
-        at_limits = zero_margin(limits, np.tile(np.arange(len(u)), 2))
+        at_limits = evaluate_border_margin(limits, np.tile(np.arange(len(u)), 2))
         value_on_right, value_on_left = at_limits.reshape(2, -1)
         is_sound = (value_on_right < 0.0) & (value_on_left >= 0.0)
         bracketed = np.flatnonzero(is_sound)
         fraction = np.zeros(len(u))
         # The zero is located to EPS rad of height.
         fraction[bracketed], _ = find_bracketed_zeros(
-            lambda fraction, items: zero_margin(fraction, bracketed[items]),
+            lambda fraction, rows: evaluate_border_margin(fraction, bracketed[rows]),
             low=-np.ones(len(bracketed)),
             high=np.ones(len(bracketed)),
             values_at_low=value_on_right[bracketed],
@@ -378,7 +384,7 @@ class BorderSegments(ArrayRows):
             tolerance=EPS / max_height[bracketed],
         )
         # No other margin may be negative on the border.
-        values = all_margins(fraction[bracketed], bracketed)
+        values = evaluate_margins(fraction[bracketed], bracketed)
         is_zero_margin = np.arange(values.shape[1]) == border_margin[bracketed][:, None]
         is_negative = (values < -evaluate.rounding_errors) & ~is_zero_margin
         is_sound[bracketed] &= ~np.any(is_negative, axis=1)
