@@ -1,4 +1,7 @@
-"""Records of the inputs of a mechanism, with short names for a single input."""
+"""Base class of results that contain the motion of the inputs.
+
+`q`, `dq` and `ddq` are short names for value, rate and acceleration of a single input.
+"""
 
 from spherekit.arrays import Floats
 from spherekit.errors import SolveError

@@ -34,7 +34,8 @@ class EquationLayout:
 
     - the whole turns by which each variable is reduced,
     - the unit of momentum and its reciprocal,
-    - the smallest measure of independence, at which an integration ends,
+    - the limit of the measure of independence of the loop-closure equations. This measure
+      vanishes where curves of configurations cross. An integration ends below the limit,
     - the lower and the upper value of each joint limit,
     - the time at which the current interval of the torque tables begins,
     - value and slope of each torque table in this interval,
@@ -50,8 +51,8 @@ class EquationLayout:
         Positions of momenta and works in a state.
     unit_parameter, min_independence_parameter, limit_parameters, table_parameters,
     switch_parameters
-        Number of the (first) parameter of the unit, the smallest measure of independence,
-        the joint limits, the torque tables (their time) and the switches.
+        Number of the (first) parameter of the unit, the limit of the measure of
+        independence, the joint limits, the torque tables (their time) and the switches.
     table_names
         Names of the loads given by torque tables.
     switch_conditions
@@ -85,7 +86,8 @@ class EquationLayout:
         #   limits may depend,
         # - the unit of momentum, which depends on the start of the motion, and its
         #   reciprocal, so that the equation has no division,
-        # - the limit below which the loop-closure equations count as dependent,
+        # - the limit below which the loop-closure equations count as dependent, as they are
+        #   where curves of configurations cross,
         # - a lower and an upper value per joint limit,
         # - the time at which the current interval of the torque tables begins, and a value
         #   and a slope per table,
@@ -110,7 +112,7 @@ class EquationLayout:
 
     @property
     def min_independence(self) -> ExpressionNode:
-        """The symbol of the smallest measure of independence."""
+        """The symbol of the limit below which loop-closure equations count as dependent."""
         return parameter_symbol(self.min_independence_parameter)
 
     def make_load_state(

@@ -255,11 +255,12 @@ class Collocation:
         self.scales = np.ones(len(self.start_state))
         self.scales[equation.momenta] = np.sqrt(largest_inertia)
         self.scales[equation.load_work_rows] = largest_inertia
-        # The determinant of the closure equations, with the rates as further rows, changes
-        # its sign where curves of configurations cross. This is the largest one so far, or
-        # 0 before the first step.
+        # The largest determinant so far, with the sign at the last node; 0 before the first
+        # step. Its matrix is the Jacobian of the loop-closure equations, with the rates of
+        # the pair variables by each coordinate as further rows. It changes its sign where
+        # curves of configurations cross.
         self.largest_determinant = 0.0
-        # Whether it became small in the last step.
+        # Whether this determinant became small in the last step.
         self.is_near_crossing = False
         self.max_closure_residual = 0.0
         # Number of short steps in a row in which rounding errors hide the course of the
@@ -865,14 +866,14 @@ class Collocation:
             yield t, "joint_limit", pair
         # At a crossing the determinant vanishes or changes its sign. `find_crossing`
         # compares its size with the largest one so far, and its sign with that before this
-        # step. The sign stays unless there is a crossing.
-        largest, sign = self._find_size_and_sign(determinants)
-        self.largest_determinant = float(np.copysign(largest, sign))
+        # step.
+        largest, sign_before_step = self._find_size_and_sign(determinants)
+        self.largest_determinant = float(np.copysign(largest, sign_before_step))
         crossing = step.find_crossing(determinants, self.largest_determinant)
         if crossing is not None:
             ends_here = not self.problem.passes_crossings
             yield crossing, "singularity" if ends_here else "crossing", ""
-            # Beyond the crossing the determinant has the other sign.
+            # Only a crossing changes the sign, to that at the end of the step.
             self.largest_determinant = float(np.copysign(largest, determinants[-1]))
         # At a zero of the determinant of the inputs' rates by the coordinates, the inputs
         # do not determine the motion (singularity of type II). A single input reverses.
@@ -948,8 +949,9 @@ class StepAttempt:
         The step, which may be rejected.
     error
         Error relative to the tolerance; at most 1 if the step can be accepted. It is
-        infinite if the iteration failed, if there are no rates at a node, or if the series
-        miss a change of the loads.
+        infinite if the iteration failed, or if there are no rates at a node. It is also
+        infinite if a load changes abruptly between two nodes: the polynomial of the step
+        is fitted to the rates at the nodes, and does not contain this change.
     iterations
         Number of iterations.
     dynamics

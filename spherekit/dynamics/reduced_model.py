@@ -102,7 +102,10 @@ class StoredModel:
 
     @property
     def error(self) -> float:
-        """Largest measured error of all functions, relative to the largest of each."""
+        """The greatest error of the stored functions.
+
+        The measured error of each function is relative to its own largest absolute value.
+        """
         return max(function.error for function in self.heading.functions)
 
     def torque(self, x: Any, dx: Any, ddx: Any, t: Any = 0.0) -> Any:
@@ -190,17 +193,26 @@ class StoredModel:
 
     @cached_property
     def _torque_function(self) -> ArrayFunction:
-        """Function of the `_arguments` that returns the torques (m, n)."""
+        """Function that returns the torques (N m) by the m coordinates at n points, (m, n).
+
+        Its argument is the array (k, n) of the method `_arguments`: stored functions,
+        rates, accelerations, times and torques of tables at the points.
+        """
         return array_function(self.heading.torques, self._symbols)
 
     @cached_property
     def _force_function(self) -> ArrayFunction:
-        """Function of the `_arguments` that returns the forces (loads * m, n)."""
+        """Function that returns the forces (N m) of all loads at n points, (loads * m, n).
+
+        The rows are the forces by the m coordinates of the first load, then of the next.
+        Its argument is the array (k, n) of the method `_arguments`: stored functions,
+        rates, accelerations, times and torques of tables at the points.
+        """
         return array_function([*chain(*self.heading.forces)], self._symbols)
 
     @property
     def _symbols(self) -> list[ExpressionNode]:
-        """The symbols of the `_arguments`."""
+        """The symbols of the rows (k) of the arguments of forces and torques, in order."""
         names = (function.name for function in self.heading.groups[0])
         return [*symbols(names), *self.heading.motion_symbols]
 

@@ -190,7 +190,11 @@ class CurveMomentumConversion:
     sense: float
 
     def __call__(self, states: Floats, rates: Floats) -> Floats:
-        """Convert the momentum in each state, in place, and return the positive directions.
+        """Adapt the sign of the momentum in place, and return the positive directions.
+
+        The momentum of the compiled engine is positive along its homogeneous rates, a
+        tangent of the configuration curve. It is multiplied by `sense`, which is -1 if they
+        point in the negative direction of the simulation.
 
         Parameters
         ----------
@@ -206,7 +210,6 @@ class CurveMomentumConversion:
         count = self.equation.layout.variable_count
         for array in (states, rates):
             array[:, count] *= self.sense
-        # The rates of all pair variables by the parameter of the curve: a tangent.
         tangents = self.equation.homogeneous_rates(states[:, :count])
         return self.sense * tangents
 

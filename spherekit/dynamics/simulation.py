@@ -35,9 +35,11 @@ EventKind = Literal[
 MAX_MOMENTUM_ERROR_RATIO = 1000.0
 """Largest momentum error of a step, relative to the tolerance of the simulation.
 
-A simulation with a larger error misses its tolerance. The error of steps of the NumPy
-engine is measured by the last coefficients of their series, which are up to 94 times as
-large. Larger: missed tolerances are not reported. Smaller: accurate simulations are.
+A simulation with a larger error misses its tolerance. The momentum error of an accepted
+step is an error of dp/dt times the length of the step. It may exceed the tolerance: the
+NumPy engine divides such an error by 94 (`numpy_engine.ERROR_DIVISOR`) to estimate the
+error of a step. Larger: missed tolerances are not reported. Smaller: accurate simulations
+are.
 """
 
 BALANCE_FRACTIONS = (0.03, 0.35, 0.7)
@@ -228,7 +230,7 @@ class Simulation:
         Largest difference of a pair variable from a simulation with a smaller tolerance,
         rad. None if there is no such simulation.
     tolerance
-        The tolerance (rad) that was asked for. None if steps are not made for one.
+        The tolerance (rad) that the user requested. If it is None, `missed` is None.
     """
 
     equation: EquationOfMotion
@@ -266,9 +268,9 @@ class Simulation:
                 evidence = "it ends in another way with a smaller tolerance"
         elif not self.checks.momentum <= MAX_MOMENTUM_ERROR_RATIO * self.tolerance:
             # The error of the momenta is relative to the largest momentum, so it has no
-            # unit. It may exceed the tolerance, because it is computed from rates (dp/dt).
-            # In a step of the NumPy engine, the last coefficients of the rates may be up to
-            # 94 times as large as the error of the step.
+            # unit. It is an error of dp/dt times the length of a step, and may exceed the
+            # tolerance. Integration over a step makes the error smaller: the NumPy engine
+            # divides by 94 (`numpy_engine.ERROR_DIVISOR`) to estimate the error of a step.
             #
             # The message has a power instead: an error of dp/dt times the momentum p is an
             # error of the rate of the kinetic energy p^2 / 2.

@@ -53,8 +53,9 @@ def find_first_errors(probe: ProbeFunction, step_count: int) -> Floats:
     """Return the first probed place of each step at which its error is too large.
 
     A place is a fraction of a step, from 0 to 1. A steep argument is the x of a function
-    such as tanh(1000 x) in a load. The load changes abruptly where x is zero or extreme. A
-    step is probed at three kinds of places:
+    such as tanh(1000 x) or 1 / x in a load. The load may change abruptly near a zero of x.
+    It may also do so near an extremum of x, where x can approach zero, or pass it twice,
+    between two evenly spaced places. A step is probed at three kinds of places:
 
     - evenly spaced places,
     - the zeros and extrema of steep arguments,
@@ -102,7 +103,9 @@ def _find_critical_places(
     """Return zeros and extrema of steep arguments, and the middles between neighbours.
 
     A place is a fraction of a step, from 0 to 1. A steep argument is the x of a function
-    such as tanh(1000 x) in a load. The load changes abruptly where x is zero or extreme.
+    such as tanh(1000 x) or 1 / x in a load. The load may change abruptly near a zero of x.
+    It may also do so near an extremum of x, where x can approach zero, or pass it twice,
+    between two even places. The signs of x at these places do not show such zeros.
 
     Parameters
     ----------
@@ -149,18 +152,19 @@ def _find_zeros(
 ) -> ProbePlaces:
     """Return the zeros of functions that change their sign between neighbouring values.
 
-    A place is a fraction of an integration step, from 0 to 1. The extrema of a quantity are
-    the zeros of its slope. To find them, `evaluate` is a central difference of the
-    quantity, and `values` are its differences between neighbouring places. A change of sign
-    between two of these differences belongs to three places. The bracket is then from the
-    first to the third.
+    A place is a fraction of an integration step, from 0 to 1. This function also finds the
+    extrema of a quantity, which are the zeros of its slope. `evaluate` is then a central
+    difference of the quantity, and `values` are its differences between neighbouring
+    places. Two successive differences belong to three places. If they differ in sign, the
+    extremum is between the first and the third place.
 
     Parameters
     ----------
     evaluate
         Returns the values (n, functions) for indices of steps (n,) and places (n,).
     values
-        (steps, k + 1, functions) values of the functions in the order of rising places.
+        (steps, k + 1, functions) numbers in the order of rising places, whose changes of
+        sign show the zeros: the values of the functions, or the differences.
     low, high
         (k,) ends of the brackets. If the sign changes between values j and j + 1, a zero is
         between the places `low[j]` and `high[j]`. If values between j and j + m are zero,
@@ -189,6 +193,9 @@ def _find_zeros(
         # From each row, the function that changes its sign in this bracket.
         return rows[np.arange(len(places)), functions[numbers]]
 
+    # For extrema, the values are differences between places and not those of `evaluate` at
+    # the ends of the bracket. This does no harm: the signs say in which half the zero is,
+    # and the sizes only affect how fast the bracket becomes narrow.
     zeros, _ = find_bracketed_zeros(
         evaluate_bracketed,
         low=low[first_brackets],
