@@ -18,9 +18,11 @@ from spherekit.errors import AnalysisError, FileError
 from spherekit.geometry.sphere_mesh import spiral_directions
 from spherekit.outputs.dyad_chain import invert_output_rates
 from spherekit.outputs.forward_kinematics import ForwardKinematics, output_rates
+from spherekit.outputs.output_kinematics import InverseRows
 from spherekit.outputs.pose_solver import GraphKinematics, output_kinematics
 from spherekit.positions.motion import make_motion
 from spherekit.scenes.scene import SphereMap
+from spherekit.status import Status
 
 CLOSED = ("five_bar", "two_dof_spm", "three_rrr", "agile_eye")
 LEAST_MEASURE = 0.05
@@ -414,3 +416,24 @@ def test_what_is_no_parquet_file_is_refused(tmp_path):
     path.write_bytes(b"no such thing")
     with pytest.raises(FileError, match="is not a Parquet file"):
         found_in("five_bar", file=path)
+
+
+def test_a_row_without_a_value_of_a_measure_is_at_a_singularity():
+    """The first row is regular. Then the measures of type I, type II and both are NaN."""
+    type_1 = np.array([[0.5, 0.4], [0.5, np.nan], [0.5, 0.4], [np.nan, np.nan]])
+    type_2 = np.array([0.3, 0.3, np.nan, np.nan])
+    count = len(type_2)
+    rows = InverseRows(
+        pose=np.arange(count),
+        mode=np.full(count, "++"),
+        inputs=np.zeros((count, 2)),
+        status=np.zeros(count, dtype=np.int8),
+        margin=np.full(count, 0.1),
+        limiting=np.zeros(count, dtype=np.intp),
+        type_1=type_1,
+        type_2=type_2,
+        rates=np.zeros((count, 2, 3)),
+        values=np.zeros((count, 0)),
+        limits=("reach",),
+    )
+    assert rows.with_status().status.tolist() == [Status.OK, *[Status.AT_SINGULARITY] * 3]

@@ -110,8 +110,8 @@ class InverseRows(ArrayRows):
         - A row with a negative margin becomes OUT_OF_REACH, and its values become NaN.
         - Another row becomes AT_SINGULARITY if a measure of type I or II is nearly 0. Then
           an input moves while the output rests (I), or the output can move although the
-          inputs are locked (II). A row in which an input has no finite value becomes
-          AT_SINGULARITY too, because the pose does not determine this input.
+          inputs are locked (II). A row in which an input or a measure has no finite value
+          becomes AT_SINGULARITY too, because the pose does not determine it.
         - All other rows become OK.
 
         The margin of a row is the angle (rad) that is left to the nearest limit. If no
@@ -119,9 +119,9 @@ class InverseRows(ArrayRows):
         which marks it as outside. Infinite margins become NaN.
         """
         is_outside = self.margin < 0.0
-        # Type I has a measure for each input (axis 1), type II has one for each row. A
-        # measure that is NaN is ignored if the other one has a value.
-        least_measure = np.fmin(np.min(self.type_1, axis=1), self.type_2)
+        # Type I has a measure for each input (axis 1), type II has one for each row. If one
+        # of them is NaN, so is the least, and the row does not count as regular.
+        least_measure = np.minimum(np.min(self.type_1, axis=1), self.type_2)
         has_inputs = np.isfinite(self.inputs).all(axis=1)
         # Each measure is the sine of the distance (an angle) to the singularity, as that of
         # a dyad to its dead centre. The same limit is therefore used for all. Below it half
