@@ -425,8 +425,13 @@ class SensitivityAnalysis(AbstractAnalysis):
 
     @property
     def _zero_spread(self) -> float:
-        """The spread up to which a quantity does not depend on the sizes."""
-        return INDEPENDENT_SPREAD_RATIO * self.deviation * RAD_PER_DEGREE
+        """The spread up to which a quantity does not depend on the sizes.
+
+        It is proportional to the largest deviation, because rounding is. `deviation` can be
+        zero if single numbers have deviations of their own.
+        """
+        largest_deviation = max(self.deviation, *self._deviation_of_key().values(), 0.0)
+        return INDEPENDENT_SPREAD_RATIO * largest_deviation * RAD_PER_DEGREE
 
     def _make_findings(
         self, summary: Mapping[str, Mapping[str, Any]], sizes: str

@@ -197,10 +197,17 @@ def test_tolerances_of_the_analysis_follow_from_its_derivatives():
         assert row["drawn_spread"] == pytest.approx(spread, rel=0.1)
 
 
-def test_nothing_matters_most_where_a_quantity_hangs_on_no_size():
-    """Gears turn by their teeth: a spread of 1e-20 named a size by chance."""
-    rows = sk.run("bevel_pair", "sensitivity:draws=0", samples=61)
-    rows = rows.frame("sensitivity", "tolerances")
+@pytest.mark.parametrize("stated", ["", ",deviation=0,deviations=links.0.arc:0.1"])
+def test_nothing_matters_most_where_a_quantity_hangs_on_no_size(stated):
+    """Gears turn by their teeth: a spread of 1e-20 named a size by chance.
+
+    The limit of rounding follows from all deviations, also if the general one is zero.
+    """
+    run = sk.run("bevel_pair", f"sensitivity:draws=0{stated}", samples=61)
+    assert "theta_02: changed by none of the sizes varied" in " ".join(
+        run.summary["remarks"]
+    )
+    rows = run.frame("sensitivity", "tolerances")
     assert rows["spread"].max() < 1e-15
     assert rows["share"].isna().all() and not rows["matters_most"].astype(str).any()
 
