@@ -50,7 +50,8 @@ def quintic_panels(
 
     Returns
     -------
-    A function of parameters (...) and an order, which returns that derivative (..., 3).
+    A function of parameters (...) and an order. It returns the derivative (..., 3) of this
+    order by the parameter; order 0 is the point itself.
     """
     from scipy.sparse import block_diag, vstack
     from scipy.sparse.linalg import splu
@@ -87,7 +88,13 @@ def quintic_panels(
     coefficients = solution.reshape(panels, 6, 3) / h_powers[..., None]
 
     def spline(u: Floats, order: int) -> Floats:
-        """Return the derivative (..., 3) of an order at parameters u (...)."""
+        """Return a derivative (..., 3) of the spline by its parameter u.
+
+        `order` is the order of the derivative: 0 returns the points of the spline. The
+        parameters u have any shape (...).
+        """
+        # The last panel that starts at or before u. Beyond the ends it is the first or the
+        # last panel.
         panel = np.searchsorted(np.real(knots[1:-1]), np.real(u), side="right")
         powers = (u - knots[panel])[..., None] ** np.arange(6.0 - order)
         factors = _POWER_DERIVATIVES[order, order:, None] * coefficients[panel, order:]
@@ -150,7 +157,7 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
         moving_points = np.concatenate([moving_points, moving_points[:1]])
 
     # Derivatives, by the design variable, of the differences between successive knots.
-    knot_step_rates = _arc_rates(moving_points)
+    knot_step_rates = _differentiate_arcs(moving_points)
     # `spline_fits` returns each fit, a spline of real numbers, with its arc length. Each is
     # repeated here with derivatives, which the next one needs for its knots.
     fits = list(spline_fits(points, closed))
@@ -192,11 +199,27 @@ def _integrate_speed_rate(path: Path, edges: Floats) -> ArcLength:
     )
 
 
-def _arc_rates(points: Floats) -> Floats:
-    """Return the derivatives (m - 1,) of the arcs (rad) between complex points (m, 3)."""
+def _differentiate_arcs(points: Floats) -> Floats:
+    """Return the derivatives of the arcs (rad) between successive points.
+
+    The points depend on a design variable, by which the arcs are differentiated.
+
+    Parameters
+    ----------
+    points
+        (m, 3) unit vectors with their derivatives as a complex step: the real part is the
+        point, the imaginary part is its derivative times a tiny number.
+
+    Returns
+    -------
+    (m - 1,) derivatives.
+    """
     across = cross(points[:-1], points[1:])
+    # `dot` does not conjugate, so sine and cosine of an arc carry their derivatives, too.
     sine = np.sqrt(dot(across, across))
     cosine = dot(points[:-1], points[1:])
+    # The derivative of an angle a is cos(a) times that of its sine, less sin(a) times that
+    # of its cosine.
     return np.real(cosine) * extract_derivative(sine) - np.real(sine) * extract_derivative(
         cosine
     )

@@ -381,10 +381,13 @@ def _find_excluding_sets(
 ) -> tuple[tuple[int, ...], ...]:
     """Return the smallest sets of margins that no direction satisfies together.
 
+    A direction satisfies a margin (a function of the direction) that is at least 0 there.
+    A set of margins is searched with a mesh of triangles, so narrow regions may be missed.
+
     Parameters
     ----------
     evaluate
-        All margins.
+        Returns all k margins.
     values
         (V, k) margins at directions that were evaluated before.
     spacing
@@ -399,17 +402,10 @@ def _find_excluding_sets(
     """
 
     def excludes_all(margins: tuple[int, ...]) -> bool:
-        """Return whether no direction satisfies some margins, as far as a mesh shows.
-
-        A direction satisfies a margin that is at least 0 there. `margins` are numbers of
-        the margins that are examined.
-        """
-        # `values` (V, k) are all margins at the directions that were evaluated before.
+        """Return whether no direction satisfies the margins with these numbers."""
         if np.any(smallest_margins(values[:, margins]) >= 0.0):
             return False
-        # Search the region of these margins alone. The first mesh has edges of `spacing`
-        # (rad). Triangles in which a part of the region may be hidden are cut until their
-        # edges are shorter than `feature` (rad).
+        # Search the region of these margins alone.
         selected = MarginEvaluator(lambda points: evaluate(points)[:, margins])
         refinement = RegionRefinement(selected, spacing)
         # The question is only whether there is a region. Triangles are not cut for the

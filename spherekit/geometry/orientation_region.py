@@ -376,9 +376,10 @@ class _OrientationCells:
 
         - If no other margin is negative there, the orientation cannot be reached. The NaN
           is replaced by -1, which excludes the point.
-        - Otherwise the negative margin excludes the point, and the NaN should not change
-          the sign of its own margin. It is replaced by the largest value that this margin
-          has in the cell, or by 1 if the margin is NaN everywhere in it.
+        - Otherwise the negative margin excludes the point. The NaN is replaced by the
+          largest value that its own margin has in the cell, or by 1 if it has none. If this
+          margin has the same sign at all other points, it keeps it. Another sign would look
+          like a border of the set in the cell.
 
         The orientation whose smallest margin is the largest so far is stored, too.
 
@@ -430,12 +431,17 @@ def _filled_fractions(polynomials: Floats) -> Floats:
 
     The fractions of single subcells are inaccurate, but only their sum matters. If the
     border, where the polynomial is zero, is a plane, errors on both sides of it cancel.
-    At a curved border they do not, and a correction is added to each fraction.
+    At a curved border they do not, and the correction d S / g^2 is added to each fraction.
+    Here d is the mean of the polynomial over the subcell less f, and g is the length of its
+    gradient, g^2 = a^2 + b^2 + c^2. The width of a subcell is the unit of length.
 
-    Let d be the mean of the polynomial over a subcell less f, and g^2 = a^2 + b^2 + c^2.
-    The sum is too small by d S^2 / g^3 per area of the border, if second derivatives along
-    the gradient are neglected. Subcells with a fraction between 0 and 1 form a layer of the
-    thickness S / g along the border. The correction d S / g^2 in each therefore suffices.
+    1. V(t) is the volume in which the polynomial exceeds t. The sum is the mean of V(t) for
+       -S/2 < t < S/2, which is about V(0) + V''(0) S^2 / 24.
+    2. With the Laplacian L of the polynomial, V''(0) is -L / g^3 per area of the border, if
+       second derivatives along the gradient are neglected.
+    3. d is about L / 24. So the sum is too small by d S^2 / g^3 per area of the border.
+    4. Subcells with a fraction between 0 and 1 form a layer of the thickness S / g along
+       the border. The correction d S / g^2 in each of them makes up for this.
 
     Parameters
     ----------

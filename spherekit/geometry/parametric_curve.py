@@ -182,7 +182,7 @@ class FourierPath:
         )
 
     def describe_position(self, u: float) -> str:
-        """Return the azimuth u (rad) in words, for messages."""
+        """Return a text with the azimuth u (rad), such as "azimuth 30 deg"."""
         return f"azimuth {np.rad2deg(u) % 360.0:.6g} deg"
 
 
@@ -254,7 +254,12 @@ class SplinePath:
         )
 
     def describe_position(self, u: float) -> str:
-        """Return the interpolated point nearest to a parameter in words, for messages."""
+        """Return the number of a given point, such as "point 3", for messages.
+
+        The spline was laid through given points, which are counted from 1. Of these, the
+        nearest to the position with the parameter u is returned.
+        """
+        # The last knot of a closed path belongs to the first point, which is counted once.
         point_count = len(self.knots) - self.closed
         return f"point {1 + np.argmin(np.abs(self.knots - u)) % point_count}"
 

@@ -97,33 +97,35 @@ class Curve:
         return self.length - starts[::-1] if self.backwards else starts
 
     def _find_parameters(self, s: ArrayLike) -> tuple[Floats, Bools]:
-        """Return the parameters of the path (n,), and which arc lengths s (n,) are inside.
+        """Return the parameters of the path at arc lengths s (n,), rad, of the curve.
 
-        An arc length is inside if it is finite and not beyond the end of an open curve.
-        Beyond an end the parameter is that of the end.
+        The path has the same points as the curve. A curve may run backwards, against its
+        path. It then starts at the end of the path if it is open, and at the start of the
+        path if it is closed.
 
         Returns
         -------
         parameters
-            (n,) parameters of the path; NaN for an arc length that is not finite.
+            (n,) parameters of the path. Beyond an end of an open curve it is that of the
+            end; it is NaN for an arc length that is not finite.
         inside
-            (n,) whether the arc length belongs to the curve.
+            (n,) whether the arc length is finite and not beyond an end of an open curve.
         """
-        arcs = np.asarray(s, dtype=float)
-        # The path of a curve that runs backwards starts at the end of an open curve, and at
-        # the start of a closed one.
+        # `path_length` is the arc length on the path, from the start of the path.
+        path_length = np.asarray(s, dtype=float)
         if self.backwards:
-            arcs = (0.0 if self.closed else self.length) - arcs
-        inside = np.isfinite(arcs)
-        arcs = np.where(inside, arcs, np.nan)
+            path_length = (0.0 if self.closed else self.length) - path_length
+        inside = np.isfinite(path_length)
+        path_length = np.where(inside, path_length, np.nan)
         if self.closed:
-            arcs = np.mod(arcs, self.length)
+            path_length = np.mod(path_length, self.length)
         else:
             slack = PROFILE_END_ROUNDING * self.length
-            inside = (arcs >= -slack) & (arcs <= self.length + slack)
-            arcs = np.clip(arcs, 0.0, self.length)
+            inside = (path_length >= -slack) & (path_length <= self.length + slack)
+            path_length = np.clip(path_length, 0.0, self.length)
         # Without a table, the parameter of the path is its arc length.
-        return arcs if self.table is None else self.table.invert(arcs), inside
+        u = path_length if self.table is None else self.table.invert(path_length)
+        return u, inside
 
     def evaluate(self, s: ArrayLike) -> CurvePoint:
         """Return the curve at arc lengths s (n,), rad; a closed curve is periodic."""

@@ -102,21 +102,32 @@ class ProfileSeries:
         )
 
     def evaluate(self, s: Floats) -> Floats:
-        """Return the columns (8, n) at arc lengths s (n,); NaN beyond an open end."""
+        """Return the columns (8, n) at arc lengths s (n,); NaN beyond an open end.
+
+        The columns of this series are the rows of the result: tangent (3), point (3),
+        geodesic curvature k and dk/ds.
+        """
         values = self.series.evaluate(np.mod(s, self.length) if self.closed else s)
         if not self.closed:
             values[~((s >= 0.0) & (s <= self.length))] = np.nan
         return np.ascontiguousarray(values.T)
 
     def evaluate_derivative(self, s: Floats) -> Floats:
-        """Return the derivatives (8, n) of the columns by s at arc lengths s (n,)."""
+        """Return the derivatives (8, n) of the profile by the arc length, at s (n,).
+
+        The rows are the derivatives of the tangent (3), of the point (3), of the geodesic
+        curvature k and of dk/ds.
+        """
         return self.series.derivative.evaluate(
             np.mod(s, self.length) if self.closed else s
         ).T
 
 
 def _evaluate_columns(curve: Curve, s: Floats) -> Floats:
-    """Return the columns (n, 8) of a curve at arc lengths s (n,)."""
+    """Return tangent, point, geodesic curvature k and dk/ds of a curve as columns (n, 8).
+
+    They are evaluated at arc lengths s (n,), rad.
+    """
     points = curve.evaluate(s)
     tangent = points.frame[:, :, 0]
     point = points.frame[:, :, 2]

@@ -115,14 +115,21 @@ def classify_triangles(
 ) -> tuple[Indices, Bools]:
     """Return the class of each triangle, and whether several margins are uncertain in it.
 
-    - A margin has a certain sign if its bounds have the same sign.
-    - A margin that is NaN at some samples keeps the sign of the others if these are steady.
-      A margin that is NaN at all samples is ignored.
-    - If the gradients of all uncertain margins, everywhere in the triangle, lie in a cone
-      that is less than 180 deg wide, the smallest margin rises along the axis of the cone.
-      Its zeros are then the graph of a function, and no curve closes in the triangle. The
-      width of the cone leaves room for corners of `MIN_CORNER_RAD`.
-    - Otherwise the triangle is open.
+    Margins are functions of the direction that are at least 0 inside a region. A margin is
+    uncertain in a triangle if its bounds there have different signs.
+
+    - A triangle is outside if a margin is certainly negative, and inside if all margins are
+      certainly positive.
+    - It is simple if the gradients of all uncertain margins, everywhere in the triangle,
+      lie in a cone that is less than 180 deg wide. The smallest margin then rises along the
+      axis of the cone. Its zeros are the graph of a function, so no curve closes in the
+      triangle. The width of the cone leaves room for corners of `MIN_CORNER_RAD`.
+    - Otherwise it is open: a part of the region, or a hole in it, may be hidden there.
+    - Margins may be NaN at some samples. If all their other samples have the same sign and
+      vary by less than their smallest size (see `STEADY_RATIO`), this sign is certain. A
+      margin that is NaN at all samples counts as positive. A sample with a NaN and without
+      a negative margin is outside. A triangle with such samples is outside if all samples
+      are of this kind, broken if no margin is negative at any sample, and open otherwise.
 
     Parameters
     ----------

@@ -369,7 +369,7 @@ def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
     with np.errstate(all="ignore"):
         if t == 1:
             zeros, _ = _form_zeros(equations[:, 0])
-            return _angles_of(zeros)[..., None]
+            return _angles_from_factors(zeros)[..., None]
         # `angles` is filled in step by step; systems without complete solutions stay NaN.
         # 1. Elimination for some systems, with one start of Newton's method for each root.
         systems = np.arange(n)
@@ -499,8 +499,9 @@ def _eliminate(
     systems
         (k,) indices of the systems to solve.
     starts_per_root
-        Number of starts of Newton's method for each root. A root gives 2 starts in a system
-        of two equations, 4 in one of three. Those with the smallest residuals are taken.
+        Largest number of starts of Newton's method that are used for each root. There are 2
+        in a system of two equations and 4 in one of three, because the other angles have
+        several possible values. Those with the smallest residuals are used.
     """
     if len(systems):
         roots = _find_eliminant_roots(equations[systems], incidence).roots
@@ -532,9 +533,9 @@ def _solve_at_roots(
     roots
         (n, k) values of e^(ix), x the first angle.
     starts_per_root
-        Number of starts of Newton's method for each root. The other angles have several
-        possible values: a root has 2 possible starts in a system of two equations, 4 in one
-        of three. Those with the smallest residuals are taken.
+        Largest number of starts of Newton's method that are used for each root. There are 2
+        in a system of two equations and 4 in one of three, because the other angles have
+        several possible values. Those with the smallest residuals are used.
     """
     first_angles = -1j * np.log(roots)
     starts = _start_angles(equations, first_angles)
@@ -580,8 +581,10 @@ def angle_factors(angle: Numbers) -> Numbers:
     return np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)], axis=-1)
 
 
-def _angles_of(factors: Complexes) -> Complexes:
-    """Return the angles (...,) of (..., 3) multiples of 1, cosine and sine.
+def _angles_from_factors(factors: Complexes) -> Complexes:
+    """Return the angles x (...,) in rad from (..., 3) values k, k cos(x) and k sin(x).
+
+    The common factor k may be any complex number but 0. Angles may be complex, too.
 
     An angle follows from e^(ix) or e^(-ix). The larger of the two is used, because the
     other is a small difference of large numbers if the angle has a large imaginary part.
@@ -765,8 +768,8 @@ def _start_angles(equations: Numbers, first_angles: Complexes) -> Complexes:
     better = np.argmax(angle_parts, axis=3)[..., None, None]
     better_forms = np.take_along_axis(forms.last_forms, better, axis=3)[..., 0, :]
     last_zeros, _ = _form_zeros(better_forms)
-    last_angles = _angles_of(last_zeros)
-    second_angles = _angles_of(forms.second_zeros)
+    last_angles = _angles_from_factors(last_zeros)
+    second_angles = _angles_from_factors(forms.second_zeros)
     # Axes of each array: system, first angle, zero of the second angle, zero of the last.
     first_starts, second_starts, last_starts = np.broadcast_arrays(
         first_angles[..., None, None], second_angles[..., None], last_angles
@@ -797,7 +800,7 @@ def _best_starts(
     root_count
         Number of roots of each system.
     starts_per_root
-        Starts of a root that are kept, at most s.
+        Number of starts to return for each root, at most s.
 
     Returns
     -------

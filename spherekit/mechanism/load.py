@@ -80,7 +80,11 @@ class TorqueCallback:
 
     @property
     def names(self) -> frozenset[str]:
-        """Names of the variables on which it depends, as an expression has them."""
+        """Names of the variables on which the torque depends, spelled as in expressions.
+
+        They are the time, the angle of the pair and its rate, like the attribute `names` of
+        an `Expression`, which is the other kind of magnitude.
+        """
         return frozenset({"t", f"theta_{self.pair}", f"dtheta_{self.pair}"})
 
     def evaluate(self, values: Mapping[str, Floats]) -> Floats:

@@ -16,9 +16,7 @@ def cubic_hermite(
 ) -> Floats:
     """Return the values of cubic Hermite polynomials inside cells.
 
-    The polynomial of a cell has the given values and derivatives at both ends. With the
-    fraction x of the cell, y = 1 - x and the length h, the value is
-    f_0 + x^2 (3 - 2 x) (f_1 - f_0) + x y h (y f_0' - x f_1').
+    The polynomial of a cell has the given values and derivatives at both ends.
 
     Parameters
     ----------
@@ -50,10 +48,8 @@ def quintic_hermite(
     """Return the values of quintic Hermite polynomials inside cells.
 
     The polynomial of a cell has the given values, first and second derivatives at both
-    ends. If a second derivative is unknown (NaN), the value of the cubic polynomial is
-    returned. With the fraction x of the cell, y = 1 - x and the length h, the value is
-    f_0 + x^3 (10 - 15 x + 6 x^2) (f_1 - f_0) + x y^3 ((1 + 3 x) h f_0' + x h^2 f_0'' / 2)
-    + x^3 y (y h^2 f_1'' / 2 - (4 - 3 x) h f_1').
+    ends. If a second derivative is unknown (NaN), the value of the cubic polynomial, which
+    does not use it, is returned.
 
     Parameters
     ----------

@@ -160,11 +160,11 @@ class TensorChebyshev:
         the row of a further split, a link of -1 - k is cell k, and 0 is no cell.
         """
         # Without a split, the box is the only cell (0), or there is none (-1).
-        if not self._tree:
+        if not self._python_splits:
             return len(self.bounds) - 1
         link = 0
         while True:
-            axis, middle, lower_link, upper_link = self._tree[link]
+            axis, middle, lower_link, upper_link = self._python_splits[link]
             link = upper_link if x[axis] >= middle else lower_link
             if link <= 0:
                 return -1 - link
@@ -183,8 +183,12 @@ class TensorChebyshev:
         return evaluate_cells(x, self.find_cells(x), self.bounds, self.coefficients)
 
     @cached_property
-    def _tree(self) -> list[tuple[int, float, int, int]]:
-        """The splits as Python numbers, which are faster to read one by one."""
+    def _python_splits(self) -> list[tuple[int, float, int, int]]:
+        """The rows of `splits` as Python numbers, which are faster to read one by one.
+
+        A row is a halving of a cell: the axis along which it is halved, the coordinate at
+        which it is halved, and the links to the lower and to the upper half.
+        """
         return [
             (int(axis), middle, int(lower_link), int(upper_link))
             for axis, middle, lower_link, upper_link in self.splits.tolist()
