@@ -333,9 +333,10 @@ class DyadsWithClosingLink:
     def find_turns(self, directions: Floats, signs: Signs) -> TurnSolutions:
         """Return the turns of the output at which the closing link closes (f = 0).
 
-        The turn is the angle of the output link about its direction. The residual is
-        f = cos(d) - cos(a), with the angle d between the axes of the closing link in their
-        present positions and its arc a. Roots are bracketed between equally spaced samples
+        The turn is the angle of the output link about its direction. It determines all
+        other links, and thereby the angle d between the axes of the two pairs of the
+        closing link. This link has the arc a, so it closes if f = cos(d) - cos(a) is 0.
+        Roots of this residual are bracketed between equally spaced samples
         of the turn, the turns at which a dyad gets out of reach, and the extrema of f.
         Close pairs of roots can be missed.
 
@@ -356,7 +357,10 @@ class DyadsWithClosingLink:
         row = brackets.row
 
         def residual(turn: Floats, brackets_of_turns: Indices) -> Floats:
-            """Return f (k,) at turns (k,), with the number (k,) of the bracket of each."""
+            """Return the residual f (k,) of the closing link at turns (k,) of the output.
+
+            The index (k,) of its bracket gives the direction of the output at each turn.
+            """
             return self.residual(
                 self.place_dyads(directions[:, row[brackets_of_turns]], turn, signs)
             )

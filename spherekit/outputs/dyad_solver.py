@@ -1,4 +1,8 @@
-"""Closed forms of outputs that consist of dyads when held, driven directly or by wheels."""
+"""Closed-form kinematics of mechanisms that consist of dyads while their output is held.
+
+A dyad is a group of two links and three R pairs, which is placed between two known axes.
+The inputs drive pairs of the dyads, or wheels that turn these pairs.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

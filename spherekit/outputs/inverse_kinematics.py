@@ -92,10 +92,11 @@ class Inverse:
         (m, n) the number of the dyad that the margin belongs to, see `legs` of
         `InverseKinematics`.
     type_1
-        (m, n, inputs): how fast the output turns about its normal n_i per unit rate of
-        input i; 0 at a type I singularity of that input, where the input moves while the
-        output rests. At most 1 for an input on the base, where it is the sine of the angle
-        between the input's axis and the plane of the next link.
+        (m, n, inputs) angular velocity of the output along a unit vector n_i (see
+        `normals`) per unit rate of input i. It is 0 at a type I singularity of that input,
+        where the input moves while the output rests. At most 1 for an input on the base,
+        where it is the sine of the angle between the input's axis and the plane of the next
+        link.
     measure
         Function that computes `type_2`.
     normals
@@ -265,7 +266,10 @@ class InverseKinematics:
 
     @property
     def has_closed_form(self) -> bool:
-        """Whether `at` needs nothing but poses: all groups are dyads on the held body."""
+        """Whether poses alone determine all links: while the output is held, all are dyads.
+
+        The method `at` then needs no configurations from which a search starts.
+        """
         return self.dyads is not None
 
     @property

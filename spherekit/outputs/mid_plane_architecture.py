@@ -230,11 +230,12 @@ class MidPlaneArchitecture:
         Returns
         -------
         phi, gamma, omega
-            (n,) angles (rad). They are NaN at one direction, m: the direction of the output
-            is the mirror image of m. m itself is its own image in every plane through m.
+            (n,) angles (rad). They are NaN if a wanted direction is `home`, the constant
+            direction whose mirror image is the direction of the output. Every plane through
+            `home` is then a possible mid-plane.
         """
-        # The second result is the distance of each direction from m. It tells how accurate
-        # the normals are, and is not needed.
+        # The second result is the distance of each direction from `home`. It tells how
+        # accurate the normals are, and is not needed.
         normals, _distance = self.normals_to(directions @ self.frame)
         return mirror_angles(normals)
 

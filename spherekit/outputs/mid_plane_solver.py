@@ -62,8 +62,9 @@ class MidPlaneKinematics(ClosedKinematics):
         axis is in the mid-plane and both links of the leg lie over each other.
         """
         plane = self.form.plane
-        # If the links have a width, one cannot lie over the other, and the smallest angle
-        # is larger. `can_fold` marks the legs for which this counts: the driven legs.
+        # If the user gives a width of the links, one cannot lie over the other, and the
+        # smallest angle is larger. Chen et al. (2021, section 3) state this rule for the
+        # driven legs only. `can_fold` marks the legs to which it applies.
         longest = (2.0 * plane.reach).tolist()
         return tuple(
             LegSpan(

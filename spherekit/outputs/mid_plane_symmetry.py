@@ -198,14 +198,20 @@ def _find_legs(
 
 @dataclass(frozen=True)
 class _ElbowStructure:
-    """The axes of all pairs, and the links that hold the elbows in one plane.
+    """The axes of all pairs, and the links that hold the elbows of the legs in one plane.
+
+    A leg is two links that join the base to the output link. Its elbow is the axis between
+    them. The plane is the mid-plane, about which base and output link are mirror images of
+    each other.
 
     Attributes
     ----------
     pair_axes
-        What the axis of each pair is, by the number of the pair.
+        What the axis of each pair is, by the number of the pair: an axis of a leg, or the
+        normal of the mid-plane.
     elbow_carriers
-        Numbers of the links that are hinged to elbows and turn about a common axis.
+        Numbers of the links that are hinged to legs at their elbows. They all turn about
+        the normal of the mid-plane.
     """
 
     pair_axes: dict[int, PairAxis]

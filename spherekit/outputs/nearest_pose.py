@@ -141,7 +141,11 @@ class NormalCoordinates:
 
     @property
     def angle_per_arc(self) -> float:
-        """Angle between two poses, divided by the arc: 2 for orientations, otherwise 1."""
+        """Angle between two poses divided by the arc between their points on the sphere.
+
+        It is 1 for directions. It is 2 for orientations, because two unit quaternions at an
+        arc s differ by a rotation through 2 s.
+        """
         return 2.0 if self.dimension == 3 else 1.0
 
     def poses(self, v: Floats) -> Floats:

@@ -30,7 +30,8 @@ class ModeAtPoses(Protocol):
     A working mode is a choice of one of two positions for each leg. At a singularity of
     type I an input moves while the output rests; at one of type II the output can move
     although the inputs are locked. Quantities are NaN at poses at which they are not
-    determined. The angles that limit the reach are always determined.
+    determined. Two of them have values on both sides of the limit of the reach: the cosine
+    between the outer axes of a leg (`LegSpan`), and `type_1_square`.
     """
 
     def cosine(self, one: int, other: int) -> Floats:
@@ -171,10 +172,12 @@ class Constraints:
     apart
         Ranges of angles between axes.
     near
-        Least distance (rad) to a singularity; 0 for no limit. At type I an input moves
-        while the output rests, at type II the output can move although the inputs are
-        locked. The distance is the angle whose sine is `type_1` of an input, or `type_2`,
-        of `ModeAtPoses`. The limit applies to type I of every input and to type II.
+        Least distance (rad) to singularities of type I of every input and of type II; 0 for
+        no limit. The distance is an angle whose sine is 0 at the singularity. For type I
+        the sine is the angular speed of the output per unit rate of the input, because the
+        output rests there although the input moves. A speed above 1 counts as 1. For type
+        II the sine is the transmission measure, which is 0 if the output can move although
+        the inputs are locked.
     width, radius
         Width of the links and radius of the sphere that they are on, in the same unit of
         length; 0 for no limit. A leg has two links and three axes. If it can fold so that
@@ -573,10 +576,12 @@ def _limit_pairs(
 def _limit_measures(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]:
     """Return the limits of the distance to singularities of type I and II.
 
-    The measure of type I is 0 if an input moves while the output rests. The measure of type
-    II is 0 if the output can move although the inputs are locked. Each measure is the sine
-    of an angle, the distance to the singularity. Twice this angle is limited, because its
-    cosine, 1 - 2 measure^2, is smooth even where the measure is 0.
+    The measure of type I of an input is the angular speed of the output per unit rate of
+    the input, 0 if the input moves while the output rests. The measure of type II is 0 if
+    the output can move although the inputs are locked. The distance to a singularity is the
+    angle b from 0 to pi / 2 with sin b = measure. A speed can exceed 1, which counts as 1.
+    Twice the angle is limited, because cos 2 b = 1 - 2 measure^2 is smooth even where the
+    measure is 0.
 
     Parameters
     ----------
@@ -605,16 +610,21 @@ def _limit_measures(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]
         return ()
 
     def type_2_cosine(rows: ModeAtPoses) -> Floats:
-        """Return the cosine (n,) of the double angle of type II."""
+        """Return cos 2 b (n,) of the distance b to type II at n poses."""
         return 1.0 - 2.0 * np.minimum(rows.type_2**2, 1.0)
 
     bounds = []
     for number, name in enumerate(mechanism.input_pairs):
 
         def type_1_cosine(rows: ModeAtPoses, number: int = number) -> Floats:
-            """Return the cosine (n,) of the double angle of type I of an input."""
-            # The measure is infinite if the input rests for every motion of the output,
-            # which is far from type I.
+            """Return cos 2 b (n,) of the distance b to type I of an input at n poses.
+
+            At type I the input moves while the output rests. The sine of b is the angular
+            speed of the output per unit rate of the input, but at most 1.
+            """
+            # The speed is infinite if the input rests for every motion of the output. This
+            # is farthest from type I. Out of reach the square is negative, and cos 2 b
+            # above 1, so that the margin passes smoothly through the limit of the reach.
             return 1.0 - 2.0 * np.minimum(rows.type_1_square[:, number], 1.0)
 
         # The limit is on twice the angle, so the margin counts half (unit 0.5).

@@ -67,14 +67,17 @@ def output_kinematics(
 
 
 def closed_kinematics(mechanism: Mechanism, output: str | None = None) -> ClosedKinematics:
-    """Return the closed form of an output.
+    """Return the kinematics of an output that are solved in closed form.
+
+    A closed form gives all configurations at a pose of the output. It needs no known
+    configuration from which a search starts.
 
     Raises
     ------
     ModelError, PlanError
         If the output is unknown or cannot take every pose.
     SolveError
-        If there is no closed form that needs no start.
+        If the mechanism has no closed form.
     """
     return _find_closed_form(InverseKinematics(mechanism, output))
 

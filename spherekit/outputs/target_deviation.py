@@ -415,9 +415,11 @@ class TargetDeviation:
         force
             (n, variables) generalised forces on the variables. For a motion to the target
             they are the forces G^T d of the spring, with the Jacobian G of the output link
-            and the rotation d that is left to the target. For the derivatives of a motion
-            of the target, they are the terms without the unknown derivative. Reactions in
-            the loops balance the part of the force that is not along N.
+            and the rotation d that is left to the target. If the target turns, the balance
+            of forces is differentiated by its angle, and x is the unknown derivative of the
+            variables. The forces are then all terms of the differentiated balance that do
+            not contain x. Reactions in the loops balance the part of the force that is not
+            along N.
         closure_change
             (n, equations) required change of the closure residuals.
         stiffness
@@ -602,11 +604,12 @@ class TargetDeviation:
         # Changes of J and G, times the first derivatives of the variables.
         loop_bias, output_bias = self._velocity_biases(first, vector_rates)
 
-        # 3. Second derivatives. `log_rate_change` is the derivative of `log_rate` at
-        # constant angular velocity. `d_bias` is the derivative of both terms of `d_rate` if
-        # target and link have constant angular velocities. However, that of the link
-        # changes by `output_bias` at constant rates of the variables, because the axes
-        # turn. The `force` below contains this effect.
+        # 3. Second derivatives. With L(d, w) = `log_rate(d, w)`, step 2 has computed
+        #     d' = L(d, axis) - L(-d, w).
+        # `d_bias` is the derivative of both terms at constant angular velocities `axis` and
+        # w. Only w changes: w' = output_bias + G second. Since L is linear in w,
+        #     d'' = d_bias - L(-d, output_bias) - L(-d, G second).
+        # The last term contains the unknown `second`, so `force` has the other two.
         d_bias = log_rate_change(d, d_rate, axis)
         d_bias -= log_rate_change(-d, -d_rate, w)
 
