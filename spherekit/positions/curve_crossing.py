@@ -283,10 +283,12 @@ def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
     count = len(values)
     tree = closure.tree
     linearisation = closure.linearise(np.tile(values, (count, 1)))
-    # Angular velocities of the first and second bodies of all pairs. In each pair, the
-    # second body moves relative to the first by the rate of this pair only: 0, or the
-    # velocity vector of the pair that moves. `body_rates` follow from a tree of bodies,
-    # without the pairs that close loops. They are therefore used for first bodies only.
+    # Angular velocities of the first and second bodies of all pairs. `body_rates` adds
+    # the rates of pairs along a spanning tree of the bodies. A pair that closes a loop is
+    # not in the tree. Because the loop opens, its second body has a rate by the tree that
+    # does not fit the rate of the pair. The rate of every second body is therefore that of
+    # the first body plus that of the pair: the velocity vector of the pair that moves, 0
+    # for all others.
     first_rates = linearisation.body_rates(np.eye(count))[:, tree.first_bodies]
     second_rates = first_rates.copy()
     rows = np.arange(count)

@@ -84,8 +84,9 @@ def curvature_bound(linearisation: Linearisation) -> Floats:
 def rounding_of_loops(linearisation: Linearisation) -> float:
     """Return by how much rounding alone opens loops, in each component (rad).
 
-    It is two roundings of the closure residual itself, and one for each variable of a loop:
-    for its geometry, and for the numbers of the file, which float64 rounds.
+    Two roundings of size `EPS` are counted for the closure residual, and one for each
+    variable of the longest loop. The latter covers the geometry of a pair and the numbers
+    of the file from which it is computed.
     """
     return EPS * (2.0 + linearisation.tree.longest_loop)
 

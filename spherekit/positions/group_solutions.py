@@ -186,7 +186,10 @@ def sortable_angles(modes: Floats) -> Floats:
 
 
 def least_complete(*methods: SolutionMethod | None) -> SolutionMethod | None:
-    """Return the method with the most doubt; None stands for no method."""
+    """Return the method that is most likely to have missed a mode (largest `doubt`).
+
+    None stands for no method, and is returned if there are no others.
+    """
     used_methods = [method for method in methods if method is not None]
     return max(used_methods, key=lambda method: method.doubt, default=None)
 

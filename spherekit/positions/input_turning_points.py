@@ -218,7 +218,10 @@ def find_input_turning_points(
     for position in range(group_count):
 
         def evaluate(q: Floats, position: int = position) -> Floats:
-            """Return the function (n,) of a group at inputs q (n,); report progress."""
+            """Return the values (n,) of the function of a group at inputs q (n,) in rad.
+
+            It changes its sign where two modes of the group meet (`ModeCoalescence`).
+            """
             progress.report_if_due(lambda: f"group {position + 1} of {group_count}")
             return coalescence(position, q)
 

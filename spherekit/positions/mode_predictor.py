@@ -302,8 +302,9 @@ def _follow_from_nodes(
 ) -> list[ModeCurve]:
     """Return the assembly modes through nodes at which the input moves.
 
-    A node is a verified configuration with derivatives of all variables. These are by the
-    distance that the input moves, which rises or falls on the path.
+    The input moves from each node to both ends of its range. A node is a verified
+    configuration with the derivatives of all variables by the distance that the input has
+    moved. This distance grows on every path, also if the input falls.
 
     Parameters
     ----------

@@ -179,10 +179,11 @@ class ModeSearch:
         # of the reference pose, if there is one.
         mobilities = modes.mobilities
         if mobilities:
-            # The number of inputs in the file may be wrong in two cases: there is no mode,
-            # or the first start has fewer degrees of freedom than there are inputs. The
-            # check then compares the least number of all starts with the inputs. Others can
-            # be too large, because singular configurations have more degrees of freedom.
+            # A singular configuration has more degrees of freedom than the mechanism, but
+            # never fewer. A start with more than there are inputs is therefore no error by
+            # itself. The number of inputs in the file may be wrong if the first start has
+            # fewer degrees of freedom, or if no start led to a mode. The least number of
+            # all starts is then compared with the inputs.
             first_is_immobile = mobilities[0] < len(self.solver.driven)
             if not modes.assembly_modes or first_is_immobile:
                 check_mobility(self.solver, min(mobilities))
@@ -227,9 +228,8 @@ class ModeSearch:
             is_redundant = any(group.redundant for group in self.groups)
             for first in range(0, len(q), PROBED_TOGETHER):
                 inputs = q[first : first + PROBED_TOGETHER]
-                # The limit also holds for all blocks of inputs together, see below. One
-                # more than the limit shows whether there are more. A mode has its signs and
-                # the placed bodies at all these inputs.
+                # One mode more than the limit is allowed, which shows below that there are
+                # more modes than are kept. `state` has the placed bodies at all `inputs`.
                 modes = enumerate_modes(solver, inputs, max_modes=MAX_ASSEMBLY_MODES + 1)
                 for signs, state in modes:
                     all_signs.append(signs)

@@ -335,11 +335,12 @@ class ModesOverRange:
         solver = self.solver
         q = self.input_grid.q
         # Mechanisms with rolling contacts have gear phases: how far wheels have rolled.
-        # They are all known if the input determines them. Without a mode of the reference
-        # pose, all configurations at the first sample are computed, in both cases.
         if solver.gear_phases is not None:
+            # If the reference pose has given no mode, the first modes are those of all
+            # configurations at the first sample.
             if not self.assembly_modes:
                 self._compute_modes_at(q[:1])
+            # The input determines only some phases, or none: the wheels are free.
             if not solver.gear_phases.all_known:
                 return self._find_on_one_curve()
         # Dyads and trains of wheels have closed forms. `wheel_trains` has the positions of
@@ -409,9 +410,11 @@ class ModesOverRange:
 
         Two modes meet, and end, at a turning point of the input. Between two turning points
         the number of modes is constant, so one input in each interval shows all of them.
-        Where curves of configurations cross (`crossings`), modes meet but none ends.
-        At these inputs, elimination reduces the closure equations of each group of links to
-        a polynomial, whose roots are all its configurations.
+        Elimination reduces the closure equations of each group of links at this input to a
+        polynomial, whose roots are all configurations of the group.
+
+        The attribute `crossings` is set: the configurations at which curves cross, so that
+        modes meet and none ends.
 
         Returns
         -------

@@ -122,14 +122,16 @@ class SampledModes:
         self.probes = 0
         self.mobilities: list[int] = []
         self._graph = ConfigurationGraph(solver, input_grid)
-        # (nodes of the graph,) number of the sheet that reached each node first. A search
-        # from random starts counts how often each number is reached, and ends if all are
-        # reached often enough. `_sheet_count` is how many numbers there are. The first
-        # `_numbered_count` of them are no sheets, but single nodes that were computed
-        # without a start.
-        self._sheet_of_node = np.empty(0, dtype=np.intp)
-        self._sheet_count = 0
-        self._numbered_count = 0
+        # A search from random starts counts how often it reaches each solution, and ends if
+        # it has reached all often enough. A solution is a sheet, or a single configuration
+        # that was computed before the search. The latter have the first
+        # `_computed_solution_count` of the `_solution_count` numbers.
+        self._solution_count = 0
+        self._computed_solution_count = 0
+        # (nodes of the graph,) number of the solution to which each node belongs. A node
+        # that several sheets reach belongs to the first one. -1 for a node that is not
+        # counted.
+        self._solution_of_node = np.empty(0, dtype=np.intp)
         self._progress = ProgressReporter("searching the assembly modes")
 
         # 1. Without a search, only the sheet of the reference pose is followed.
@@ -217,7 +219,7 @@ class SampledModes:
             ]
             # The statistics of the search count how often each configuration is reached.
             # Configurations that were computed above get numbers to be counted, too.
-            self._number_nodes(searched_samples)
+            self._count_nodes_as_solutions(searched_samples)
             # The search adds its configurations to the graph.
             statistics = self._search(searched_samples)
             words += (
@@ -228,17 +230,24 @@ class SampledModes:
             self._graph.join()
         self.claim = Completeness(Guarantee.SAMPLED, words)
 
-    def _number_nodes(self, samples: Indices) -> None:
-        """Number the nodes of some samples, as if each were a sheet of its own.
+    def _count_nodes_as_solutions(self, samples: Indices) -> None:
+        """Number the configurations at some samples, so that a search counts its hits.
 
-        The statistics of a search from random starts count how often each sheet was
-        reached. With these numbers they also count the configurations that were computed
-        before. Nodes at other samples have the number -1.
+        The nodes of the graph are configurations that were computed without a search. A
+        search from random starts counts how often it reaches each numbered solution. If it
+        reaches these nodes often and nothing else, few configurations can be missing.
+
+        Parameters
+        ----------
+        samples
+            (m,) indices of the samples at which random starts will be made. Nodes at other
+            samples have the number -1.
         """
         is_at_samples = np.isin(self._graph.sample, samples)
-        self._sheet_count = self._numbered_count = int(np.sum(is_at_samples))
-        self._sheet_of_node = np.full(len(is_at_samples), -1, dtype=np.intp)
-        self._sheet_of_node[is_at_samples] = np.arange(self._sheet_count)
+        self._solution_count = int(np.sum(is_at_samples))
+        self._computed_solution_count = self._solution_count
+        self._solution_of_node = np.full(len(is_at_samples), -1, dtype=np.intp)
+        self._solution_of_node[is_at_samples] = np.arange(self._solution_count)
 
     def _reach_reference(self, is_enumerated: bool) -> int | None:
         """Return a node of the graph that belongs to the mode of the reference pose.
@@ -324,13 +333,17 @@ class SampledModes:
         return sheet
 
     def _add_sheet(self, sheet: ModeOverGrid) -> None:
-        """Add a sheet to the graph, and give its new nodes the number of the sheet."""
+        """Add the configurations of a sheet as nodes to the graph, and number the sheet.
+
+        A sheet is the set of configurations that verified steps reach from one start, at
+        most one at each sample. Those that are nodes already keep their number.
+        """
         self._graph.add_sheet(sheet.values)
-        new_count = len(self._graph.sample) - len(self._sheet_of_node)
-        sheet_numbers = np.full(new_count, self._sheet_count)
-        self._sheet_of_node = np.append(self._sheet_of_node, sheet_numbers)
-        self._sheet_count += 1
-        self._progress.report_if_due(lambda: f"{self._sheet_count} followed")
+        new_count = len(self._graph.sample) - len(self._solution_of_node)
+        sheet_numbers = np.full(new_count, self._solution_count)
+        self._solution_of_node = np.append(self._solution_of_node, sheet_numbers)
+        self._solution_count += 1
+        self._progress.report_if_due(lambda: f"{self._solution_count} followed")
 
     def _add_sheets(self, values: Floats, samples: Indices) -> Indices:
         """Follow and add the sheets of configurations that are not in the graph yet.
@@ -350,9 +363,11 @@ class SampledModes:
 
         Returns
         -------
-        (m,) number of the sheet that has each configuration, or -1 if no sheet has it.
+        (m,) number of the solution to which each configuration belongs: of a sheet, or of a
+        single configuration that was computed before (`_count_nodes_as_solutions`). It is
+        -1 if there is none.
         """
-        sheets = np.full(len(samples), -1, dtype=np.intp)
+        solutions = np.full(len(samples), -1, dtype=np.intp)
         for row in range(len(samples)):
             # `find` takes arrays of many configurations, here of one. The node is -1 if no
             # node at the sample agrees within a tolerance.
@@ -367,13 +382,17 @@ class SampledModes:
                 # Still -1 if the steps do not reach the sample of the start.
                 node = self._graph.find(row_sample, row_values)[0]
             if node >= 0:
-                sheets[row] = self._sheet_of_node[node]
-        return sheets
+                solutions[row] = self._solution_of_node[node]
+        return solutions
 
     @property
     def _is_sheet_limit_reached(self) -> bool:
-        """Whether so many sheets were followed that no further one is allowed."""
-        return self._sheet_count - self._numbered_count >= MAX_ASSEMBLY_MODES
+        """Whether `MAX_ASSEMBLY_MODES` sheets were followed, so that no more is allowed.
+
+        A sheet is the set of configurations that verified steps reach from one start.
+        """
+        followed_count = self._solution_count - self._computed_solution_count
+        return followed_count >= MAX_ASSEMBLY_MODES
 
     @property
     def _mode_limit(self) -> int:
@@ -401,12 +420,12 @@ class SampledModes:
         # solved in any case, unless there is a sheet of the reference pose.
         gear_phases = self.solver.gear_phases
         if gear_phases is not None:
-            if not self._sheet_count:
+            if not self._solution_count:
                 self._search_sample(0)
             if not gear_phases.all_known:
                 probed_samples = spread_rows(len(self.input_grid), MAX_SEARCHED_SAMPLES)
                 for sample in probed_samples.tolist():
-                    if self._sheet_count:
+                    if self._solution_count:
                         break
                     self._search_sample(sample)
                 # `probes` counts the samples at which configurations were searched. It is 0
@@ -422,13 +441,13 @@ class SampledModes:
             CLOSED_FORM if group.is_dyad else RANDOM_SEARCH for group in self.groups
         ]
         statistics = self._search(np.arange(len(self.input_grid)))
-        if not self._sheet_count:
+        if not self._solution_count:
             # Random starts skip configurations next to a dead centre. The solution of all
             # groups at one sample includes them.
             self._search_sample(len(self.input_grid) // 2)
         reason = statistics.describe("modes")
         if self._is_sheet_limit_reached:
-            reason += f"; stopped at {self._sheet_count} modes, there may be more"
+            reason += f"; stopped at {self._solution_count} modes, there may be more"
         return Completeness(Guarantee.SAMPLED, reason)
 
     def _search_sample(self, sample: int) -> None:
@@ -459,9 +478,9 @@ class SampledModes:
 
         Returns
         -------
-        Number of starts, and how often each sheet was reached. The search ends when these
-        numbers say so (`SearchStatistics.needs_more_starts`), or when no further sheet is
-        allowed.
+        Number of starts, and how often each solution was reached: a sheet, or a single
+        configuration that was computed before. The search ends when these numbers say so
+        (`SearchStatistics.needs_more_starts`), or when no further sheet is allowed.
         """
         q = self.input_grid.q
         low = np.min(q, axis=0)
@@ -475,8 +494,8 @@ class SampledModes:
             # A round gives the number of its starts, the configurations that closed, and
             # the position in `samples` of each.
             start_count, values, rows = next(starts)
-            sheets = self._add_sheets(values, samples[rows])
-            statistics.add(start_count, hits=sheets, total=self._sheet_count)
+            solutions = self._add_sheets(values, samples[rows])
+            statistics.add(start_count, hits=solutions, total=self._solution_count)
             self.probes += start_count
             self._progress.report_if_due(lambda: statistics.describe("modes"))
         return statistics

@@ -166,8 +166,9 @@ class PositionSolver:
     def periods(self) -> Floats:
         """(inputs,) growth (rad) of each input after which the configurations repeat.
 
-        One revolution; several if wheels count revolutions, infinite if configurations
-        never repeat.
+        Without rolling contacts it is one revolution. With them it may be several, because
+        wheels must be back in their positions too. It is infinite if configurations never
+        repeat, and NaN if no gear ratios lead from the inputs to the wheels.
         """
         if self.gear_phases is None:
             return np.full(len(self.driven), TURN)
