@@ -372,12 +372,14 @@ def test_numbers_at_their_physical_limit_have_derivatives():
 
     A design has four variables: the arc of link 3, the stiffness and the rest angle (deg)
     of a spring, and a moment of inertia of the rocker. Formulas have sizes, such as the
-    arc, and numbers of masses and loads. The latter are here the moment of inertia, the
-    rest angle in rad, and minus the stiffness (the torque is minus stiffness times angle).
+    arc, and numbers of masses and loads. Three of these numbers change with the variables:
+    the moment of inertia, minus the stiffness (the torque is minus stiffness times angle),
+    and the rest angle in rad.
     """
     specification = specification_of(EXAMPLES / "spring.toml", designs=4)
     varied = specification.sweep.evaluator.varied_mechanism
-    # The derivatives of these three numbers (rows) by the four variables (columns).
+    # The derivatives of these three numbers (rows) by the four variables (columns), both in
+    # the order of the docstring.
     expected = np.array(
         [[0.0, 0.0, 0.0, 1.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, np.pi / 180.0, 0.0]]
     )

@@ -142,10 +142,10 @@ def test_settings_that_do_not_apply_for_one_reason_share_a_line():
 def test_the_chart_of_a_trade_shows_all_settings_and_the_chosen_one(tolerance):
     """A tolerance is drawn as a line; the recommended setting is marked as taken.
 
-    The chart shows the error of each setting over its time. Settings are named by labels of
-    its curves, here "numpy s 64" as an example. The recommended setting is the cheapest one
-    that meets the tolerance. If there is none, none is marked. Marks are to the right of
-    the left axis and below the upper end of the other one.
+    A trade has the time and the error of several settings, which are ways to compute a run.
+    The chart shows the error of each setting over its time. Labels of curves name the
+    settings, for example "numpy s 64". The recommended setting is the cheapest one that
+    meets the tolerance. If there is none, none is marked.
     """
     trade = make_trade()
     # The other primitive is a text.
@@ -159,6 +159,7 @@ def test_the_chart_of_a_trade_shows_all_settings_and_the_chosen_one(tolerance):
     taken_marks = [mark for mark in chart.marks if mark.label == "taken"]
     assert len(taken_marks) == (0 if chosen is None else 1)
 
+    # No mark is beyond the left or the upper edge of the chart, where it could not be seen.
     positions = np.array([mark.place for mark in chart.marks])
     assert np.all(positions[:, 0] > chart.x_range[0])
     assert np.all(positions[:, 1] < chart.y_range[1])

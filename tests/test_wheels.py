@@ -63,11 +63,12 @@ def test_all_modes_of_a_linkage_on_wheels_are_found(tmp_path):
 
 
 def test_wheels_of_an_irrational_ratio_never_return(tmp_path):
-    """Smooth wheels with half angles that no teeth give have an infinite period.
+    """The period of an input is infinite if its wheels never return to their positions.
 
-    Wheels with teeth are in the same position again after some turns. At one value of the
-    input a program could therefore count configurations of several turns. These wheels
-    never are, so each input has two configurations at most.
+    Wheels with teeth return after some turns of the input. The wheels of this five-bar are
+    smooth, and the ratio of their radii is irrational, so they never return. Inputs that
+    differ by whole turns then have different configurations, which must not be counted
+    together. Each input has at most two, the ways to assemble the couplers.
 
     The left wheel is a cone with the half angle 57 deg. Its pitch circle has the radius
     sin(57 deg) on the unit sphere. The rolled length, the variable of the pair `mesh`, thus
@@ -225,10 +226,10 @@ def test_every_analysis_puts_the_wheels_together_alike(tmp_path):
 def test_a_reference_pose_alone_fixes_the_phase_of_wheels(tmp_path):
     """Wheels of a reference pose turn from that pose, in whichever turn the range lies.
 
-    The axes of the pose are those of the geared five-bar at q = 60 degrees. Angles of pairs
-    are counted from the reference pose, in which the file gives only the input another
-    value (60 degrees). So the right crank has the angle 0 there, and turns back from there
-    by the ratio of teeth, 17 : 23.
+    The axes of the pose are those of the geared five-bar at q = 60 degrees. In a reference
+    pose the angle of each pair is 0, unless the mechanism gives another value. Here it
+    gives 60 degrees for the input. The right crank therefore has the angle 0 in the pose,
+    and turns back from there by the ratio of teeth, 17 : 23.
 
     The ranges of the input are 410 to 440 and -8220 to -8200 degrees. In parts of both, the
     couplers cannot span the gap between the cranks, and the five-bar has no configuration.

@@ -459,6 +459,8 @@ def test_volume_of_a_platform_with_unlike_legs_is_the_share_that_closes(unlike_l
     kinematics, bounds, samples, (workspace, second_workspace) = unlike_legs
     signs = kinematics.modes[0]
     solver = InverseKinematics(platform_with_unlike_legs()).solver
+    # The solver holds the output by two virtual links with three R pairs between base and
+    # platform. Their angles are Euler angles ZYZ of the orientation, and are its inputs.
     angles = euler_zyz(from_quaternion(samples))
     configurations = solver.evaluate(AssemblyMode(0, signs), angles)
     is_inside = judge(kinematics, bounds, signs, samples).inside
