@@ -343,8 +343,9 @@ class QuadAssembly:
         ]
         sum_square = dot(a + c, a + c)
         difference_square = dot(a - c, a - c)
-        # t^2 is a product of two differences of cosines: t^2 = (cos(A - C) - a . c) (a . c
-        # - cos(A + C)), with the arcs A and C of the bodies.
+        # The triple product t of the axes a, b, c is computed by its square. With the arcs
+        # A and C of the bodies this is a product of two differences of cosines:
+        # t^2 = (cos(A - C) - a . c) (a . c - cos(A + C)).
         outer_sine = 0.5 * np.sqrt((sum_square * difference_square).astype(float))
         arcs = half_arcs[0] - half_arcs[1], half_arcs[0] + half_arcs[1]
         factors = [_cosine_difference(arc, sum_square, difference_square) for arc in arcs]
@@ -353,7 +354,10 @@ class QuadAssembly:
         size = triple_square.astype(float)
 
         def square_error_bound(error: Floats) -> Floats:
-            """Return a bound (n,) of the error of t^2 if axes have an error (n,) in rad."""
+            """Return a bound (n,) of the error of `triple_square`.
+
+            `error` (n,) are the errors (rad) of the axes.
+            """
             first, second = (
                 4.0 * error * (outer_sine + error + np.abs(_sine_of_arc(arc)))
                 for arc in arcs

@@ -75,14 +75,15 @@ class SearchStatistics:
     """Counts how often random starts led to each of the solutions that were found.
 
     Solutions are, for example, closed configurations. They are numbered from 0 in the order
-    in which they were found.
+    in which they were found. A round is `STARTS_PER_ROUND` starts, which are made together.
 
     Attributes
     ----------
     variable_count
         Number of unknowns of a start.
     min_rounds
-        Least number of rounds.
+        Number of rounds that are made in any case, before `needs_more_starts` can end the
+        search.
     starts
         Number of starts so far.
     counts
@@ -328,10 +329,11 @@ class DistinctConfigurations:
 
         Returns
         -------
-        (k,) largest difference of a component of the rotation matrices. Configurations
-        whose rolled lengths differ by whole revolutions of wheels count as the same: their
-        distance is 0, whatever the orientations are. Small differences of angles (rad), of
-        revolutions and of components of rotation matrices are all judged by `SAME_MODE`.
+        (k,) largest difference of a component of the rotation matrices. It is set to 0 if
+        the rolled lengths differ by whole revolutions of wheels: the wheels are then put
+        together one or more revolutions further on, which counts as the same mode. Small
+        differences of angles (rad), of revolutions and of components of rotation matrices
+        are all judged by `SAME_MODE`.
         """
         kept_rotations = np.array(self._rotations).reshape(-1, *rotations.shape)
         kept_values = np.array(self.values).reshape(-1, len(values))
@@ -341,8 +343,9 @@ class DistinctConfigurations:
         for variable, joint in self._rolling:
             # `closed_lengths` are the circumferences of the wheels with a closed profile.
             # The difference in revolutions of each of them: axes are wheel, configuration.
-            # Only one of both wheels has to be back after whole revolutions. The other one
-            # may then be turned, which is not compared.
+            # It is enough that one of both wheels has made whole revolutions. The other one
+            # is then turned, because the wheels mesh at another place of its profile. Its
+            # rotation is therefore not compared.
             revolutions = differences[:, variable] / np.array(joint.closed_lengths)[:, None]
             off_whole = np.abs(revolutions - np.round(revolutions))
             off_whole = np.min(off_whole, axis=0, initial=np.inf)

@@ -50,8 +50,9 @@ class Verification:
         Newton's method need not contract after a first step smaller than this (rad), which
         is rounding.
     change
-        Largest change of the equations, relative to the size at which they may be singular
-        on the way (Frobenius norm of the inverse times the change).
+        Largest change of the derivatives of the equations in the step. With their matrix A
+        at the node and its change dA, it is the norm of A^-1 dA, or the largest magnitude
+        of its eigenvalues. Below 1, the matrix is regular all the way from A to A + dA.
     turn
         Least cosine of the angle between the tangents at both ends.
     middle
@@ -99,8 +100,8 @@ class Verification:
         Parameters
         ----------
         change
-            (n,) relative changes of the equations. They can be singular on the way if the
-            change exceeds 1.
+            (n,) relative changes of the derivatives of the equations, see `change` of the
+            class. If it is 1 or more, their matrix may be singular on the way.
         cosine
             (n,) cosines of the angles between the tangents at both ends.
         """

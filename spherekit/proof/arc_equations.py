@@ -208,8 +208,9 @@ class ArcEquations:
         Returns
         -------
         (3, 3, 3) matrices T such that T[0] + cos(x) T[1] + sin(x) T[2] rotates from link
-        axes to the axes of the parent. Here x is the angle of the pair less its offset. The
-        offset is zero unless toothed wheels drive the pair. It is contained in T.
+        axes to the axes of the parent. Here x is the angle of the pair. If toothed wheels
+        drive the pair, its angle is a multiple of the input angle plus a constant offset.
+        Then x is only the multiple, and T contains the offset.
         """
         (pair,) = step.pairs
         terms = revolute_rotation_terms(*self.pair_frames[pair])
@@ -425,11 +426,14 @@ class ArcEquations:
         by the orientations of links along two paths. The norm of a product is at most the
         product of the norms. C is therefore the product of the norms of all these
         orientations. The constant cos(arc) has no derivatives.
+
+        The degrees come from the product rule. The derivative of a product by variable j is
+        a sum in which each factor is differentiated once. This multiplies the bound by the
+        degree of the factor in j. The degrees of all factors add up to d_j.
         """
         # By link: a bound of the norm of its orientation relative to its reference link. A
         # link placed by one pair (in `_rotation_terms`) has a rotation about a fixed axis,
-        # with norm 1. So have its derivatives by the angle of the pair. Each derivative by
-        # variable j has the factor d_j in addition, which is no part of C.
+        # with norm 1. So have its derivatives by the angle of the pair.
         norms = dict.fromkeys(self._rotation_terms, 1.0)
         bounds = []
         for step in self.construction.equation_steps:

@@ -149,10 +149,13 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
     that there is no other curve are left out: a checker has to divide the space of the
     variables again.
 
-    The equations contain a variable that makes one turn while the input makes
-    "input_turns_of_its_variable" turns, after which all wheels are back. "off" is the error
-    bound (rad) of a configuration. "curves_at_one_input_rad" are the inputs at which a
-    whole curve has one value of the input.
+    If the input drives wheels, all of them are back at their initial angles after
+    "input_turns_of_its_variable" turns of the input. In the equations the input angle is
+    this number times a variable, so that the angles of the wheels are whole multiples of
+    the variable, too. Without wheels the number is 1.
+
+    "off" is the error bound (rad) of a configuration. "curves_at_one_input_rad" are the
+    inputs at which a whole curve has one value of the input.
     """
     decimal_mechanism = curves.decimal_mechanism
     construction = curves.construction
@@ -203,7 +206,13 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
 
 
 def _arm_entry(arm: Arm | None) -> list[int] | None:
-    """Return an arm as the number of its saddle and the signs of its quadrant."""
+    """Return the entry for an end of a curve, which is on an arm of a saddle or not.
+
+    A saddle is a place where curves cross or narrowly miss each other. Four branches, its
+    arms, leave it, one in each quadrant of the first two coordinates of its frame. The
+    entry is the number of the saddle and the signs of both coordinates in the quadrant.
+    None for an end elsewhere.
+    """
     if arm is None:
         return None
     saddle_number, quadrant = arm

@@ -104,9 +104,10 @@ class Chain:
         # arc, the others are across it, up to `radius`. The start, the centre of the first
         # piece, is repeated if it is between the centre of a piece and that of the next.
         start = self.pieces[0].centre
-        # The first two pieces begin at the start, so they are not examined. Nor are, in a
-        # closed chain, the last piece and the first, which end there. An open chain has no
-        # such last ones, and the slice takes all others.
+        # The first pair of pieces is left out, because it begins at the start. A closed
+        # chain of n pieces has n pairs. Its last pair, the last piece and the first, is
+        # left out too, because it ends at the start. An open chain has n - 1 pairs, so the
+        # slice does not leave out its last one.
         examined = self.successive_pieces[1 : len(self.pieces) - 1]
         for piece, next_piece in examined:
             coordinates = piece.coordinates(start)
@@ -159,7 +160,11 @@ def find_chain(
 
 
 def _reverse(piece: CertifiedArc) -> CertifiedArc:
-    """Return the same arc with the opposite tangent; its test is symmetric."""
+    """Return the same arc with the opposite tangent.
+
+    It stays proven: its box is symmetric about the centre, and the bounds of its `test` are
+    for distances from the centre in both directions.
+    """
     frame = piece.frame.copy()
     frame[:, 0] *= -1.0
     return replace(piece, frame=frame)

@@ -425,11 +425,14 @@ class Crossings:
     def is_constant(self, pieces: Sequence[CertifiedArc], variable: int) -> bool:
         """Return whether a variable is proven to be constant along a chain of arcs.
 
-        A loop of four pairs has two variables. Each has two planar angles, at which both
-        links of its pair are in one plane. If `variable` has one of these, the loop may
-        close for all values of the other variable. `variable` is then constant on a curve.
-        Each arc of the chain contains all configurations in its box. If the curve passes
-        through the box of one arc, the whole chain is on this curve.
+        A loop of four pairs has two variables. At two values of `variable`, its planar
+        angles, both links of its pair are in one plane. The equation of the loop is then
+        a + b cos(y) = 0, where y is the other variable, counted from one of its planar
+        angles. If a = b = 0, the loop closes with all y. The configurations are then a
+        curve along which `variable` is constant.
+
+        The box of an arc contains no other configurations than the arc. If the curve passes
+        through the box of one arc, the whole chain is therefore on this curve.
         """
         # Any arc would do; the one in the middle of the chain is tried.
         piece = pieces[len(pieces) // 2]
@@ -440,14 +443,12 @@ class Crossings:
             position = loop.variables.index(variable)
             other_variable = loop.variables[1 - position]
             # `closes` (2, 2) says with which planar angles of the first variable (rows) and
-            # of the second (columns) the loop closes. With `variable` at a planar angle,
-            # the loop equation is a + b cos(y) = 0, where y is the other variable, counted
-            # from a planar angle. If y = 0 and y = pi are solutions, a and b are zero, and
-            # the loop closes with all values of y.
+            # of the second (columns) the loop closes. If it closes with both planar angles
+            # of the other variable, y = 0 and y = pi, then a + b = a - b = 0.
             closes_with_both = np.all(loop.closes, axis=1 - position)
             for value in loop.planar_angles[position][closes_with_both]:
-                # Configuration with this value, near the centre of the arc. Planar angles
-                # are half a turn apart, so at most one of them is near the centre.
+                # A configuration with this value, near the centre of the arc; None if the
+                # value is not near that of the centre, or no configuration is proven.
                 given = {
                     variable: value,
                     other_variable: exact_ball(piece.centre[other_variable]),
@@ -456,8 +457,10 @@ class Crossings:
                     self.equations, loop.equation, given, piece.centre
                 )
                 if balls is not None:
-                    # The configuration is in the balls, whose radius is known. Twice this
-                    # radius is required as the distance from the border of the box.
+                    # The two planar angles are half a turn apart, so the other one is not
+                    # near the centre and need not be tried. The configuration is in the
+                    # balls, whose radius is known. Twice this radius is required as the
+                    # distance from the border of the box.
                     return piece.contains(centre_floats(balls), 2.0 * SOLUTION_RADIUS_RAD)
         return False
 

@@ -265,6 +265,7 @@ class CertifiedCurves:
         the variable is not stationary near the saddle, except at the crossing itself.
         """
         is_constant = self.find_constant_chains(variable)
+        # The arms at both ends of each chain. An end that is not at a saddle has None.
         arms_of_moving_chains = [
             arm
             for arms, constant in zip(self.chain_arms, is_constant, strict=True)
@@ -275,10 +276,11 @@ class CertifiedCurves:
         stationary_distances = []
         for number, saddle in enumerate(self.saddles):
             # If curves miss each other, they bend in a central zone between the arms. Signs
-            # of rates on arms do not apply there. The level sign is 0 if curves cross:
-            # there is no such zone then. `is_monotonic` says that the variable is proven to
-            # have no stationary point on the bends.
-            centre_is_decided = saddle.level_sign == 0 or saddle.is_monotonic[variable]
+            # of rates on arms do not apply there. There is no such zone if the curves are
+            # proven to cross, which is marked by `level_sign` 0. `is_monotonic` says that
+            # the variable is proven to have no stationary point on the bends.
+            is_crossing = saddle.level_sign == 0
+            centre_is_decided = is_crossing or saddle.is_monotonic[variable]
             distances = [0.0 if centre_is_decided else saddle.central_zone[variable]]
             # Arms on which the rate of the variable has no proven sign.
             distances += [
