@@ -301,7 +301,12 @@ class CurveSearch:
         return bool(np.any(in_arcs)) or self.crossings.may_contain(position, error)
 
     def _has_overlapping_chains(self) -> bool:
-        """Return whether two chains may pass one configuration of the range."""
+        """Return whether two chains may have a configuration in common.
+
+        A chain is a curve as a row of certified arcs, each in a box without other
+        configurations. The centres of arcs that are in the range of the input are tested:
+        none may be in the box of an arc of another chain.
+        """
         counts = [len(chain.pieces) for chain in self.chains]
         chain_of_piece = np.repeat(np.arange(len(counts)), counts)
         for number, chain in enumerate(self.chains):
@@ -395,13 +400,16 @@ class CurveSearch:
         pieces = chain.pieces
         arms = [self.crossings.arm(piece) for piece in pieces]
 
-        def count_on_arm(end: Arm | None, arms_from_end: list[Arm | None]) -> int:
-            """Return the number of arcs from one end on that are on the arm there.
+        def count_on_arm(end_arm: Arm | None, arms_from_end: list[Arm | None]) -> int:
+            """Return how many arcs at one end of the chain are on the arm of this end.
 
-            `end` is the arm at this end, and `arms_from_end` the arm of each arc, beginning
-            at this end. None stands for no arm.
+            `end_arm` is the arm on which the chain ends there. `arms_from_end` has the arm
+            of each arc of the chain, beginning at this end. None stands for no arm. The
+            count stops at the first arc that is not on `end_arm`.
             """
-            on_arm = takewhile(lambda arm: arm is not None and arm == end, arms_from_end)
+            on_arm = takewhile(
+                lambda arm: arm is not None and arm == end_arm, arms_from_end
+            )
             return len([*on_arm])
 
         first_arm, last_arm = self.crossings.chain_ends(pieces, chain.closed)

@@ -326,8 +326,9 @@ class DecimalMechanism(DecimalGeometry):
 
         Returns
         -------
-        (meshes, 2) lengths along both circles: in rad, or in teeth per radian of rotation
-        if teeth are given.
+        (meshes, 2) lengths along both circles. They are in rad, unless the file gives
+        numbers of teeth. These then replace the sines of the radii, so that the length of a
+        whole turn is 2 pi times the number of teeth.
 
         Raises
         ------
@@ -382,7 +383,10 @@ class DecimalMechanism(DecimalGeometry):
         return np.array(lengths_by_mesh)
 
     def _structure_pair(self, pair: int) -> int:
-        """Return the number in the structure of an R pair of the mechanism."""
+        """Return the number that an R pair of the mechanism has in `structure`.
+
+        `pair` is its number in the mechanism, which also counts the contacts.
+        """
         return self.structure.pairs.index(self.mechanism.pairs[pair].name)
 
 

@@ -265,9 +265,9 @@ class _SignChange:
         Number of the switch, -1 for a joint limit. None at the end of the step.
     is_at_start
         Whether the condition is negative already at the first position that is examined
-        after the start. A switch that changed at the start would then change back at once.
-        Neither of its cases can go on, as in dry friction at rest, so the motion ends as
-        sticking.
+        after the start. If its switch has changed its case at the end of the step before,
+        it would now change back at once. The motion can then continue in neither case, and
+        ends as "sticking". An example is dry friction in a mechanism that comes to rest.
     """
 
     x: Ball
@@ -513,7 +513,12 @@ class ExactSimulation:
             return moving.rates[:, variables[pair]] * speed
 
         def take_side(condition: Array) -> Any:
-            """Record the next condition (n,), and return the side on which it is held."""
+            """Record the condition (n,) of the next switch, and return its side.
+
+            The load is computed with this side, +1 or -1, as the sign of the condition,
+            even at times at which the condition has the other sign. If no `sides` are
+            given, the result is the present sign of each value.
+            """
             number = len(conditions)
             conditions.append(np.atleast_1d(condition))
             return np.sign(centre_floats(condition)) if sides is None else sides[number]

@@ -458,7 +458,7 @@ def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array)
 
     1. g is positive on the sides of constant u.
     2. g is negative at the points (0, v) with ``|v|`` above an inner height, the part
-       `INNER_HEIGHT_RATIO` of the height of the rectangle.
+       `INNER_HEIGHT_RATIO` of the half height of the rectangle.
     3. The saddle point of g has ``|v|`` below the inner height.
 
     For each v above the inner height, g is then negative at u = 0 and positive at both
@@ -476,8 +476,7 @@ def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array)
     hessian
         (2, 2) balls that enclose the second derivatives of g over the whole box.
     """
-    # From here, u and v are the half lengths of the rectangle.
-    u, v, *_ = limits
+    u_limit, v_limit, *_ = limits
     # Upper bounds of the value and of the slopes at the centre, without sign.
     value_size = upper_magnitude(value)
     slope_u, slope_v = map(upper_magnitude, gradient)
@@ -485,20 +484,25 @@ def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array)
     largest_uv = upper_magnitude(hessian[0, 1])
     largest_vv = upper_magnitude(hessian[1, 1])
     # Lower bound of g on the sides of constant u.
-    twice_form = least_uu * u * u - 2 * largest_uv * u * v - largest_vv * v * v
-    value_on_sides = 0.5 * twice_form - slope_u * u - slope_v * v - value_size
+    twice_form = (
+        least_uu * u_limit * u_limit
+        - 2 * largest_uv * u_limit * v_limit
+        - largest_vv * v_limit * v_limit
+    )
+    value_on_sides = 0.5 * twice_form - slope_u * u_limit - slope_v * v_limit - value_size
     # Lower bound of the descent of g from the centre to (0, inner height). Because g is
     # concave in v, it descends further beyond.
-    inner_height = INNER_HEIGHT_RATIO * v
+    inner_height = INNER_HEIGHT_RATIO * v_limit
     descent = 0.5 * least_vv * inner_height**2 - slope_v * inner_height
     # 1e-12 here and 1.001 below are larger than the rounding of these few float64 products.
-    is_positive_on_sides = value_on_sides > 1e-12 * u * u
+    is_positive_on_sides = value_on_sides > 1e-12 * u_limit * u_limit
     # Condition 2: g descends by more than its value at the centre.
-    # Condition 3: let m be the least value of g at a fixed second coordinate. As the least
-    # of concave functions, m is concave, and the saddle point is at its maximum.
-    # - Since g is convex in u, m at the centre is at least the value less u times slope_u.
-    # - At the inner height, m is at most the value at the centre less the descent.
-    # If the descent exceeds u times slope_u, m decreases from the centre to the inner
-    # height, so its maximum is nearer. The test requires more: twice u times slope_u.
-    descends_enough = descent > 1.001 * max(value_size, 2.0 * u * slope_u)
+    # Condition 3: let m(v) be the least value of g over u. As the least of concave
+    # functions, m is concave, and the saddle point is at its maximum. Let g(0, 0) be the
+    # value at the centre, and h the inner height.
+    # - m(0) >= g(0, 0) - u_limit * slope_u, since g is convex in u.
+    # - m(h) <= g(0, h) <= g(0, 0) - descent, and the same applies to m(-h).
+    # If the descent exceeds u_limit * slope_u, m(0) exceeds m(h) and m(-h). The maximum is
+    # then at |v| < h. The test requires twice as much, which the proof does not need.
+    descends_enough = descent > 1.001 * max(value_size, 2.0 * u_limit * slope_u)
     return bool(is_positive_on_sides and descends_enough)

@@ -447,7 +447,7 @@ def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
     The centre of the arc, where the stretch begins, with the bound (rad) as its error.
     """
     piece = stretch.piece  # the certified arc
-    # Largest coordinate (rad) of the stretch along the tangent; 0 is at the centre.
+    # Largest coordinate s (rad) of the stretch along the tangent; s is 0 at the centre.
     reach = min(stretch.reach, piece.half_length)
     bounds = bound_rates(piece, reach)
     largest_rate = max(abs(bounds.rate_low[variable]), abs(bounds.rate_high[variable]))
@@ -458,8 +458,9 @@ def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
     normal_count = variable_count - 1
     distances = [distance] * normal_count
     extent = np.abs(piece.frame[variable]) @ [reach, *distances]
-    # The change is counted from the configuration at s = 0, which is off the centre by up
-    # to `centre_error`. The factor 1.001, and the 1e-12 rad below, are much larger than the
+    # From the configuration with s = 0, the variable changes by at most the largest rate
+    # times the reach. The centre is computed, so this configuration is up to `centre_error`
+    # away from it. The factor 1.001, and the 1e-12 rad below, are much larger than the
     # rounding of these few products.
     change = 1.001 * largest_rate * reach + piece.centre_error
     return StationaryPoint(piece.centre, min(extent, change) + 1e-12)
@@ -493,9 +494,9 @@ def _find_middle_piece(
     # Distance (rad) of both configurations along the tangent of the given arc.
     end_coordinate = piece.coordinates(end)[0]
     position = piece.centre + ratio * wrap(end - piece.centre)
-    # Half lengths (rad) of the new arc are tried from twice this distance downwards, but
-    # not from less than `SHORTEST_STRETCH_RAD`. The distance itself would reach both
-    # configurations.
+    # Half lengths (rad) of the new arc are tried from the longest downwards, until one is
+    # proven. An arc with this distance as half length about reaches both configurations.
+    # Trials begin with twice the distance, but at least with `SHORTEST_STRETCH_RAD`.
     longest = max(2.0 * end_coordinate, SHORTEST_STRETCH_RAD)
     middle = find_piece_ahead(equations, piece, position, longest)
     if middle is None or not piece.coordinates(middle.centre)[0] < end_coordinate:

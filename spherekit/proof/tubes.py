@@ -100,7 +100,11 @@ class OrientedBox:
         return wrap(positions - self.centre) @ self.frame
 
     def _contain(self, positions: Floats, reach: Floats | float) -> Bools:
-        """Return whether positions with a reach along each side are inside, (...)."""
+        """Return whether positions (..., v) are inside this box, as an array (...).
+
+        Their coordinates along the sides have to be within the limits by at least `reach`
+        (rad), a number or an array (..., v).
+        """
         coordinates = np.abs(self.coordinates(positions))
         return np.all(coordinates + reach <= self.limits, axis=-1)
 
@@ -382,13 +386,16 @@ class TubeTest:
         values, slopes, curvatures = derivatives
         frame = tangent_frame.frame
         inverse = tangent_frame.inverse
-        # The constant C is used for third derivatives only.
+        # C bounds derivatives of every order. Those up to the second are computed, so it is
+        # needed as a bound of the third ones only.
         self.third_bound = equations.derivative_bound
         self.inverse_size = np.abs(inverse)
-        # Errors of computed derivatives are bounded like derivatives, with this number in
-        # place of C. The first part is the error of the evaluation (`harmonics` evaluates
-        # the equations as Fourier series). The second part is the rounding of the matrix
-        # products below, of which at most three follow each other. The factor is 4.
+        # A computed derivative is wrong by at most this number times the degrees in the
+        # variables of the derivative. The first part is the error of the evaluation
+        # (`harmonics` evaluates the equations as Fourier series). The second part is the
+        # rounding in the matrix products below. Its size is relative to the derivatives,
+        # which are at most C times the degrees. At most three products follow each other.
+        # The factor 4 is a little more.
         self.error = equations.harmonics.error + 4.0 * PRODUCT_ROUNDING * self.third_bound
         # (k, v) the degrees for derivatives along the columns of the frame. Such a
         # derivative is a sum of derivatives by the variables, times the elements of the
@@ -429,9 +436,11 @@ class TubeTest:
         """
         # (..., k) sum over all coordinates of the degree of an equation times the reach.
         sums = reach @ self.degrees.T
-        # (..., k) Bounds of the remainder of F' (0.5 C sums^2), of the error of F'(0)
-        # (`error` times 1) and of that of F''(0) x (`error` times sums). All contain the
-        # degree along the coordinate of the derivative as a factor, which is left out here.
+        # (..., k) the sum of three bounds for each equation: of the remainder, of the error
+        # of the computed F'(0), and of that of the computed F''(0) x. The derivative by
+        # coordinate i is in error by at most `error` times d_i, its derivative by j by at
+        # most `error` times d_i d_j. All three bounds of a derivative by i contain d_i as a
+        # factor, which is left out here.
         remainder = 0.5 * self.third_bound * sums**2 + self.error * (1.0 + sums)
         # (..., k, v) |Y F''(0)| times the reach, summed over its last axis but one.
         bending = (reach[..., None, None, :] @ self._second_magnitudes)[..., 0, :]
