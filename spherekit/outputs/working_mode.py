@@ -145,17 +145,19 @@ def _shared_between_modes(method: Callable[..., Result]) -> Callable[..., Result
 
     @wraps(method)
     def shared_method(mode: "WorkingMode", *arguments: Hashable) -> Result:
-        """Return the result of the decorated `method`, from the store if it is there.
+        """Return the result of the decorated `method` for a mode, computed or stored.
 
-        `name` is the name of the method.
+        A mode is a sign for each dyad. The result depends only on the signs that the method
+        reads, which are recorded. Modes in which these signs are equal share the result.
         """
-        # The dyads on whose signs a quantity depends. This is the same at all poses of the
-        # mechanism. The results in the store `shared_results` are those at some poses.
+        # For each quantity (the method with its arguments), the dyads whose signs it reads.
+        # They are the same at all poses. The results in `shared_results` are those of the
+        # poses of this mode.
         sign_dependencies = mode.chain.sign_dependencies
         quantity = (name, *arguments)
 
         def make_key() -> tuple[Hashable, ...]:
-            """Return the key of the result, when it is recorded which signs are read."""
+            """Return the key of the result: the quantity with the signs that it reads."""
             return (quantity, *(mode.signs[dyad] for dyad in sign_dependencies[quantity]))
 
         key = make_key() if quantity in sign_dependencies else None
@@ -554,11 +556,11 @@ class WorkingMode:
         else:
             normal = cross_columns(b, a)
             link = dyad.far_link
-        # The supports move too. In their angular velocities, rates about an axis at right
-        # angles to `normal` contribute nothing. The axis of the far pair is one, unless the
-        # rate of the far pair itself is computed. The far support may turn about the same
-        # axis by a pair of its own, whose rate need not be computed then. The same is true
-        # at the near pair.
+        # `angular_velocity_along` adds the rates of the pairs that move a support. A rate
+        # about an axis at right angles to `normal` would add nothing. `normal` is at right
+        # angles to the axes of all pairs of the dyad except `pair`. So each call names the
+        # outer pair at its support, unless this is `pair`. If the support is moved by a
+        # pair about the same axis, the rate of that pair need not be computed.
         normal_far_pair = None if pair == dyad.far_pair else dyad.far_pair
         normal_near_pair = None if pair == dyad.near_pair else dyad.near_pair
         far_rate = self.angular_velocity_along(normal, dyad.far_support, normal_far_pair)
@@ -589,9 +591,9 @@ class WorkingMode:
         link
             Number of the link; its angular velocity is relative to the base.
         normal_pair
-            A pair of the link to whose axis the vector is at right angles, or None if no
-            such pair is known. If the outer pair has the same axis, its rate adds nothing
-            to the scalar product, and is not computed.
+            A pair of the link whose axis is at right angles to the vector, or None if no
+            such pair is known. If the outer pair of the link has the same axis, its rate
+            adds nothing to the scalar product, and is not computed.
         """
         chain = self.chain
         if link == chain.base:
@@ -601,7 +603,8 @@ class WorkingMode:
             return RateFraction(vector, np.ones(1))
         pair, support = chain.support_of(link)
         if normal_pair is not None and chain.is_coaxial(pair, normal_pair, link):
-            # The outer pair is also a pair of the support, at right angles to the vector.
+            # The outer pair is a pair of the support too. Its axis is at right angles to
+            # the vector, so it is the `normal_pair` of the support.
             return self.angular_velocity_along(vector, support, pair)
         pair_rate = self.pair_rate(pair)
         component = dot_columns(vector, self.axis(pair, link))

@@ -335,9 +335,9 @@ def _contact_lengths_at_zero(
 ) -> list[float]:
     """Return where two wheels touch if the variables of all R pairs are zero.
 
-    The result is the arc lengths (2,), rad, of the point of contact along the circles of
-    both wheels. They are measured from the point of each circle at which the file lets the
-    variable of the contact begin.
+    The variable of a rolling contact is the length by which the wheels have rolled. The
+    mechanism file states the two points of the circles that touch when it is zero (key
+    `start` or `phase`). Arc lengths along each circle are measured from its point.
 
     Parameters
     ----------
@@ -345,6 +345,10 @@ def _contact_lengths_at_zero(
         The contact.
     joints
         The joints of all pairs of the mechanism.
+
+    Returns
+    -------
+    (2,) arc lengths (rad) of the point of contact along the circles of both wheels.
     """
     # Rotations from the axes of each wheel to those of the carrier. A path has the R pairs
     # from a wheel to the carrier. `near` (0 or 1) says which of the two links of a pair is

@@ -30,15 +30,19 @@ Larger: more time and memory. Smaller: fewer turns are tried if there are many w
 def find_least_rolled_turns(
     lengths: Floats, circumferences: Floats, first_slopes: Floats, matrix: Floats
 ) -> Integers | None:
-    """Return the whole turns of wheels in the assembly with the smallest rolled lengths.
+    """Return the whole turns of contact circles with which wheels have rolled least.
 
-    The sum of the absolute values of the rolled lengths is minimised at inputs of zero. Of
-    assemblies with the same sum, the one with the largest first length is chosen, then with
-    the largest second length, and so on. Turns that do not change any length are zero.
+    The point of contact of two wheels is known along each circle up to whole
+    circumferences, the turns. Each choice of turns is another assembly of the same wheels.
+    The chosen one has the smallest sum of the absolute values of all rolled lengths at
+    inputs of zero. If sums are equal, the assembly with the largest length of the first
+    contact is chosen, then of the second contact, and so on. Turns that change no length
+    are zero.
 
-    With the angles a of the pairs that follow from the inputs, the lengths along the first
-    circles are lengths[:, 0] - first_slopes a. Those along the second circles are equal, so
-    matrix a = lengths[:, 0] - lengths[:, 1].
+    The angles a of the pairs that follow from the inputs are unknown. The rolled lengths
+    are ``lengths[:, 0] - first_slopes @ a``, measured along the first circles. They are the
+    same along the second circles, which gives the equations
+    ``matrix @ a = lengths[:, 0] - lengths[:, 1]``.
 
     Parameters
     ----------
@@ -46,22 +50,25 @@ def find_least_rolled_turns(
         (m, 2) arc lengths (rad) of the point of contact along both circles of m contacts
         where all angles are zero.
     circumferences
-        (m, 2) arc lengths of whole turns.
-    first_slopes, matrix
+        (m, 2) arc lengths (rad) of one turn along both circles.
+    first_slopes
         (m, m) derivatives of the lengths along the first circles by the angles a, with the
-        opposite sign, and the matrix of the equations for a.
+        opposite sign.
+    matrix
+        (m, m) matrix of the equations for a.
 
     Returns
     -------
-    (m, 2) numbers of turns to add along both circles; None if there are too many wheels to
-    try them.
+    (m, 2) numbers of turns to add along both circles; None if there are too many circles to
+    try all combinations.
     """
     inverse = np.linalg.inv(matrix)
     rolled = lengths[:, 0] - first_slopes @ inverse @ (lengths[:, 0] - lengths[:, 1])
 
-    # The changes (m,) of all rolled lengths by one turn along each circle, which is that of
-    # the first (0) or second (1) wheel of a contact. Circles that change nothing, or the
-    # same as another one apart from the sign, are left out.
+    # `changes` has the changes (m,) of all rolled lengths by one turn along each circle of
+    # `circles`. `side` is 0 for the circle of the first wheel of a contact, and 1 for that
+    # of the second wheel. A circle is left out if its turn changes nothing, or changes the
+    # same as that of an earlier circle apart from the sign.
     changes: list[Floats] = []
     circles = []
     for contact, side in np.ndindex(*circumferences.shape):
@@ -93,13 +100,16 @@ def find_least_rolled_turns(
 def index_of_least_rolled(rolled: Floats) -> Indices:
     """Return the index of the assembly with the smallest rolled lengths.
 
+    This is the assembly with the smallest sum of absolute values. If sums are equal, it is
+    the one with the largest length of the first contact, then of the second, and so on.
+
     Parameters
     ----------
     rolled
-        (n, m) rolled lengths (rad) of m contacts in n assemblies. The sum of their absolute
-        values decides, and then the lengths one after the other, the largest first.
+        (n, m) rolled lengths (rad) of m contacts in n assemblies.
     """
-    # Lengths are rounded, so that equal ones do not decide. `lexsort` takes the last key
-    # first.
+    # Lengths are rounded, so that rounding errors do not decide between equal ones. The
+    # sign of `rolled` puts large lengths first. `lexsort` sorts by its last key first, so
+    # the keys are reversed.
     keys = np.column_stack([np.sum(np.abs(rolled), axis=1), -rolled])
     return np.lexsort(np.round(keys / SAME_ROLLED_LENGTH_RAD).T[::-1])[0]

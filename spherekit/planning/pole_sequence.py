@@ -311,26 +311,26 @@ def _choose_opening(
         The part, without an opening pole.
     """
 
-    def open_at(pole: Pole) -> BlockPoles:
-        """Return the part with the passes that follow if one of its poles is known.
+    def try_opening(opening_pole: Pole) -> BlockPoles:
+        """Return the part with one of its poles as opening pole, and the passes after it.
 
-        This is the opening pole. A pass finds all unknown poles of the part that are the
-        intersection of two great circles through known poles. It has a step for each of
-        them. The result has the steps of all passes in order; `round` is the number of the
-        pass of a step.
+        Several poles are tried as the opening pole, to choose the one from which passes
+        find the most others. It counts as known, besides all `known_poles`. Each pass finds
+        the unknown poles of the part that lie on two great circles through known poles, and
+        has a step for each of them. `passes` of the result has the steps of all passes in
+        order. The `round` of a step is the number of its pass.
         """
-        # `KnownPoles.add` takes the pole and the number of its pass from a step.
         poles_after_opening = known_poles.copy()
         steps_of_all_passes: list[LinePole] = []
-        # The opening pole is known from the pass in which the part is solved. Its step has
-        # no great circles (`via`), and is not part of the result.
-        steps_of_pass = [LinePole(pole, block.round, via=())]
+        # The loop begins with a step that makes the opening pole known, in the pass in
+        # which the part is solved. The pole follows from no great circles (`via`), and its
+        # step is not in the result.
+        steps_of_pass = [LinePole(opening_pole, round=block.round, via=())]
         while steps_of_pass:
             for step in steps_of_pass:
                 poles_after_opening.add(step)
             unknown_poles = poles_after_opening.unknown_of(block.poles)
             next_round = steps_of_pass[0].round + 1
-            # `empty_plan` has the bodies and pairs of the mechanism, without steps.
             steps_of_pass = _find_line_poles(
                 empty_plan,
                 contacts_by_pole,
@@ -339,15 +339,14 @@ def _choose_opening(
                 round_number=next_round,
             )
             steps_of_all_passes += steps_of_pass
-        return replace(block, opening=pole, passes=tuple(steps_of_all_passes))
+        return replace(block, opening=opening_pole, passes=tuple(steps_of_all_passes))
 
-    def poles_left_and_passes(opened: BlockPoles) -> tuple[int, int]:
-        """Return the numbers of poles that passes do not find, and of passes."""
-        # `passes` has one step for each pole besides the opening one, and `last` is the
-        # number of the last pass.
-        poles_left = len(block.poles) - 1 - len(opened.passes)
-        # If poles are left, they need a further pass.
-        return poles_left, opened.last + (poles_left > 0)
+    def most_poles_first(opened_block: BlockPoles) -> tuple[int, int]:
+        """Return a sort key: parts with the most found poles first, then by fewest passes.
+
+        Passes find one pole with each of their steps.
+        """
+        return -len(opened_block.passes), opened_block.last
 
     def most_lines_first(pole: Pole) -> tuple[int, Pole]:
         """Return a sort key: poles on many great circles first, then by number."""
@@ -355,4 +354,4 @@ def _choose_opening(
 
     max_trials = max(1, MAX_OPENING_WORK // len(block.poles) ** 2)
     tried_poles = sorted(block.poles, key=most_lines_first)[:max_trials]
-    return min(map(open_at, tried_poles), key=poles_left_and_passes)
+    return min(map(try_opening, tried_poles), key=most_poles_first)

@@ -111,13 +111,14 @@ class UnwrappedStretch:
         """Return the revolutions to be added to the angles of configurations.
 
         This object is a stretch: a range of the input, one period of it or less, over which
-        a curve of configurations was followed with continuous angles. Each given angle gets
-        the revolutions by which the curve's angle at the same input differs from it. Each
-        further period of the input adds the revolutions that the angles gain in a period
-        (`winding`).
+        a curve of configurations was followed with continuous angles. The revolutions of an
+        angle are the sum of three numbers:
 
-        At the reference input all results are to be in (-pi, pi]. The angles of the curve
-        exceed this range there by `reference_revolutions`, which are therefore subtracted.
+        - the revolutions by which the curve's angle at the same input differs from it,
+        - for each whole period from the stretch to the input, the revolutions that the
+          angle gains in a period (`winding`),
+        - minus `reference_revolutions`, by which the curve's angle exceeds (-pi, pi] at the
+          reference input. The counted angle is therefore in this range there.
 
         Parameters
         ----------
@@ -131,9 +132,10 @@ class UnwrappedStretch:
         """
         low, high = self.curve.inputs[[0, -1]]
         # The input is reduced into the period that begins at the lower end of the curve. A
-        # curve that ends at a dead centre ends a little before it. Inputs up to
-        # `DEAD_CENTRE_SLACK_RAD` beyond an end therefore count as at the end. So the period
-        # begins this much below the lower end.
+        # curve that leads to a dead centre ends a little before it. So inputs up to
+        # `DEAD_CENTRE_SLACK_RAD` beyond an end count as at the end. The period begins this
+        # much below the lower end. Otherwise an input just below this end would be reduced
+        # to the other end of the period.
         from_low = values[:, self.input_variable] - low + DEAD_CENTRE_SLACK_RAD
         reduced_input = low - DEAD_CENTRE_SLACK_RAD + np.mod(from_low, self.period)
         curve_values, _ = self.curve.interpolate(np.clip(reduced_input, low, high))
@@ -193,8 +195,9 @@ class AngleUnwrapping:
             Numbers of the variables whose revolutions are needed. Those of others may be
             returned as zero, which saves time.
         last
-            (variables,) the configuration before the first with its revolutions; the
-            anchor if None. With one input it is not used.
+            (variables,) the configuration that precedes `values[0]`, with angles over full
+            revolutions, which are continued. If None, revolutions are counted from the
+            anchor. With one input it is not used.
 
         Returns
         -------
@@ -437,18 +440,25 @@ class AngleUnwrapping:
     def _count_along_path(self, values: Floats, last: Sequence[float] | None) -> Floats:
         """Return the revolutions of successive configurations, for several inputs.
 
-        A configuration is connected with the one before by a straight path of the inputs
-        within the mode. If that fails, it is connected with the anchor in the same way;
-        full periods of the inputs, in which angles gain as much as at the anchor, are
-        added unless the anchor is singular. If that fails too, angles are in (-pi, pi].
+        The anchor is the inputs of the reference pose, or zero. There all angles are in
+        (-pi, pi] by definition. The first of these cases that applies to a configuration
+        gives its revolutions:
+
+        1. A straight path of the inputs within the mode leads to the configuration before
+           it: its angles continue those of that configuration.
+        2. Such a path leads to the anchor, after whole periods were subtracted from the
+           inputs: its angles continue those at the anchor. In each of these periods they
+           gain as much as in one period from the anchor on. Without such a gain, as at a
+           singular anchor, nothing is added for the period.
+        3. Otherwise its angles, at inputs less whole periods, are in (-pi, pi].
 
         Parameters
         ----------
         values
             (n, variables) configurations (rad), inputs over full revolutions.
         last
-            (variables,) configuration before the first, with its revolutions; None if there
-            is none. The anchor is the inputs at which angles are in (-pi, pi].
+            (variables,) the configuration that precedes `values[0]`, with angles over full
+            revolutions; None if there is none.
 
         Returns
         -------

@@ -424,8 +424,8 @@ class ConfigurationGraph:
             can_be_end = is_node & self._is_regular[ends]
             signs = self._determinant_sign
             can_be_end &= signs[ends] == signs[rows, None]
-            # If a path ended at it, this path backwards would have been noted as its path
-            # in the opposite direction.
+            # `_partner[opposite_direction]` has the node from which a path in this
+            # direction has led to each node, or -1. Two paths cannot end at one node.
             can_be_end &= self._partner[opposite_direction][ends] < 0
             is_in_piece = is_node & (self._piece[ends] == self._piece[rows, None])
             has_possible_end = np.any(can_be_end, axis=1)
@@ -436,10 +436,16 @@ class ConfigurationGraph:
     def _select_starts(self, direction: int, paths_per_piece: int) -> Indices:
         """Return the nodes from which paths in a direction are followed next.
 
-        Only nodes are selected from which a path may join two pieces (sets of joined nodes
-        that become assembly modes). Nodes are joined along the last axis of the grid first.
-        A path along an earlier axis therefore leads from one row of joined samples to the
-        next row, and a few paths are enough to join the pieces of both.
+        A node is one configuration at one sample of the inputs. A piece is a set of joined
+        nodes that becomes an assembly mode. Only nodes are selected from which a path may
+        join two pieces.
+
+        Nodes are joined along the last axis of the grid first, so a piece has many nodes
+        side by side when paths along an earlier axis are followed. A few of these paths are
+        enough to join it to the piece beside it. The targets of the paths are therefore
+        divided into blocks. The samples of a block differ only in their indices along the
+        axes after that of the direction. From each piece, only a few paths are followed to
+        each block.
 
         Parameters
         ----------
@@ -447,9 +453,7 @@ class ConfigurationGraph:
             Direction in the grid of inputs. The number 2 a stands for the direction to the
             next sample along axis a, and 2 a + 1 for that to the previous one.
         paths_per_piece
-            Largest number of nodes to select for each piece and each block of samples to
-            which paths lead. The samples of a block differ only in their indices along the
-            axes after that of the direction.
+            Largest number of paths from one piece to one block.
 
         Returns
         -------

@@ -128,9 +128,10 @@ def monotone_pieces(
     low, high
         Range of the input (rad).
     period
-        Growth of the input (rad) after which the same configurations return. It is infinite
-        if rolled lengths of wheels prevent a return, and NaN if they do not follow from the
-        input; then the curve shows the period (`ArcCurve.returns_after`).
+        Growth of the input (rad) after which all configurations of the mechanism return. It
+        is infinite if wheels roll in proportion to the input and do not return, and NaN if
+        the input determines no rolled length. In both cases the period of this curve alone
+        is used: a closed curve returns after one lap (`ArcCurve.returns_after`).
 
     Returns
     -------
@@ -389,17 +390,23 @@ class _CurveSearch:
         self.problems: list[str] = []
 
     def add_curves(self, values: Floats) -> None:
-        """Follow the curves through configurations (n, variables) that are on no curve yet.
+        """Follow the curves through some configurations, unless a known curve passes them.
 
-        Each time the middle one of the remaining configurations is the start, since the
-        first and last ones of a mode are near dead centres. Curves are appended to
-        `self.curves`. Starts that cannot be followed become `self.problems`, unless they
-        are near the end of a curve at a crossing.
+        Curves are appended to `curves`. Starts that cannot be followed become `problems`,
+        unless they are near the end of a curve at a crossing.
+
+        Parameters
+        ----------
+        values
+            (n, variables) configurations (rad), often those of an assembly mode in the
+            order of the input.
         """
         failures: list[tuple[Floats, str]] = []
         for curve in self.curves:
             values = values[~curve.passes(values)]
         while len(values):
+            # Start in the middle: the first and last configurations of a mode can be near
+            # the dead centres at which it ends.
             middle = len(values) // 2
             start = values[middle]
             values = np.delete(values, middle, axis=0)

@@ -78,7 +78,12 @@ def check_reads(case: ConformanceCase) -> str:
 
 
 def check_inputs(case: ConformanceCase) -> str:
-    """Check that the analysis does not write to the arrays that it reads."""
+    """Check that the analysis does not write to the arrays that it reads.
+
+    Returns
+    -------
+    An empty text, as there is nothing to note in the report.
+    """
     for method, error in case.errors.items():
         if READ_ONLY in str(error):
             raise PluginError(
@@ -126,7 +131,12 @@ def check_tables(case: ConformanceCase) -> str:
 
 
 def check_findings(case: ConformanceCase) -> str:
-    """Check that findings can be written as JSON."""
+    """Check that findings can be written as JSON.
+
+    Returns
+    -------
+    An empty text, as there is nothing to note in the report.
+    """
     (batch,) = case.batches(len(case.sampling))
     compute_findings(case.analysis, batch, None)
     return ""
@@ -175,6 +185,10 @@ def check_failed_rows(case: ConformanceCase) -> str:
     first one. In the rows of this sample, a number has to be NaN or to stay as it was.
     Texts and whole numbers may change, because they have no NaN. All other rows have to
     stay.
+
+    Returns
+    -------
+    An empty text, as there is nothing to note in the report.
     """
     if not case.analysis.reads_samples:
         raise NotApplicableError("it reads no samples")
@@ -213,7 +227,12 @@ def check_failed_rows(case: ConformanceCase) -> str:
 
 
 def check_rotation(case: ConformanceCase) -> str:
-    """Check that the rotated mechanism gives the same rows, with vectors rotated."""
+    """Check that the rotated mechanism gives the same rows, with vectors rotated.
+
+    Returns
+    -------
+    An empty text, as there is nothing to note in the report.
+    """
     rotated_case = replace(case, mechanism=rotate_mechanism(case.mechanism, ROTATION))
     expected, _ = case.whole_results
     rotated_tables, _ = rotated_case.whole_results
@@ -226,6 +245,15 @@ def check_names(case: ConformanceCase) -> str:
 
     The moving links are renamed in their order, and then in the reverse order. The old
     names are put back into the tables before they are compared.
+
+    Returns
+    -------
+    An empty text, as there is nothing to note in the report.
+
+    Raises
+    ------
+    PluginError
+        If the tables differ.
     """
     mechanism = case.mechanism
     expected_tables, _ = case.whole_results
