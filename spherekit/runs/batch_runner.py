@@ -623,10 +623,11 @@ class PendingPoles:
         configuration are not certified either, and are not among them.
     stops
         For each input, and by the index of the assembly mode: the rows at which the
-        directions of poles are compared. A direction is computed up to a sign, which is
-        chosen so that directions are continuous from row to row. At most rows they surely
-        do not reverse. The other rows, and the first and the last one, are stops
-        (`find_stops`).
+        directions of poles are compared (stops, see `find_stops`). A direction is computed
+        up to a sign, which is chosen so that directions are continuous from row to row.
+        Stops are the first and the last row, and all rows before or after which a direction
+        may reverse. The other rows have the signs of the stop before them. Empty if the
+        samples are a grid of inputs, which has no order of rows.
     error_maxima
         (inputs, 3) largest error bound in all certified rows: of directions (rad), of
         velocity coefficients and of their derivatives. NaN if no row is certified.
@@ -667,8 +668,10 @@ class BatchRunner:
         Whether motions have times.
     reads_frames
         Whether an analysis reads rotation matrices, which need more memory than columns.
-    unread
-        What is known of the poles of a motion until they are asked for, by its `id`.
+    pending_poles
+        Facts about the poles of each block that `motion_at` has returned, until `fields` is
+        called for this block. The keys are the `id` of the motions, because objects with
+        arrays are not hashable.
     """
 
     sampling: Sampling
@@ -679,7 +682,7 @@ class BatchRunner:
     looks_ahead: bool
     needs_timing: bool
     reads_frames: bool = False
-    unread: dict[int, PendingPoles] = field(default_factory=dict, repr=False)
+    pending_poles: dict[int, PendingPoles] = field(default_factory=dict, repr=False)
     _last_columns: KernelColumns | None = None
 
     @classmethod
@@ -829,20 +832,20 @@ class BatchRunner:
         -------
         For each input, an object with the attributes of `PoleField`.
         """
-        # `motion_at` has computed these facts already: the rows at which directions are
-        # compared because they may reverse (stops), the rows whose error bounds are too
-        # large for the kernel (uncertified), and the largest error bounds for each input.
-        pending = self.unread.pop(id(motion))
+        # `motion_at` has computed these facts already: the rows before or after which a
+        # direction may reverse (stops), the rows whose error bounds are too large for the
+        # kernel (uncertified), and the largest error bounds for each input.
+        pending = self.pending_poles.pop(id(motion))
         columns = KernelColumns(self.kernel, motion, self.requests, pending.uncertified)
-        # They are kept to see at the next block whether any column has been read.
+        # `blocks` makes the next block larger if no column of this one was read.
         self._last_columns = columns
         sign_functions: list[SignFunction] = []
         for input_index, (input_columns, sign_continuation) in enumerate(
             zip(self.kernel.input_columns, sign_continuations, strict=True)
         ):
             if motion.is_path:
-                # Signs are continued from row to row along a path of samples. The compared
-                # directions are those that the kernel gives, before signs are chosen.
+                # Signs are continued from row to row along a path of samples. Directions
+                # are compared only at the stops, for which `unsigned_poles` computes them.
                 sign_function = continue_signs(
                     motion,
                     input_columns.signed_poles,
@@ -867,7 +870,10 @@ class BatchRunner:
     def motion_at(self, samples: Indices) -> Motion:
         """Compute the motion at samples (n,), given by their numbers in rising order.
 
-        What is then known of its poles is kept in `unread`, for `fields`.
+        The rows between which a pole direction may reverse, and the largest error bounds,
+        are computed at the same time, while the numbers of the rows are in the cache. They
+        are stored in `pending_poles`. The method `fields` needs them if the poles of this
+        motion are requested.
         """
         timing = self.sampling.timing if self.needs_timing else None
         position_analysis = self.sampling.position_analysis
@@ -913,7 +919,7 @@ class BatchRunner:
         # The kernel has computed the error already. The property is not evaluated again.
         vars(motion)["configuration_error"] = rows.closure[1]
 
-        # What is known of the poles: where directions may reverse, and the largest errors.
+        # Facts about the poles: where directions may reverse, and the largest errors.
         is_assembled = ~has_failed.reshape(mode_count, count)
         is_uncertified = is_uncertified.reshape(is_assembled.shape)
         input_indices = range(len(self.requests))
@@ -930,7 +936,7 @@ class BatchRunner:
                 *(np.array(item.errors) for _, item in reversals),
             ]
         )
-        self.unread[id(motion)] = PendingPoles(
+        self.pending_poles[id(motion)] = PendingPoles(
             is_certified=rows.is_certified,
             is_assembled=is_assembled,
             uncertified=uncertified,

@@ -200,9 +200,13 @@ class BrokenAnalysis(AbstractAnalysis):
     tables = ()
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Raise `PluginError` with the reason why the analysis cannot be used."""
+        """Raise `PluginError` with the reason why the analysis cannot be used.
+
+        This object only takes the place of such an analysis. A run asks every analysis
+        first for the quantities that it needs, and notes this error as its failure.
+        """
         raise PluginError(self.why)
 
     def compute(self, batch: Batch) -> Mapping[str, TableArrays]:
-        """Raise `PluginError` with the reason."""
+        """Raise `PluginError` with the reason why the analysis cannot be used."""
         raise PluginError(self.why)

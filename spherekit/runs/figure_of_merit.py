@@ -115,7 +115,10 @@ class FigureOfMerit:
             raise AnalysisError(f"{self.name}: {problem}") from None
 
     def unit(self, names: Units) -> str:
-        """Return the unit if the expression is a quantity or its size, otherwise nothing.
+        """Return the unit of the figure of merit, or an empty text if it is not known.
+
+        It is known if the figure is an input (as by ``argmax``), and if the expression is a
+        single quantity or its absolute value.
 
         Parameters
         ----------

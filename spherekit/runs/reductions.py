@@ -54,8 +54,8 @@ class Reduction:
     weights
         Function that returns the derivatives (k,) of the number of a single mode by the
         values at the k samples, from the values and the number. At least one value is
-        finite. It is None if the number is the input of a sample, as of the largest value:
-        small changes of the values leave it as it is.
+        finite. It is None if the number is the input of a sample, for example of the sample
+        with the largest value. Small changes of the values do not change such a number.
     returns_input
         Whether the number is an input (rad) and not a value of the quantity.
     needs_point

@@ -114,11 +114,11 @@ class RunFolder:
         finally:
             if not (run_folder.has_unfinished_work or run_folder._has_finished_results):
                 run_folder.discard_work()
-                # Windows does not remove a file that is open. It is removed below then.
+                # Windows cannot remove an open file. `lock.release` removes it there.
                 with suppress(OSError):
                     (run_folder.work / LOCK).unlink(missing_ok=True)
             lock.release()
-            # Only an empty folder can be removed. It is not empty if work is kept.
+            # Only an empty folder can be removed. Unfinished work stays in it.
             with suppress(OSError):
                 run_folder.work.rmdir()
 

@@ -152,22 +152,26 @@ class RunPlan:
             For each input, the last pole directions of the previous block. The signs of
             directions continue from there. They are updated in place.
         """
-        # A `BatchRunner` computes motions by a kernel, a compiled function that evaluates
-        # many rows at once. It keeps what it knows about their poles in `unread`, by the
-        # `id` of the motion. The kernel computes such poles when they are read.
-        if isinstance(self.source, BatchRunner) and id(motion) in self.source.unread:
+        # A `BatchRunner` computes motions by a kernel, a function that evaluates many rows
+        # at once. It has stored facts about their poles in `pending_poles`, with the `id`
+        # of the motion as key. The kernel computes such poles when they are read.
+        if isinstance(self.source, BatchRunner) and id(motion) in self.source.pending_poles:
             return self.source.fields(motion, sign_continuations)
         # If a run only measures the size of its tables, the numbers in them do not matter.
-        # Some poles are then evaluated, and the others are filled in.
+        # About `max_poles` poles are then evaluated, and the others get the numbers of
+        # these with other last digits.
         if self.max_poles is not None:
             return tuple(
                 evaluate_sample(motion, request, self.max_poles)
                 for request in self.requests
                 if request.poles
             )
-        # The setting states the engine, and whether it computes poles from velocity
-        # equations or from great circles (the route). There are a request and a sign
-        # continuation for each input, also for those without requested poles.
+        # The setting states whether poles are computed from velocity equations or from
+        # great circles (the route), and whether by NumPy, by compiled code or in quad
+        # precision (the engine).
+        #
+        # There are a request and a sign continuation for each input, also for those without
+        # requested poles.
         return tuple(
             evaluate(
                 motion,

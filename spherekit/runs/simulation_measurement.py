@@ -196,9 +196,8 @@ def compute_timed_tables(
         Poles with which the computed ones will be compared, one field for each input that
         moves while the others are locked. A pole is the axis about which one link rotates
         relative to another, and both directions along it are equally right. The computed
-        directions are reversed where they are opposite to these, since the difference
-        would otherwise count as an error. Empty if they are not compared, as in the runs
-        whose times are measured.
+        directions are reversed where they are opposite to these. Empty if poles are not
+        compared, as in the runs whose times are measured.
     """
     start = time.process_time()
     run_plan = make_analysis_plan(sampling, analysis, setting)

@@ -274,10 +274,11 @@ class Verifier:
         dict
             The result, ready for JSON. ``columns`` has the largest deviation of each table
             column and its row; angles are compared within one revolution.
-            ``in_roundings`` is the largest ratio of a deviation to the rounding of the
-            value (at least of 1) times the conditioning of the row; ``worst`` has the row
-            of this ratio. ``beyond`` lists the columns with deviations that rounding does
-            not explain. If the reference cannot be computed, ``problem`` says why.
+            ``in_roundings`` is the largest quotient of a deviation and the error that
+            rounding can cause. This error is ``EPS * max(1, |value|) * condition``, with
+            the condition number of the row; ``worst`` has the row of this quotient.
+            ``beyond`` lists the columns with deviations that rounding does not explain. If
+            the reference cannot be computed, ``problem`` says why.
         """
         start_time = time.perf_counter()
         verification: Facts = {"digits": DEFAULT_DIGITS, "rows": 0, "not_verified": []}
@@ -314,7 +315,8 @@ class Verifier:
         ]
         run_plan = self._run_plan
         for analysis, needs in zip(run_plan.analyses, run_plan.needs, strict=True):
-            # It computes configurations of its own, which have no reference.
+            # Such an analysis reads no configurations of the run, so that no reference for
+            # its tables can be computed from verified rows.
             reads_no_rows = needs.tracer or needs == Needs(time=needs.time)
             try:
                 if analysis.name in failed or reads_no_rows:
@@ -402,7 +404,15 @@ class Verifier:
         return np.where(verified[row] == keys, row, -1)
 
     def _put_into_whole(self, whole: _BlockRows, reference_rows: _BlockRows) -> _BlockRows:
-        """Return all rows of the run, with those replaced that have a reference."""
+        """Return all rows of the run, with reference values in the rows that have them.
+
+        Parameters
+        ----------
+        whole
+            All rows as the run has computed them.
+        reference_rows
+            The verified rows, computed in many digits.
+        """
         # Rotations are computed on request from the values; joined rows need them stored.
         motion = replace(whole.motion, placed=whole.motion.rotations)
         row = self._find_rows(vars(motion))

@@ -229,8 +229,10 @@ class _AspectNodes(ArrayRows):
     determinant_two, determinant_one
         (n,) determinants that vanish at types II and I. Both refer to a basis of the rates
         that close the loops. If the loop equations are redundant, the sense of this basis
-        is arbitrary in each configuration. The sign of `determinant_two` then has no
-        meaning, and it is set to 0. `determinant_one` is 0 if the mechanism has no output.
+        is arbitrary in each configuration, so that the signs have no meaning. Then
+        `determinant_two`, of which only the sign is used, is set to 0. `determinant_one` is
+        then a Gram determinant, which is not negative and still vanishes at type I, so that
+        its zeros between nodes are found. It is 0 if the mechanism has no output.
     slope_one
         (n, g) derivatives of `determinant_one` by the inputs, whose number is g. They show
         whether it vanishes between two nodes. They are 0 if only type II divides aspects.

@@ -208,9 +208,10 @@ class LinkMotion:
         # u' is the part of w' at right angles to u, relative to the size of w.
         axis_derivative = (dw - axis * np.vecdot(axis, dw)[:, None]) / speed[:, None]
         axis_rate = np.linalg.norm(axis_derivative, axis=1)
-        # Near the zero of w its direction is only rounding, and the computed |u'| can be
-        # huge, which would make the axis unknown. It is limited to 1 / e, where e (rad) is
-        # the error of the direction.
+        # Near the zero of w its direction is only rounding: the error e (rad) of u rises to
+        # 1. The computed |u'| contains about e |w'| / |w|, which can be so large that the
+        # axis would count as unknown. It is limited to 1 / e. This is about 1 near the
+        # zero. Elsewhere it is large, and does not affect |u'|.
         axis_rate = np.minimum(axis_rate, 1.0 / np.clip(axis_error, EPS, 1.0))
         deviation = speed * (1.0 + np.nan_to_num(axis_rate))
         return dw / growth[:, None], (self.rounding + deviation) / growth
@@ -366,8 +367,9 @@ class CurveMotion:
     def _find_rest_points(self, pole: Pole) -> RestPoints | None:
         """Return all points at which the two links of a pole rest relative to each other.
 
-        First the zeros of one component of the relative angular velocity are located: that
-        along `PROJECTION`, a direction at right angles to no axis, except by chance. The
+        The relative angular velocity is that of the pole's second link relative to the
+        first. First the zeros of one of its components are located: that along
+        `PROJECTION`, a direction at right angles to no axis, except by chance. The
         result has those zeros at which the whole vector vanishes within its rounding error.
         It is None if the links rest on the whole curve.
         """
@@ -378,7 +380,12 @@ class CurveMotion:
             return None
 
         def projected_rate(s: Floats) -> tuple[Floats, Floats]:
-            """Return a component (n,) of the relative rate, and its derivative by s."""
+            """Return one component of the relative angular velocity, and its derivative.
+
+            The velocity is that of the second link of `pole` relative to the first, at arc
+            lengths s (n,) of the curve. The component (n,) is that along the constant
+            vector `PROJECTION`. The derivative is by s.
+            """
             w, dw = self.links_at(s).relative(*pole)
             return w @ PROJECTION, dw @ PROJECTION
 
