@@ -22,7 +22,7 @@ from spherekit.mechanism.load import TorqueTable
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.progress import ProgressReporter
 from spherekit.symbolic.taylor_integrator import (
-    MAX_EVENTS_BEFORE_SWITCH,
+    CHATTERING_EVENT_COUNT,
     IntegrationEventKind,
     Integrator,
 )
@@ -632,7 +632,7 @@ class TaylorIntegration:
         # A run ends at a switch of a load if there are too many of them, or if the load
         # would switch back at once, as dry friction does at rest.
         if kind == "switch":
-            has_too_many = len(integrator.seen_events) >= MAX_EVENTS_BEFORE_SWITCH
+            has_too_many = len(integrator.seen_events) >= CHATTERING_EVENT_COUNT
             return "too_many" if has_too_many else "sticking"
         return kind if kind in ("coordinates", "joint_limit") else "singularity"
 

@@ -1,9 +1,14 @@
 """Geometric conditions at a singularity: parallel axes and coincident planes.
 
-The names III.1 to III.5 and III.a to III.g are those of R. Di Gregorio's lecture on the
-singularity analysis of spherical mechanisms. The conditions of types I and II have no
-names there. Here they are I.1 to I.3 and II.1 to II.3 in form i, I.a to I.c and II.a to
-II.c in form ii, in the order in which the lecture gives them.
+The rate y' of the output and the rate q' of the input satisfy a relation c y' = d q'. The
+output link turns relative to its own reference link in form "i" of this relation, and
+relative to the reference link of the input in form "ii". A singularity has type I if d = 0,
+type II if c = 0, and type III if both vanish. Geometric conditions say when they vanish.
+
+The names III.1 to III.5 (form "i") and III.a to III.g (form "ii") are those of R. Di
+Gregorio's lecture on the singularity analysis of spherical mechanisms. The conditions of
+types I and II have no names there. Here they are I.1 to I.3 and II.1 to II.3 in form "i",
+I.a to I.c and II.a to II.c in form "ii", in the order in which the lecture gives them.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,11 +1,13 @@
 """Grashof's criterion on the sphere: which links of a spherical four-bar turn fully.
 
-With arcs g of the fixed link, a of the input, h of the coupler, b of the output in (0, pi]
-the distance c of the two moving axes runs from |g - a| to g + a, or 2 pi less that, while
-the input turns. Coupler and output close where |h - b| <= c <= min(h + b, 2 pi - h - b).
-Both conditions are fulfilled at all inputs where T1 T2 >= 0 and T3 T4 >= 0, see
-J. M. McCarthy and G. S. Soh, Geometric Design of Linkages, 2nd ed., Springer, 2011,
-section 7.2. The four sums T are defined in `class_of`.
+The arcs of the links, in (0, pi], are g of the fixed link, a of the input, h of the coupler
+and b of the output. While the input turns, the distance c of the two moving axes runs from
+``|g - a|`` to the smaller one of g + a and 2 pi - g - a. Coupler and output can be joined
+if c is at least ``|h - b|`` and at most the smaller one of h + b and 2 pi - h - b.
+
+So they can be joined at all inputs if T1 T2 >= 0 (for the smallest c) and T3 T4 >= 0 (for
+the largest c). The four sums T of arcs are defined in `class_of`, see J. M. McCarthy and
+G. S. Soh, Geometric Design of Linkages, 2nd ed., Springer, 2011, section 7.2.
 """
 
 from dataclasses import dataclass

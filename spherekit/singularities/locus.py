@@ -206,9 +206,11 @@ class _LinearisedLocus:
     of the locus.
 
     The unknowns are g coordinates of the change of the configuration in the basis of
-    `space`, then k coordinates of the change of x in the basis of `motion_space`. Changes
-    along these bases, with `motion_corrections`, keep the loops closed and J x = 0. So both
-    have no rows in `equations`.
+    `space`, then k coordinates of the change of x in the basis of `motion_space`. Both
+    bases consist of rates that close the loops. A change of the configuration along them
+    keeps the loops closed, to first order. But it changes J, so x also changes by
+    `motion_corrections`, which keeps J x = 0. The loops and J x = 0 therefore have no rows
+    in `equations`.
 
     Attributes
     ----------
@@ -574,11 +576,14 @@ class SingularityLocus:
         """Return the tangents of the locus at n points of it, and how regular it is there.
 
         A point of the locus is a configuration of V variables with a singular motion: unit
-        rates x that close the loops and satisfy the m equations E x = 0. A change of both
-        has g + k coordinates: g for the configuration, along the rates that close the
-        loops, and k for x, along the motions among which x is sought. Changes along the
+        rates x that close the loops and satisfy the m equations E x = 0. Changes along the
         locus are the null space of the linearised equations. It has g - 1 dimensions at a
         regular point.
+
+        The unknowns of these equations are g + k coordinates. The first g belong to the
+        change of the configuration, along g independent rates that close the loops. The
+        last k belong to the change of x. It is along the same rates (k = g) or, if only a
+        part of the mechanism can move the output, along the k rates that move this part.
 
         Parameters
         ----------
@@ -604,9 +609,10 @@ class SingularityLocus:
         null_space = np.swapaxes(svd.right[:, rank:], 1, 2)
         # The coordinates of the configuration. The k coordinates of x follow them.
         value_part = null_space[:, :g]
-        # x changes along its k coordinates, and in addition by `motion_corrections` for
-        # each of the g coordinates, because it has to close the loops in the changed
-        # configuration.
+        # x changes along its k coordinates. In addition it changes with the g coordinates
+        # of the configuration, because it has to close the loops in the changed
+        # configuration. The last column of `motion_corrections`, for a step that closes
+        # open loops, is left out, because the loops are closed here.
         motion_changes = linearised.motion_space.basis @ null_space[:, g:]
         motion_changes += linearised.motion_corrections[..., :g] @ value_part
         # The basis of the null space is replaced by one whose changes of the variables are

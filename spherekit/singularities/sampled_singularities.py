@@ -273,18 +273,19 @@ class SampledSingularities:
             The input (rad).
         """
         arc_curve = self.curves[curve]
-        # Inputs that differ by a multiple of this number of periods count as the same.
-        counted_periods: float
+        # The input of a piece at s equals q or differs from it by some periods. The piece
+        # is yielded if this number of periods is a multiple of `period_step`.
+        period_step: float
         if self.is_simulation:
-            # A simulation has no range, so inputs may differ by any number of periods: by
-            # any multiple of one period.
-            counted_periods = 1
+            # A simulation has no range with several periods: any number is accepted.
+            period_step = 1
         elif number_in_range := self.whole_range(curve):
-            # The range has a whole number of periods. Both ends are the same configuration.
-            counted_periods = number_in_range
+            # The range has a whole number of periods. Its ends are one configuration, so
+            # the input of the piece may be at one end and q at the other.
+            period_step = number_in_range
         else:
-            # Only q itself counts: the remainder n % inf is 0 only for n = 0.
-            counted_periods = np.inf
+            # The input must be q itself: the remainder n % inf is 0 only for n = 0.
+            period_step = np.inf
         input_offset = float(arc_curve.at(s).values[0, self._driven]) - q
         # A piece of a closed curve may begin in the lap before and end in the lap after.
         laps = (0, 1, -1) if arc_curve.closed else (0,)
@@ -296,7 +297,7 @@ class SampledSingularities:
                 growth_in_laps = lap * arc_curve.rise[self._driven]
                 difference = input_offset + growth_in_laps + piece.shift
                 periods = round(difference / self._period(curve))
-                if periods % counted_periods != 0:
+                if periods % period_step != 0:
                     continue
                 s_in_lap = s + lap * arc_curve.length
                 start = piece.start - PIECE_END_TOLERANCE_RAD
@@ -517,8 +518,9 @@ class SampledSingularities:
 
         A dyad is two links in series. The distance follows from its transmission angle, the
         acute angle between the planes of the arcs of both links. It vanishes only if the
-        dyad is stretched or folded, which is a singularity of type II. The angle does not
-        become small if all arcs of links are short.
+        dyad is stretched or folded, which is a singularity of type II. It is an angle
+        between planes, so it does not become small because all arcs of links are short. The
+        transmission measure, the other measure of this distance, does (`largest_arc_sine`).
 
         Parameters
         ----------
@@ -549,7 +551,7 @@ class SampledSingularities:
             # `ARRAYS` has the operations on NumPy arrays. The same formula is used with
             # symbolic expressions.
             angle = transmission_angle(ARRAYS, *dyad_axes)
-            # Type II is at the angle 0, so the distance equals the angle.
+            # The module of the transmission angle defines at which angle type II is.
             least = np.minimum(least, distance_from_type_two(angle))
         return least
 

@@ -78,17 +78,17 @@ class CurveRelations:
 
     The input is the rotation of a link i relative to r, with the rate q'. The output is the
     rotation of a link o relative to s. A relation is an equation c y' = d q' in one of two
-    forms. In form i, y' is the rate of the output. In form ii it is the rate of o relative
-    to r. c and d are triple products of pole axes, the axes about which two of these links
-    turn relative to each other (Di Gregorio 2012).
+    forms. In form "i", y' is the rate of the output. In form "ii" it is the rate of o
+    relative to r. c and d are triple products of pole axes, the axes about which two of
+    these links turn relative to each other (Di Gregorio 2012).
 
     Attributes
     ----------
     input_rate, output_rate
         (n,) rates of the input and of the output by the arc length of the curve.
     relations
-        The relation in form i, then that in form ii. Form ii does not exist if o is i or r.
-        c and d are NaN at points at which one of the pole axes is unknown.
+        The relation in form "i", then that in form "ii". Form "ii" does not exist if o is i
+        or r. c and d are NaN at points at which one of the pole axes is unknown.
     """
 
     input_rate: Floats
@@ -118,8 +118,8 @@ class SingleFreedomSingularities:
     input, outputs
         (i, r) and for each output (o, s), numbers of links.
     links
-        For each output the four links of the relation of form i and, if it exists, of form
-        ii. If s is r, form ii uses another link for s.
+        For each output the four links of the relation of form "i" and, if it exists, of
+        form "ii". If s is r, form "ii" uses another link for s.
 
     Raises
     ------
@@ -138,9 +138,9 @@ class SingleFreedomSingularities:
 
         The input is the rotation of a link i relative to r, with the rate q'. An output is
         the rotation of a link o relative to s. A relation is an equation c y' = d q' whose
-        coefficients follow from the poles of these links. In form i, y' is the rate of the
-        output. In form ii it is the rate of o relative to r. Its coefficients contain the
-        axes of o and i relative to s. With s = r both coefficients would be zero, so
+        coefficients follow from the poles of these links. In form "i", y' is the rate of
+        the output. In form "ii" it is the rate of o relative to r. Its coefficients contain
+        the axes of o and i relative to s. With s = r both coefficients would be zero, so
         `_links_of_form_ii` then chooses another link for s.
 
         At configurations with c = d = 0 a form does not determine the ratio of the rates.
@@ -192,12 +192,12 @@ class SingleFreedomSingularities:
             self.links.append(links_by_form)
 
     def _links_of_form_ii(self, links: FourLinks) -> FourLinks | None:
-        """Return the links of form ii of the relation, None if this form does not exist.
+        """Return the links of form "ii" of the relation, None if this form does not exist.
 
-        The input is the rotation of link i relative to r, with the rate q'. Form ii relates
-        it to the rate y' of link o relative to r. There is no form ii if o is r, which does
-        not move relative to itself, or i, whose rate is q' itself. Let u_ab be the axis
-        about which link a rotates relative to b (pole axis). Form ii is c y' = d q' with
+        The input is the rotation of link i relative to r, with the rate q'. Form "ii"
+        relates it to the rate y' of link o relative to r. There is no form "ii" if o is r,
+        which does not move relative to itself, or i, whose rate is q' itself. Let u_ab be
+        the axis about which link a rotates relative to b (pole axis). Then c y' = d q' with
 
             c = u_or . (u_os x u_is),   d = u_ir . (u_os x u_is).
 
@@ -209,7 +209,7 @@ class SingleFreedomSingularities:
         Parameters
         ----------
         links
-            The links of form i.
+            The links of form "i".
         """
         if links.o in (links.r, links.i):
             return None
@@ -274,11 +274,13 @@ class SingleFreedomSingularities:
         )
 
     def _relations(self, output: int, axes: dict[Pole, Floats]) -> list[Relation]:
-        """Return the relations c y' = d q' of an output in form i and, if it exists, ii.
+        """Return the relations c y' = d q' of an output in both forms.
 
-        q' is the rate of the input, of link i relative to r. In form i, y' is the rate of
-        the output, of link o relative to s. In form ii it is the rate of o relative to r.
-        Form ii does not exist if o is i or r. c and d are triple products of the axes.
+        The input is the rotation of a link i relative to a link r, with the rate q'. The
+        output is the rotation of a link o relative to a link s. In form "i", y' is the rate
+        of the output. In form "ii" it is the rate of o relative to r; this form does not
+        exist if o is one of the links i and r. c and d are triple products of pole axes,
+        the axes about which two of these links turn relative to each other.
 
         Parameters
         ----------
@@ -286,6 +288,10 @@ class SingleFreedomSingularities:
             Position of the output in `outputs`.
         axes
             (n, 3) unit vectors along the pole axes, by pole (pair of links).
+
+        Returns
+        -------
+        The relation in form "i" and, if it exists, that in form "ii".
         """
         return [
             make_relation(form, links, axes.__getitem__)
@@ -405,8 +411,8 @@ class SingleFreedomSingularities:
 
         A relation is an equation c y' = d q' with the rate q' of the input, of link i
         relative to r. c and d follow from pole axes, the axes about which links turn
-        relative to each other. The output is the motion of link o relative to s. In form i,
-        y' is the rate of o relative to s. In form ii it is the rate of o relative to r.
+        relative to each other. The output is the motion of link o relative to s. Its rate
+        is y' in form "i". In form "ii", y' is the rate of o relative to r.
 
         At a singularity of type I y' is zero, so d should vanish. At type II q' is zero, so
         c should vanish. This is compared with the types that follow from the rates.
@@ -422,7 +428,7 @@ class SingleFreedomSingularities:
 
         Returns
         -------
-        For each singularity the relation of form i and, if it exists, of form ii.
+        For each singularity the relation of form "i" and, if it exists, of form "ii".
         """
         # For each form a list with one item per singularity.
         relations_by_form: list[list[RelationAt]] = []
@@ -457,13 +463,18 @@ class SingleFreedomSingularities:
 
     @cached_property
     def notes(self) -> list[str]:
-        """Texts about relations c y' = d q' whose c and d vanish on a whole curve.
+        """Texts about relations c y' = d q' that say nothing about rates on a whole curve.
 
-        q' is the rate of the input and y' that of the output. A relation with c = d = 0
-        says nothing about them. The axes about which its links turn relative to each other
-        are then in one plane everywhere on the curve, or on one line if only three links
-        are different. The types of singularities follow from the rates alone. Curves on
-        which the input or the output rests are left out.
+        q' is the rate of the input, a link i relative to a link r. In form "i" of the
+        relation, y' is the rate of the output, a link o relative to a link s. In form "ii"
+        it is that of o relative to r. c and d follow from the pole axes of these links: the
+        axes about which any two of them turn relative to each other.
+
+        If all these axes are in one plane on a whole curve, c and d are zero there. If only
+        three of the links are different, their axes always are in one plane. c and d are
+        then undefined (NaN) if the axes are on one line. In both cases the types of
+        singularities follow from the rates alone. Curves on which the input or the output
+        rests are left out.
         """
         names = self.position_analysis.mechanism.links
         notes: list[str] = []
@@ -477,6 +488,7 @@ class SingleFreedomSingularities:
                     # The median over the nodes of the curve decides. A relation that
                     # vanishes can be far from zero at nodes where a pole axis is not
                     # accurate. One that does not vanish can be zero at single nodes.
+                    # Undefined coefficients (NaN) count as zero.
                     sizes = np.nan_to_num(np.hypot(relation.c, relation.d))
                     if np.median(sizes) >= VANISHING_RELATION:
                         continue
@@ -552,15 +564,15 @@ class SingleFreedomSingularities:
     ) -> tuple[RelationAt, ...]:
         """Return the relations c y' = d q' on each curve through a crossing of curves.
 
-        At a crossing, several curves of configurations meet. Each curve has its own motion
-        there, and so its own pole axes. The relation between the rate q' of the input and a
-        rate y' follows from these. In form i, y' is the rate of the output. In form ii it
-        is that of the output link relative to the reference link of the input.
+        q' is the rate of the input. In form "i" of the relation, y' is the rate of the
+        output. In form "ii" it is that of the output link relative to the reference link of
+        the input. c and d follow from pole axes, the axes about which links turn relative
+        to each other.
 
-        Several motions are possible at a crossing. The configuration alone then gives c = d
-        = 0 (type III). The tangent of a curve selects one motion. Some pole axes are
-        determined by this motion, though not by the configuration. If neither c nor d
-        vanishes with these axes, a note says that the relation applies to one curve only.
+        Several curves of configurations meet at a crossing, and each is another motion of
+        the mechanism. The configuration alone leaves the motion open, and c = d = 0 (type
+        III). The motion along one curve determines further pole axes. If neither c nor d
+        vanishes with these axes, a note says that the relation applies to this curve only.
 
         Parameters
         ----------
@@ -571,8 +583,8 @@ class SingleFreedomSingularities:
 
         Returns
         -------
-        The relations of form i and, if it exists, of form ii on the first curve, then on
-        the second one, and so on. Nothing if the crossing was not located.
+        The relations of form "i" and, if it exists, of form "ii" on the first curve, then
+        on the second one, and so on. Nothing if the crossing was not located.
         """
         if crossing is None:
             return ()
@@ -581,8 +593,10 @@ class SingleFreedomSingularities:
             self.position_analysis,
             values=np.tile(crossing.values, (curve_count, 1)),
             tangents=crossing.tangents,
-            # Second derivatives along the curves. NaN denotes that they are not known, and
-            # not needed, because the motions are given exactly.
+            # The second derivatives along the curves are not known. They would give the
+            # pole axes of links that rest relative to each other. NaN also tells
+            # `LinkMotion` that the tangents do not follow from the closure equations, which
+            # are singular here, so that it does not multiply errors by their condition.
             bends=np.full_like(crossing.tangents, np.nan),
         )
         # The input and an output are pairs of links. If the output is the input itself, c

@@ -354,8 +354,9 @@ def _subdivide_triangle(
         return [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
     if not polygon:
         return []
-    # All triangles share one vertex (a fan). It is a new vertex, if there is one: a corner
-    # and a new vertex on a side at this corner would give a triangle without area.
+    # All triangles share one vertex, the apex of a fan. It is a new vertex, if there is
+    # one. With a corner as apex, one triangle could consist of this corner, a new vertex on
+    # a side and the other end of this side. These three are on one line.
     start = next((k for k, vertex in enumerate(polygon) if vertex in side_vertices), 0)
     apex, *rim = polygon[start:] + polygon[:start]
     return [(apex, rim[k], rim[k + 1]) for k in range(len(rim) - 1)]

@@ -157,15 +157,22 @@ class TangentSpace:
 
     @cached_property
     def directions(self) -> Floats:
-        """(n, V, g + 1) the columns of the basis, then the closing step."""
+        """(n, V, g + 1) changes of the variables, by which quantities are differentiated.
+
+        They are the g columns of `basis`, along which the loops stay closed, and then
+        `closing_step`, the Newton step that closes loops which are slightly open.
+        """
         return np.concatenate([self.basis, self.closing_step[:, :, None]], axis=2)
 
     @cached_property
     def vector_derivatives(self) -> Floats:
-        """(n, g + 1, V, 3) derivatives of the velocity vectors along the directions.
+        """(n, g + 1, V, 3) derivatives of the velocity vectors of all variables.
 
-        The vector of a variable is the angular velocity per unit rate of it. For contacts
-        that close a loop, the derivative along the closing step is an approximation.
+        The velocity vector of a variable is the angular velocity per unit rate of it. It is
+        differentiated along g + 1 changes of the configuration (axis 1). The first g are
+        independent changes with closed loops. The last one is the Newton step that closes
+        loops which are slightly open. For contacts that close a loop, the derivative along
+        this step is an approximation.
         """
         derivatives = [
             self.linearisation.vector_rates(self.linearisation.body_rates(rates))

@@ -14,7 +14,7 @@ from spherekit.arrays import Floats
 from spherekit.symbolic.compiler import heyoka, heyoka_expressions, heyoka_variables
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode
 
-MAX_EVENTS_BEFORE_SWITCH = 100_000
+CHATTERING_EVENT_COUNT = 100_000
 """A run ends at a switch if it has had this many events: its switches chatter.
 
 Larger: a chattering run takes longer until it ends. Smaller: runs with many legitimate
@@ -215,7 +215,9 @@ class Integrator:
             would_switch_back = event.sticks and event.sticks(
                 adaptive.state.copy(), time, adaptive.pars.copy()
             )
-            has_too_many_events = len(self.seen_events) >= MAX_EVENTS_BEFORE_SWITCH
+            # After so many events, the signs are taken to change again and again without
+            # end (chattering).
+            has_too_many_events = len(self.seen_events) >= CHATTERING_EVENT_COUNT
             return not would_switch_back and not has_too_many_events
 
         return set_sign

@@ -34,9 +34,10 @@ class MotionRates:
     Attributes
     ----------
     scaled_speeds
-        The rate of each input, divided by D, the determinant of the velocity equations. If
-        one input moves at the rate 1, the solution gives D times each other rate. The sum
-        of these products times `scaled_speeds`, over all inputs, is therefore the rate.
+        The rate of each input, divided by D, the determinant of the velocity equations. For
+        each input, Cramer's rule without its division gives D times the rates of all
+        variables while this input moves at the rate 1. These are multiplied by the scaled
+        speed of the input. Their sum over all inputs is the rate of a variable.
     variable_rates
         The rate of each pair variable.
     w

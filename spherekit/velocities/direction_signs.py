@@ -374,9 +374,9 @@ def _continue_along_path(
     start_sign
         The sign at the first sample, if there is no previous block.
     path
-        (8, k) at each sample the coordinate along the path, such as the input (index 0),
-        the sense in which the input moves, 1 or -1 (1), v (2 to 4) and its derivative by
-        the coordinate (5 to 7).
+        (8, k) at each sample: the coordinate (index 0), which is the input or, if there are
+        several inputs, the number of the sample; the sense in which the input moves, 1 or
+        -1 (1); v (2 to 4); and the derivative of v by the coordinate (5 to 7).
     may_reverse
         (k - 1,) whether the gap between a sample and the next one is examined. In the other
         gaps v does not reverse.
@@ -408,13 +408,14 @@ def _find_reversals(path: VelocityPath) -> Floats:
     them. Otherwise it may have reversed, or have turned by more than a right angle without
     becoming zero. To decide this, it is interpolated by a cubic Hermite polynomial, whose
     reversals are counted. If the sense of the input changes between the samples,
-    derivatives by the input cannot be used, and v is interpolated by a straight line.
+    derivatives by the coordinate cannot be used, and v is interpolated by a straight line.
 
     Parameters
     ----------
     path
-        (8, k) at each of k samples the coordinate (index 0), the sense of the input (1), v
-        (2 to 4) and its derivative by the coordinate (5 to 7).
+        (8, k) at each of k samples: the coordinate (index 0), which is the input or, if
+        there are several inputs, the number of the sample; the sense in which the input
+        moves, 1 or -1 (1); v (2 to 4); and the derivative of v by the coordinate (5 to 7).
 
     Returns
     -------
