@@ -67,9 +67,10 @@ class Sensitivity:
     mechanism
         A mechanism with its inputs.
     keys
-        Sizes, or numbers of masses and loads, as keys of its file. By default these are all
-        arcs and angles, also of a reference pose of R pairs. If there are none, they are
-        all axes of the pose.
+        Sizes, or numbers of masses and loads, as keys of its file. By default these are the
+        arcs and angles of all links. If the file gives a reference pose with contacts, its
+        links have no arcs and angles. The default is then the directions of the axes of all
+        R pairs, or without R pairs the numbers of the contact profiles.
     quantities
         Names of `row_quantities`. By default these are the angles of pairs between an
         output and the link from which it is seen, or else of all passive pairs.
@@ -101,8 +102,7 @@ class Sensitivity:
             The mechanism. Its file, with angles in rad, is derived from it.
         keys
             The numbers of the file by which derivatives are computed, such as
-            ``links.2.arc``. By default the arcs and angles of links, or the axes of pairs
-            in a reference pose, or else the numbers of contact profiles.
+            ``links.2.arc``. The defaults are stated at the class.
         quantities
             Names of the quantities that are differentiated, as in `row_quantities`.
 

@@ -101,7 +101,10 @@ class ColumnGradients:
 
 @dataclass(frozen=True)
 class DesignPoint:
-    """A design as kernels need it.
+    """A design, as numbers that compiled functions of many designs take as arguments.
+
+    Such a function is called a kernel, and its arguments that depend on the design are
+    called sizes. They include numbers of masses and loads (`VariedMechanism`).
 
     Attributes
     ----------
@@ -483,9 +486,11 @@ class VariedMechanism:
 
     @cached_property
     def _trials(self) -> list[tuple[Floats, Floats]]:
-        """Designs (variables,) in which all variables are changed, with all their numbers.
+        """Designs near that of the file, which show what changes with the variables.
 
-        Designs that are impossible are left out.
+        All variables are changed at once. Each design is listed with its values
+        (variables,), and with the numbers of its contacts, masses and loads as read from
+        its file. Designs that are impossible are left out.
         """
         trials = []
         for deviation in TRIAL_DEVIATIONS:

@@ -79,7 +79,8 @@ class CompiledEquation:
 
     The state of the integrator consists of the pair variables (rad) reduced by whole turns,
     the momenta divided by a unit of momentum, and the work of each load divided by the
-    square of this unit.
+    square of this unit. A momentum is a rate times the square root of an inertia, so that
+    the square of its unit sqrt(J) is the unit of work.
 
     Attributes
     ----------

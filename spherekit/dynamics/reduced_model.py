@@ -618,7 +618,19 @@ class StoredModel:
         )
 
     def _restore_shape(self, values: Floats, shape: tuple[int, ...]) -> Floats:
-        """Return values (n, m) at points of a shape (..., m); (...) along a curve."""
+        """Return the values at n points in the shape in which the caller gave the points.
+
+        Parameters
+        ----------
+        values
+            (n, m) m values at each of the n points, which were flattened to rows.
+        shape
+            Shape (..., m) of the coordinates of the points before they were flattened.
+
+        Returns
+        -------
+        The values in this shape. Along a curve, where m is 1, the shape is (...).
+        """
         return values.reshape(shape[:-1] if self.heading.is_curve else shape)
 
     def _evaluate_group(self, group: int, coordinates: Floats) -> Floats:

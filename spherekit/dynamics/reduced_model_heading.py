@@ -212,10 +212,12 @@ class StoredHeading:
     def locate_function(self, name: str) -> tuple[int, int]:
         """Return the index of the group of a function, and its index within the group.
 
+        The functions of a group are stored together, see `groups`.
+
         Raises
         ------
         SolveError
-            If it is not stored.
+            If the reduced model does not store this function.
         """
         if name not in self._locations:
             raise self._not_stored("", name, self._locations)
@@ -223,7 +225,7 @@ class StoredHeading:
 
     @cached_property
     def _locations(self) -> Mapping[str, tuple[int, int]]:
-        """The index of the group and the index within the group, by function."""
+        """The index of the group and the index within it, by the name of a function."""
         return {
             function.name: (k, column)
             for k, group in enumerate(self.groups)

@@ -65,7 +65,10 @@ class Collector:
             self.another.start(head)
 
     def __getattr__(self, name: str) -> Any:
-        """Return an attribute of the other recorder that this object does not have."""
+        """Return an attribute of the recorder `another`, such as its method `finish`.
+
+        Python calls this method only for attributes that a `Collector` does not have.
+        """
         return getattr(self.another, name)
 
     def log(

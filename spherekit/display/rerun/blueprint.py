@@ -93,7 +93,8 @@ class Layout:
     span
         First and last time on the timeline (s, or ticks of the input), if known.
     sight
-        The eye of the spaces with the sphere.
+        The view of the sphere in three dimensions: the position of the eye, the point that
+        it looks at, and the direction that is up.
     pages
         Titles of pages by page.
     sphere_view_paths

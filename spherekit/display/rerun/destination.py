@@ -122,7 +122,15 @@ class FileOutput:
                     self._error = error
 
     def flush(self) -> None:
-        """Write everything that was logged to the pipe; raise an error of the copy."""
+        """Write everything that was logged so far to the pipe.
+
+        A thread copies the pipe to the file, possibly later.
+
+        Raises
+        ------
+        OutputError
+            If the thread could not write something that it has copied so far.
+        """
         if self._copier is not None:
             self.stream.flush()
             self._raise_copy_error()
@@ -177,7 +185,10 @@ class FileOutput:
             self._lock.close()
 
     def _raise_copy_error(self) -> None:
-        """Raise `OutputError`, without the part file, if the disk has refused something."""
+        """Raise `OutputError` if the copying thread could not write to the disk.
+
+        The part file, in which something is missing, is then removed.
+        """
         if self._error is not None:
             self._finish_copy()
             self.part.unlink(missing_ok=True)
@@ -232,16 +243,19 @@ class LiveOutput:
             ) from error
 
     def complete(self) -> None:
-        """Wait until a program has everything, or show the recording in the notebook."""
+        """End a recording: wait until the program has all data, or show the notebook.
+
+        A notebook (`sink` is None) gets the whole recording only now.
+        """
         if self.sink is None:
             rr.notebook_show(recording=self.stream)
         self.flush()
 
     def close(self, keep: bool) -> str:
-        """Disconnect, and return an empty text.
+        """Disconnect from the program, and return an empty text.
 
-        A recording file may keep an incomplete recording (`keep`) and returns a text that
-        names it. A program has no file to keep.
+        `FileOutput.close` returns a note on the file that it keeps. A program has no such
+        file, so `keep` has no effect and there is no note.
         """
         if self.sink is not None:
             self.stream.disconnect()

@@ -292,7 +292,12 @@ def check_rows(primitive: Primitive, count: int) -> None:
 
 
 def rows_for_path(primitive: Primitive) -> Floats | None:
-    """Return the rows of a primitive whose path is drawn at the end, if it has a path."""
+    """Return the positions in all rows through which a curve is drawn, or None.
+
+    The curve shows how a primitive has moved. It is drawn after the last row of a recording
+    (`draw_path`). The rows are directions (rows, 3), or points (rows, 2) of a portrait as
+    fractions of its width and height. The result is None if the primitive gets no curve.
+    """
     match primitive:
         case Trace(directions=rows) | Arrow(directions=rows, path_shown=True):
             return rows
@@ -397,7 +402,16 @@ def _point_columns(positions: Floats, has_point: Bools) -> Columns:
 
 
 def _rotation_columns(quaternions: Floats) -> Columns:
-    """Return rows of rotations (rows, 4); NaN rows shrink to a point."""
+    """Return the transforms of rows: a rotation, and a scale that hides NaN rows.
+
+    The transforms move data that were logged once, so a single row cannot leave these out.
+    A row without a rotation gets a scale that shrinks them to a point instead.
+
+    Parameters
+    ----------
+    quaternions
+        (rows, 4) rotations as quaternions xyzw, NaN in rows without a configuration.
+    """
     is_valid = all_finite(quaternions, 1)[:, None]
     return rr.Transform3D.columns(
         quaternion=np.where(is_valid, quaternions, [0.0, 0.0, 0.0, 1.0]),
