@@ -284,14 +284,15 @@ def test_a_rotation_ends_where_a_leg_reaches_no_farther():
         sines = np.abs(form.plane.axes @ start)
         if np.any(sines > np.sin(form.plane.arcs) - 1e-3):
             continue
-        # An axis in the mid-plane, in axes of the base.
+        # An axis in the mid-plane, at right angles to its normal `first`. Normals are in
+        # mirror axes, from which `form.frame` leads to axes of the base.
         axis = np.cross(first, second)
-        axis_in_ground = form.frame @ (axis / np.linalg.norm(axis))
+        axis_in_base = form.frame @ (axis / np.linalg.norm(axis))
         # The sign of a leg chooses one of its two possible elbows. Both exist up to the
         # same angle, so all signs are 1.
         signs = np.ones(3)
-        rotation = form.rotation_about(start, axis_in_ground, largest_angle, signs)
-        turned = rotation_about_axis(form.frame.T @ axis_in_ground, 0.5 * theta) @ start
+        rotation = form.rotation_about(start, axis_in_base, largest_angle, signs)
+        turned = rotation_about_axis(form.frame.T @ axis_in_base, 0.5 * theta) @ start
         elbows, _ = form.plane.elbows(turned, signs)
         is_beyond = np.any(np.isnan(elbows[..., 0]), axis=1)
         first_beyond = theta[np.argmax(is_beyond)] if np.any(is_beyond) else largest_angle

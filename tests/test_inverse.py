@@ -165,15 +165,18 @@ def test_the_measures_of_a_three_legged_wrist_are_those_of_its_leg_planes():
     The measure of type I (a leg at a dead centre) is the sine of the angle between the base
     axis and the plane of crank and coupler, whose normal is n.
 
-    The measure of type II is sqrt(S / S_locked). Let the platform turn at the rate w with
-    |w| = 1 rad/s. A pair takes a misfit if its links move as it does not allow. S is the
-    least sum of squared misfits over all pairs and all w while the cranks are locked.
+    The measure of type II is sqrt(S / S_locked). Suppose that pairs have play: the links of
+    a pair then turn relative to each other not only about its axis, but also at an
+    additional angular velocity, the misfit of the pair. Let the platform turn at the
+    angular velocity w with |w| = 1 rad/s. S is the least sum of squared misfits over all
+    pairs and all w while the cranks are locked, S_locked the same with all pairs locked.
 
-    A leg with a locked crank allows rates w with n.w = 0. At other rates it takes a misfit
-    n.w. The squares are least if each of its three pairs takes a third of it, which adds
-    3 (n.w / 3)^2 = (n.w)^2 / 3. With the normals of all legs as rows of N, S is the least
-    |N w|^2 / 3, so the squared least singular value of N over 3. With all pairs locked each
-    leg takes the whole w, in thirds: S_locked = 3 legs x 3 pairs x (1/3)^2 = 1.
+    The axes of the two passive pairs of a leg are in the plane with the normal n. So with a
+    locked crank, the components of its three misfits along n add up to n.w. The sum of
+    squares is least if each is a third of it, 3 (n.w / 3)^2 = (n.w)^2 / 3. With the normals
+    of all legs as rows of N, S is the least |N w|^2 / 3, which is the square of the least
+    singular value of N, over 3. With all pairs locked, the misfits of each leg add up to w,
+    and each is a third of it: S_locked = 3 legs x 3 pairs x (1/3)^2 = 1.
     """
     mechanism = sk.load("three_rrr")
     poses = random_rotations(500, 10)

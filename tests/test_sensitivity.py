@@ -326,7 +326,9 @@ def rocker_angle(arcs, q, side):
     # The tip of the crank, with the crank's axis along z and the base arc towards y.
     tip = [-np.sin(crank) * np.sin(q), np.sin(crank) * np.cos(q), np.cos(crank)]
     diagonal = np.arccos(tip[1] * np.sin(base) + tip[2] * np.cos(base))
-    # Seen from the hinge, the crank's axis lies towards -y and x is on the right.
+    # The rocker turns about the hinge at (0, sin(base), cos(base)). The azimuth of the tip
+    # about the hinge counts from the direction to the axis of the crank, which is
+    # (0, -cos(base), sin(base)), towards x.
     tip_azimuth = np.arctan2(tip[0], tip[2] * np.sin(base) - tip[1] * np.cos(base))
     with np.errstate(invalid="ignore"):
         cosine = np.cos(coupler) - np.cos(diagonal) * np.cos(rocker)

@@ -1,10 +1,10 @@
 """Finds independent loops of a group whose velocity equations are short.
 
-A *leaf* of a group is a body that two pairs join to two different other bodies. The
-variables of these two pairs occur in a single loop, so they can be eliminated from its
-equations beforehand. For as many leaves as possible a loop is chosen that passes through
-the leaf. The remaining loops are closed by pairs outside a spanning tree of the other
-bodies.
+A *leaf* of a group is a body that two pairs join to two different other bodies, neither of
+which is a leaf too. A dyad has one leaf. For each leaf a loop is chosen that passes through
+it. The variables of its two pairs occur in this loop only, so they can be eliminated from
+its equations beforehand. The remaining loops are closed by pairs outside a spanning tree of
+the other bodies.
 """
 
 from collections.abc import Sequence
@@ -23,9 +23,10 @@ def find_group_loops(
     """Return independent loops of a group: one for each leaf, then the others.
 
     A group is a set of bodies that are closed together, such as a dyad. A leaf is a body
-    that two pairs join to two different other bodies. Only one loop passes through it, so
-    the variables of both pairs occur in this loop only. The other loops are closed by pairs
-    outside a spanning tree of the bodies that are no leaves.
+    that two pairs join to two different other bodies, neither of which is a leaf too. A
+    dyad therefore has one leaf. Only one loop passes through a leaf, so the variables of
+    its two pairs occur in this loop only. The other loops are closed by pairs outside a
+    spanning tree of the bodies that are no leaves.
 
     Parameters
     ----------

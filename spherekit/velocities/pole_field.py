@@ -63,19 +63,19 @@ class PoleQuantity:
 
     @property
     def has_error_bound(self) -> bool:
-        """Whether a `PoleField` has a bound of its error."""
+        """Whether a `PoleField` has an error bound of this quantity."""
         return self.error != "none"
 
     @property
     def error_name(self) -> str:
-        """The attribute of `PoleField` that has the bound of its error."""
+        """The attribute of `PoleField` that has the error bound of this quantity."""
         return f"{self.name}_error"
 
     @property
     def error_column(self) -> str:
-        """The name of this bound in tables and in `Batch`.
+        """The name of the error bound of this quantity in tables and in `Batch`.
 
-        That of the direction, the main quantity of a pole, is just "error_bound".
+        For the direction, the main quantity of a pole, it is just "error_bound".
         """
         return "error_bound" if self.name == "direction" else f"{self.name}_error_bound"
 

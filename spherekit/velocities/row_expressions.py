@@ -252,17 +252,22 @@ class RowExpressions(VelocityEquations):
     def solve_loops(self, offsets: Mapping[int, Exprs]) -> list[Expr]:
         """Return the rates of all variables that balance given offsets, inputs at rest.
 
-        The relative angular velocity of a pair with an offset e (3,) is that of its
-        variables minus e. Around each loop the relative angular velocities add up to 0.
-        Those of the variables therefore add up to the sum of the offsets, and the rates are
-        the inverse of the loop equations times this sum. Offsets are, for example, minus
-        the angular velocity of an input that moves, or the angles by which loops are open,
-        for a step of Newton's method.
+        Around each loop the sum of a_v x_v over the passive variables v, with their vectors
+        a_v and rates x_v, is the sum of the offsets e of the pairs. Both sums have the sign
+        with which the loop passes a pair. The rates are the inverse of these equations
+        times the sums of the offsets. Three sorts of offsets occur:
+
+        - An input moves with the angular velocity w, which belongs to the left side. On the
+          right side it is the offset e = -w of its pair.
+        - Pairs have velocity-dependent accelerations b. The offsets are e = -b, and the
+          rates are then the accelerations of the variables.
+        - Loops are open by small rotations. With these as offsets, the rates are a step of
+          Newton's method that closes the loops.
 
         Parameters
         ----------
         offsets
-            The offsets by the numbers of their pairs. Pairs without an offset are left out.
+            Offset (3,) of each pair by its number. Other pairs have no offset.
         """
         loop_offsets: list[Exprs] = []
         for signs in self.tree.signs:

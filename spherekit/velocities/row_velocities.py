@@ -295,11 +295,12 @@ class RowVelocities:
             # The derivative of the direction has two errors: that of dv, and that of the
             # direction times |dv|, both divided by |v|. `dv_error` is the bound of the
             # coefficient dv . u, which contains both of these errors. Each is therefore at
-            # most dv_error / |v|, and their sum at most twice that.
-            # The direction may have the error `MAX_CERTIFIED_ERROR_RAD`, and its derivative
-            # `MAX_DIRECTION_DQ_ERROR`. Each error is compared with its limit, and the two
-            # ratios may add up to 1. The sum is written here as an error of the direction.
-            # If v is zero, it is infinite or NaN, and only the next test can certify.
+            # most dv_error / |v|, and their sum at most 2 dv_error / |v|.
+            # The ratios of both errors to their limits may add up to 1:
+            #     direction_error / MAX_CERTIFIED_ERROR_RAD
+            #     + (2 dv_error / |v|) / MAX_DIRECTION_DQ_ERROR <= 1.
+            # `uncertainty` is the left side times `MAX_CERTIFIED_ERROR_RAD`. If v is zero,
+            # it is infinite or NaN, and only the next test can certify.
             uncertainty = (
                 direction_error
                 + 2.0 * MAX_CERTIFIED_ERROR_RAD / MAX_DIRECTION_DQ_ERROR * dv_error / v_size

@@ -73,7 +73,7 @@ class VelocityEquations(ABC):
     tree
         The loops.
     carried
-        The vector of each variable with the link that carries it.
+        The vector of each variable with the link with which it turns.
     contact_lines
         By pair, the contact line of each rolling contact that is not computed about
         centres.
@@ -114,8 +114,9 @@ class VelocityEquations(ABC):
         self.placed = placed
         self.variables = variables
         self.tree = LoopTree.of_mechanism(mechanism)
-        # The vector of an R pair is fixed in a link. That of a contact changes its
-        # direction relative to the link as the contact moves.
+        # `carried` has for each variable its vector, the link with which the vector turns,
+        # and the derivative of the vector relative to this link. The vector of an R pair is
+        # fixed in the link. That of a contact changes its direction as the contact moves.
         #
         # The contact line of a rolling contact is the direction to the contact point. It is
         # stored because the vector of the variable, a multiple of it, can be 0: this

@@ -152,10 +152,9 @@ class Sizes:
         is_follower = follower.get("link") == link
         profile = follower if is_follower else item["profiles"][link]
         if "axis" in profile:
-            # The radius is taken as exact here: the tolerance enters by the axis only.
             need("radius" in profile, "no radius")
             centre = self.frame(profile["axis"], link)[:, 2]
-            return centre, self.angle(profile["radius"])
+            return centre, self.angle(profile["radius"]) + self.slack
         kind = profile.get("kind", "circle")
         need(kind in ("circle", "great_circle"), "no circle")
         key = next(k for k in profile if k.startswith(("centre_", "pole_")))
@@ -369,9 +368,12 @@ class System:
 
         Half tangents are tan(angle / 2). Each step places a link `by` one or two pairs `on`
         links that are placed already. A link placed by two pairs closes a loop: one
-        equation says that the axes of both pairs have the arc of the link between them. It
-        contains each angle between these axes and the last link that both depend on. An
-        angle that occurs once has the degree 2.
+        equation says that the axes of both pairs have the arc of the link between them.
+        Two paths of links lead to these axes from the last link that both share. Every
+        rotation by an angle on one of the paths is of degree 2 in its half tangent, so the
+        degree of the equation is twice the number of rotations by this angle. There can be
+        several: a link that has closed a loop depends on all angles of this loop, and the
+        other path may contain one of them too.
         """
         # By link: a list from the root, with the link and the pairs by whose angles it
         # turns relative to the link before it in the list.
@@ -892,14 +894,20 @@ class Arc:
         ) @ self.all_y - self.inverse_slope @ value
 
     def at(self, s):
-        """Return balls of all variables for arc lengths in a ball s."""
+        """Return balls of all variables on the arc, for all s in a ball.
+
+        Krawczyk's operator narrows balls of the coordinates y across the axis and loses no
+        solution of F = 0. It starts from all y of the piece.
+        """
         middle_s = arb(s.mid())
         step = s - middle_s
         axis_point = self.centre + middle_s * self.axis
         axis_points = axis_point + step * self.axis
         y = self._narrowed(self.all_y, axis_point, axis_points, step)
         if any(item.rad() > 0.9 * self.radius for item in y):
-            # The balls are hardly smaller: begin with derivatives over parts of the width.
+            # The balls are hardly smaller, because the derivatives over all y at once are
+            # too coarse. They are computed again over 4, 6 or 8 parts of the width of each
+            # y. The first image that lies in the piece is narrowed further.
             images = (
                 self._krawczyk_operator(axis_point, axis_points, step, cuts)
                 for _, cuts in PARTS

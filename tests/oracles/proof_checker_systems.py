@@ -452,20 +452,27 @@ class SolutionOverBox:
     def show_real(self):
         """Show that the angles of the solution are real, or raise `NotShown`.
 
-        The equations are real, so the solution has a mirror image 1 / conj z at the unit
-        circle, which is a solution too. It is shown to be in a box of twice the radius, in
-        which there is only one solution. So both are the same, and |z| is 1.
+        An unknown angle is real if x = e^(i angle) is on the unit circle. The equations are
+        real, so the mirror image 1 / conj(x) of a solution x is a solution too. If both are
+        the same one, x is on the circle. This is so if the mirror image lies in a box
+        around z + Z d that contains only one solution.
 
-        Let d be the inputs less the centre of the box. The solution is z + Z d + w with its
-        value z at the centre, rates Z and a remainder w, or z (1 + e) with
-        e = (Z d + w) / z. With s = 1 / (z conj z) and the conjugate c of e, the mirror
-        image is z s / (1 + c) = z s (1 - c + c^2 / (1 + c)). Its difference from z + Z d,
-        the centre of the box for w, is z times
+        Here d are the inputs less the centre of the box of inputs, z is the solution at
+        this centre, Z are its rates, and x = z + Z d + w with a small remainder w. With
 
-            s - 1 - (s conj(Z / z) + Z / z) d + s (c^2 / (1 + c) - conj(w / z)),
+            e = (Z d + w) / z,    c = conj(e),    s = 1 / (z conj(z)),
 
-        in which the linear terms nearly cancel if z is on the unit circle.
+        the solution is x = z (1 + e), and its mirror image is
+
+            1 / conj(x) = z s / (1 + c) = z s (1 - c + c^2 / (1 + c)).
+
+        Its difference from z + Z d is z times
+
+            s - 1 - (s conj(Z / z) + Z / z) d + s (c^2 / (1 + c) - conj(w / z)).
+
+        The linear terms nearly cancel if z is on the unit circle.
         """
+        # Radius of the box around z + Z d, twice that of the remainders w.
         wide_radius = 2 * self.radius
         # Krawczyk's operator raises `NotShown` unless the wide box has only one solution.
         self.image(wide_radius)
@@ -484,10 +491,13 @@ class SolutionOverBox:
     def angles(self):
         """Return the angles of a real solution, as triples.
 
-        A triple has the angle at the centre of the box, its rates by the inputs, and a
-        bound of the remainder. For each unknown the solution z + Z d + w is z (1 + e), with
-        e = (Z d + w) / z. The angle is the imaginary part of log z + log(1 + e). log(1 + e)
-        differs from e by at most |e|^2 / (2 (1 - |e|)).
+        A triple has the angle at the centre of the box of inputs, its rates by the inputs,
+        and a bound of the remainder.
+
+        The solution is z + Z d + w = z (1 + e) with e = (Z d + w) / z. Here d are the
+        inputs less the centre of the box, z is the solution at this centre, Z are its
+        rates, and w is a remainder. The angle is the imaginary part of log z + log(1 + e).
+        log(1 + e) differs from e by at most |e|^2 / (2 (1 - |e|)).
         """
         angles = []
         # Z / z, w / z and e, for each unknown.

@@ -152,7 +152,7 @@ class Wheels:
         else:
             # The cones touch, so the arc between their axes is the sum of both half angles,
             # or their difference. The second half angle follows, even if the file has it.
-            half_angle = self.sizes.angle(item["half_angles"][0])
+            half_angle = self.sizes.angle(item["half_angles"][0]) + self.sizes.slack
             second_half_angle = half_angle - arc if is_internal else arc - half_angle
             first_sine = half_angle.sin()
             second_sine = second_half_angle.sin()

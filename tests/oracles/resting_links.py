@@ -21,8 +21,11 @@ class Rest(NamedTuple):
 
     Newton's method solves for the rotations and rates (angular velocities) of all links.
     Its equations are those of `exact_rest`: the axes of each pair agree in both links, the
-    links turn about them only, and the two links do not move along one direction. The size
-    of the rates is fixed, as the rates at the start are not zero.
+    links turn about them only, and one component of the relative rate of the two links is
+    zero. Along a configuration curve the relative rate passes through zero in the direction
+    of its derivative, so the component in this direction is enough. `relative_rate` shows
+    that the others vanish too. The size of the rates is fixed, because rates of size zero
+    would be a solution everywhere.
 
     Attributes
     ----------
@@ -60,7 +63,8 @@ def exact_rest(mechanism, rotations, w, links, along):
     links
         Numbers of the two links.
     along
-        (3,) direction in which their relative rate is zero.
+        (3,) direction of the component of their relative rate that is made zero: the
+        derivative of the relative rate along the configuration curve.
 
     Returns
     -------
