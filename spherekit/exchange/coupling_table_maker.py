@@ -190,7 +190,11 @@ def _choose_node_counts(
 
 
 def _refine_counts(node_counts: Sequence[int]) -> tuple[int, ...]:
-    """Return the points along each input of the grid on which errors are measured."""
+    """Return the numbers of points, along each input, at which errors are measured.
+
+    The grid of these points divides each cell between nodes into `PARTS_PER_CELL` parts
+    along each input. `node_counts` are the numbers of nodes.
+    """
     return tuple(PARTS_PER_CELL * (count - 1) + 1 for count in node_counts)
 
 

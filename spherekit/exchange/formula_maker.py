@@ -1,9 +1,9 @@
 """Makes the explicit formulas of a mechanism, from which sources are printed.
 
-If every group is a dyad, or wheels and circles can be replaced by links so that it is,
-positions follow from the signs of the dyads, and nothing is iterated. Otherwise the
-variables of all pairs are arguments, and a step of Newton's method brings them nearer to a
-configuration in which the loops are closed.
+Positions have a closed form if every group is a dyad, or if every group becomes one when
+wheels and circles are replaced by links. They then follow from the signs of the dyads, and
+nothing is iterated. Otherwise the variables of all pairs are arguments, and a step of
+Newton's method brings them nearer to a configuration in which the loops are closed.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

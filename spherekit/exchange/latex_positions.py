@@ -662,15 +662,29 @@ class PositionFormulas:
         return axis.turn.cosine * j - axis.turn.sine * i
 
     def _tangent_symbol(self, link: int, pair: int) -> ExpressionNode:
-        """Return the symbol of the tangent to the reference arc of a link at a pair."""
+        """Return the symbol of the unit tangent to the reference arc of a link at a pair.
+
+        This arc leads from the axis of the pair to the first other axis of the link.
+        """
         link_label = self._formula_list.link_labels[link]
         return make_symbol(rf"\mathbf{{t}}^{{{link_label}}}_{{{self._pair_labels[pair]}}}")
 
     def _write_tangent(self, link: int, pair: int) -> Expr:
-        """Return the unit tangent to the reference arc of a placed link at a pair."""
+        """Write the unit tangent to the reference arc of a placed link at a pair.
+
+        This arc leads from the axis of the pair to the first other axis of the link. The
+        expression of the tangent in further formulas is returned.
+
+        Raises
+        ------
+        EngineError
+            If the arc is 0 or 180 degrees. It then has no tangent.
+        """
         axis = self._find_axis(link, pair)
+        # At the first axis k of the link, the arc leads to the second axis, with tangent j.
         _, tangent, k = self.link_frames[link]
         if axis.vector is not k:
+            # At any other axis, the arc leads back to k.
             tangent = axis.arc.sine * k - axis.arc.cosine * self._tangent_at_first_axis(
                 link, axis
             )

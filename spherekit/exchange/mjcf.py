@@ -640,7 +640,11 @@ class MujocoModel:
 
 
 def _set_rotation(body: Element, rotation: Floats) -> None:
-    """Set the orientation of a body relative to its parent, (3, 3), unless it has none."""
+    """Set the orientation of a body of a MuJoCo model.
+
+    `rotation` (3, 3) leads from the axes of the body to those of its parent. The identity
+    is not written, because it is MuJoCo's default.
+    """
     x, y, z, w = quaternion(rotation[None])[0]
     if abs(w) < 1.0:
         body.set("quat", _format_numbers((w, x, y, z)))

@@ -131,7 +131,8 @@ class ModeCandidate:
     def find_known_input(self, interval: int) -> Floats | None:
         """Return the inputs (inputs,) rad of one configuration in an interval, if any.
 
-        Without a closed form the values of the interval are those of this configuration.
+        Crossings of curves divide the range of the input into intervals. Without a closed
+        form, the mode values of an interval are the variables in this configuration.
         """
         row = _middle_row(self.interval, interval)
         return None if row is None else self.motion.inputs[row]

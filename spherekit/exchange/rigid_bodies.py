@@ -2,9 +2,11 @@
 
 General engines move bodies of a tree and close loops by constraints. Two bodies that turn
 about the centre O of the sphere share an axis if one point of it coincides in both. The
-usual three equations for a point then have rank two, since the radial one is empty. An
-engine that weighs constraints by the mobility of centres of mass needs centres away from
-O. Otherwise its result is wrong by radians, without a message.
+usual three equations for a point then have rank two, since the radial one is empty.
+
+MuJoCo weighs these constraints by how easily forces move the centres of mass of both
+bodies. A centre of mass at O cannot move. Loops are then closed wrongly, by radians and
+without a message, so bodies get centres of mass away from O.
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence

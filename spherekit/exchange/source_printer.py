@@ -1,8 +1,9 @@
 """Formulas as assignments of a programming language, one for each operation.
 
 Expressions are graphs in which an expression that occurs twice is one node, so each value
-is computed once. C returns the same numbers as NumPy's arrays. CasADi's generator makes 2
-to 6 % fewer operations of them, as it counts a square or an opposite as one.
+is computed once. C returns the same numbers as NumPy's arrays. For comparison, code that
+CasADi generates from the same expressions has 2 to 6 % fewer operations. It has squares and
+changes of sign as operations of their own.
 """
 
 import re
@@ -185,7 +186,11 @@ class Source:
 
     @property
     def smooth_modes(self) -> SmoothModes | None:
-        """The modes on smooth curves, if modes follow these and have mode values at all."""
+        """The mode values of modes that follow smooth curves through crossings.
+
+        Mode values are the numbers that select a mode in the formulas. None if each mode
+        keeps its values at crossings, or if the formulas need no such numbers.
+        """
         return self.formulas.mode_table.smooth if self.formulas.mode_value_names else None
 
     @property

@@ -41,7 +41,19 @@ def nested(values: Any, brackets: str = "[]", literal_format: str = "{0}") -> st
 def nested_with_nan(
     values: Any, brackets: str, nan_literal: str, infinity_literal: str
 ) -> str:
-    """Return an array as `nested` does, in lines, with the language's NaN and infinity."""
+    """Return an array as source text, with brackets around each axis: ``[[1.0, NaN]]``.
+
+    Long text is divided into lines.
+
+    Parameters
+    ----------
+    values
+        The array, or a single number.
+    brackets
+        The opening and the closing bracket.
+    nan_literal, infinity_literal
+        NaN and infinity in the programming language.
+    """
     text = re.sub(r"\bnan\b", nan_literal, nested(values, brackets))
     return wrap_lines(re.sub(r"\binf\b", infinity_literal, text))
 

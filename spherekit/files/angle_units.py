@@ -36,9 +36,9 @@ def to_radians(number: float, unit: AngleUnit) -> float:
     """Return an angle of a file in radians.
 
     Degrees with up to `MAX_PLAIN_DIGITS` digits are converted by `math.radians`, so that a
-    file and a program agree to the last bit. The results of `math.radians` leave out one
-    float of ten. Degrees with more digits, which `to_text` writes for these, are converted
-    with 60 digits and rounded once.
+    file and a program agree to the last bit. About one float in ten is the result of
+    `math.radians` for no number of degrees. For such an angle, `to_text` writes degrees
+    with more digits. They are converted with 60 digits and rounded once.
     """
     if unit == "rad":
         return float(number)

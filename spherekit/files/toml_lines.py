@@ -138,7 +138,10 @@ class _KeyScanner:
         self.line += token.count("\n")
 
     def _start_value(self, table: KeyPath) -> None:
-        """Record the lines of a dotted key within a table; its value begins."""
+        """Record the line of the key whose parts were read, and begin to read its value.
+
+        A dotted key such as ``a.b`` has a path for each part, within the path `table`.
+        """
         self.key_path = table
         for key in self.key_parts:
             self.key_path = (*self.key_path, key)
@@ -147,7 +150,7 @@ class _KeyScanner:
         self.is_value = True
 
     def _enter_table(self) -> None:
-        """Record the lines of the header whose parts were read; its table begins."""
+        """Record the line of the header whose parts were read, and enter its table."""
         path = self._path_of_outer_tables(self.key_parts[:-1])
         path = (*path, self.key_parts[-1])
         if self.header_depth > 1:

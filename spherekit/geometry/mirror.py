@@ -4,7 +4,7 @@ A mirror with the unit normal n carries the point Q = (1, 0, 0) to its image P. 
 2021 describe it by three angles:
 
 - phi and omega are the polar angles of P = (cos phi, sin phi sin omega, sin phi cos omega),
-- gamma is the angle by which the plane y = 0 is rotated.
+- gamma is the angle between the plane y = 0 and its mirror image, with the sign of n_y.
 
 In terms of these angles n = (-sin(phi / 2), sin(gamma / 2), n_z) and tan omega = n_y / n_z.
 So phi and gamma alone determine the mirror, with n_z >= 0.
