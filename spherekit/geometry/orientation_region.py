@@ -244,8 +244,10 @@ class _Boxes(ArrayRows):
 class _OrientationCells:
     """Cells of the space of orientations, with the volume of the set in each of them.
 
-    The set has the orientations at which all margins are at least 0. The cells are cubic
-    boxes in the four cubes of unit quaternions.
+    The set has the orientations at which all margins are at least 0. An orientation is a
+    unit quaternion up to its sign, divided by its largest component. The other three
+    components, from -1 to 1, are its coordinates in one of four cubes: one cube for each
+    component that is the largest. The cells are cubic boxes in these cubes.
 
     Attributes
     ----------
@@ -469,8 +471,18 @@ def _filled_fractions(polynomials: Floats) -> Floats:
 
 
 def _quaternions(cube: Indices, points: Array) -> Floats:
-    """Return the unit quaternions (n, 4) xyzw at integer points (n, 3) of cubes (n,)."""
-    # The component with the number of the cube stays 1, the others are in [-1, 1].
+    """Return the unit quaternions (n, 4) xyzw at points in the four cubes.
+
+    A quaternion divided by its largest component has a 1 in its place. The other three
+    components, from -1 to 1, are the coordinates in the cube of this component.
+
+    Parameters
+    ----------
+    cube
+        (n,) numbers of the cubes: the position of the largest component, from 0 to 3.
+    points
+        (n, 3) integer coordinates from 0 to 2**CUBE_BITS, which stand for -1 to 1.
+    """
     quaternions = np.ones((len(cube), 4))
     coordinates = points.ravel() * 2.0 ** (1 - CUBE_BITS) - 1.0
     quaternions[np.arange(4) != cube[:, None]] = coordinates

@@ -227,7 +227,12 @@ def fourier(centre: ArrayLike, cosines: ArrayLike, sines: ArrayLike = ()) -> Cur
 
 
 def azimuth_panels(order_count: int) -> Floats:
-    """Return azimuths (rad) between which a series of this many orders is smooth."""
+    """Return azimuths (rad) that divide a turn into panels for an integral of the azimuth.
+
+    The integrand depends on a Fourier series of the azimuth with `order_count` orders, from
+    0 on. There are four panels for each order. In a panel even the highest order varies by
+    less than a quarter of its period, so the integrand is smooth enough for a short series.
+    """
     return np.linspace(0.0, 2.0 * np.pi, 4 * order_count + 1)
 
 

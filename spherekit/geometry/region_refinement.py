@@ -206,7 +206,7 @@ class RegionRefinement:
 
     @property
     def is_open(self) -> Bools:
-        """Whether too little is known about each triangle (T,)."""
+        """(T,) whether a part of the region, or a hole of it, may be hidden in it."""
         return self.classes == TriangleClass.OPEN
 
     def areas_inside(self) -> Floats:
@@ -369,7 +369,9 @@ class RegionRefinement:
         """Find the border in the crossed triangles where it is not known yet.
 
         A triangle is crossed if one or two of its vertices are inside the region. The
-        segments are added to `segments`. Triangles without a sound border become open.
+        border in it, a segment, is added to `segments`. The triangle gets the class OPEN if
+        no border is found, or if another margin is negative on it. A part of the region may
+        then be hidden in the triangle.
         """
         inside_count = self.is_inside[self.triangles].sum(axis=1)
         is_crossed = inside_count % 3 != 0

@@ -271,10 +271,17 @@ def eliminant_degree(incidence: Bools) -> int:
 
 
 def _resultant_degree(incidence: Bools) -> int:
-    """Return the degree in y of the resultant of the last two of three equations.
+    """Return the degree of the resultant of the last two equations in the second angle.
 
-    The resultant is what remains if the last of the angles x, y, z is eliminated from both.
-    Systems of two equations have no angle y, and the degree is 0.
+    A system of three equations has the angles x, y, z. Elimination of z from the last two
+    leaves their resultant, whose degree in y is returned: 2 for each of both equations that
+    contains y. A system of two equations has two angles. Elimination of the last one leaves
+    only the first one, and the result is 0.
+
+    Parameters
+    ----------
+    incidence
+        (t, t) whether an equation (row) contains an angle (column), for t = 2 or 3.
     """
     return 2 * int(np.sum(incidence[1:, 1])) if len(incidence) == 3 else 0
 

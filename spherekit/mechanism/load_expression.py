@@ -174,10 +174,11 @@ class Expression:
     def _find_steep_arguments(
         self, non_smooth_functions: Sequence[str]
     ) -> "tuple[Expression, ...]":
-        """Return the distinct steep arguments.
+        """Return the distinct steep arguments of the expression.
 
-        `non_smooth_functions` are those functions with kinks or jumps whose arguments are
-        among them.
+        A steep argument is the x of a function such as tanh(x) or 1 / x, which may change
+        suddenly where x is zero or has an extremum. `non_smooth_functions` are the
+        functions with kinks or jumps, such as `abs`, whose arguments are included.
         """
         nodes = dict.fromkeys(_iterate_steep_arguments(self.root, non_smooth_functions))
         return tuple(Expression(self.text, _find_names(node), node) for node in nodes)

@@ -126,7 +126,13 @@ def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
     def rotate_contact_profile(
         profile: Profile, rotation: Floats, contact: Pair
     ) -> Profile:
-        """Return a profile in new axes, if its beginning is not lost by this."""
+        """Return a profile in rotated link axes, or raise `ModelError`.
+
+        A circle or a Fourier series starts at azimuth 0 about its centre. The link axes
+        define this azimuth, so in rotated axes another point is the start, from which arc
+        lengths are counted. That changes the position of a Fourier series, and the rolling
+        of a contact (Cr), in which both arc lengths belong together. These two are refused.
+        """
         if contact.type == "Cr" or profile.kind == "fourier":
             raise ModelError(
                 f"{where}: locking this pair at this angle changes the axes of a link with "

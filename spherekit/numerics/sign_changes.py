@@ -110,8 +110,10 @@ def find_sign_changes(
     max_cells
         Approximate limit of the number of cells. A cell takes `SAMPLES_PER_CELL` values.
     smooth_width
-        A smooth function is resolved by the samples of a cell of this width. Only cells
-        that are not wider can count as fruitless (`MAX_FRUITLESS_HALVINGS`).
+        Width of a cell whose samples resolve a smooth function. A cell is not cut again
+        after `MAX_FRUITLESS_HALVINGS` successive halvings that settle neither half. Only
+        halves of at most this width count for this, since the samples of wider ones may not
+        resolve the function.
 
     Returns
     -------

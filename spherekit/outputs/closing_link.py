@@ -558,7 +558,10 @@ def _count_dependences(candidate: DyadsWithClosingLink) -> int:
 def _axes_around(directions: Floats) -> tuple[Floats, Floats]:
     """Return unit vectors x and y (3, n) that form right-handed frames with z (3, n).
 
-    The turn 0 has the first axis of the output's frame along x.
+    Here z are directions at which the output points. The turn of the output link about z is
+    counted from x: it is the angle from x to a fixed axis of the output link, the first row
+    of `DyadsWithClosingLink.frame`. Which perpendicular of z is x does not matter, as long
+    as equal directions have the same one.
     """
     x_axis = perpendicular(directions.T).T
     return x_axis, cross_columns(directions, x_axis)

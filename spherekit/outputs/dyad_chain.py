@@ -221,7 +221,11 @@ class DyadChain:
 
     @staticmethod
     def can_place(assembly: Assembly, base: int) -> bool:
-        """Return whether all groups are dyads of two links on the body of the base."""
+        """Return whether all groups are dyads that can be placed from the base.
+
+        Body 0 of each group, to which the group is joined, must contain the base. The two
+        other bodies must be single links.
+        """
         return all(
             group.is_dyad
             and base in group.bodies[0]

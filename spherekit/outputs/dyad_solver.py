@@ -350,8 +350,9 @@ class _GearedMode:
     def rates(self) -> Floats:
         """(n, inputs, 3) rates of the inputs per unit angular velocity of the output.
 
-        They are those of the entry pairs, times the derivatives of the inputs by the angles
-        of the entry pairs.
+        Entry pairs are the pairs of the mechanism without wheels that are inputs, or that
+        inputs drive through the wheels. Their rates are multiplied by the derivatives of
+        the inputs by the angles of the entry pairs.
         """
         return self.kinematics.inverse_ratios @ self.wheelless_mode.rates
 
@@ -368,9 +369,13 @@ class _GearedMode:
     def type_1_square(self) -> Floats:
         """(n, inputs) squares of `type_1`, continued out of reach with negative values.
 
-        Out of reach `type_1` is NaN. The square of an input is then the smallest square of
-        the entry pairs that move with it, each divided by the squared derivative of the
-        input by the angle of the entry pair.
+        Entry pairs are the pairs of the mechanism without wheels that are inputs, or that
+        inputs drive through the wheels. That mechanism has a measure of type I for each of
+        them, with a square that is negative out of reach.
+
+        Out of reach `type_1` is NaN. The result for an input is then the smallest square of
+        the entry pairs on which it depends, at most 0. Each is divided by the squared
+        derivative of the input by the angle of the entry pair.
         """
         square = self.type_1**2
         squared_ratios = self.kinematics.inverse_ratios**2

@@ -1,10 +1,9 @@
 """Inverse kinematics of a mechanism's output in all working modes, for many poses at once.
 
 The output is held by virtual links (`spherekit.outputs.virtual_output`), and the mechanism
-is assembled group by group like any other. If all groups are dyads on the held body, as for
-the legs of most wrists, many poses are computed from vectors of axes, and each combination
-of signs of the dyads is a working mode. Otherwise each pose is solved by elimination or
-search.
+is assembled group by group like any other. If all groups are dyads, as for the legs of most
+wrists, many poses are computed from vectors of axes, and each combination of signs of the
+dyads is a working mode. Otherwise each pose is solved by elimination or search.
 
 The measures of singularities are those of C. Gosselin and J. Angeles, Singularity analysis
 of closed-loop kinematic chains (1990), made independent of units. With one input locked and
@@ -182,17 +181,19 @@ class InverseKinematics:
     Attributes
     ----------
     own
-        The mechanism itself.
+        The mechanism that was given, without virtual links.
     wrist
-        The mechanism with virtual links that hold the output.
+        The virtual links and pairs that hold the output, and the mechanism with them.
     mechanism
-        The mechanism of `wrist`. Its inputs are the coordinates of the output.
+        The mechanism with the virtual links, which is `wrist.mechanism`. Its inputs are the
+        coordinates of the output.
     solver
-        Position solver of `mechanism`.
+        Position solver of the mechanism with the virtual links.
     driven
         Numbers of the variables of the inputs of `own`.
     dyads
-        The dyads on the held body if all groups are such dyads, otherwise None.
+        The dyads in the order in which they are placed. None if the mechanism with the
+        virtual links, with its inputs locked, does not consist of dyads only.
 
     Raises
     ------
@@ -266,9 +267,11 @@ class InverseKinematics:
 
     @property
     def has_closed_form(self) -> bool:
-        """Whether poses alone determine all links: while the output is held, all are dyads.
+        """Whether a pose of the output determines all links in closed form.
 
-        The method `at` then needs no configurations from which a search starts.
+        This is so if the mechanism consists of dyads (two links and three R pairs each)
+        while the output is held in its pose. The method `at` then needs no orientations
+        (`near`) from which a search starts.
         """
         return self.dyads is not None
 
