@@ -1,4 +1,8 @@
-"""Chooses how the poses of an output are solved: by a closed form or on the graph."""
+"""Chooses how the configurations at poses of an output are computed.
+
+If the mechanism has a closed form, this is used. Otherwise the output is held in the pose,
+and the position solver places the links group by group (`GraphKinematics`).
+"""
 
 from collections.abc import Sequence
 
@@ -30,16 +34,17 @@ def output_kinematics(
 
     A closed form is preferred. Three kinds of mechanisms have one: dyads (groups of two
     links and three R pairs), dyads that are driven by wheels, and a mid-plane symmetric
-    architecture, whose base and output link are mirror images of each other. Otherwise each
-    pose is solved on the graph of all links. If there are neither two nor three inputs,
-    only the poses at inputs can be computed.
+    architecture, whose base and output link are mirror images of each other. Otherwise the
+    output is held in each pose, and the position solver places the links group by group, as
+    they follow from the graph of all links. If there are neither two nor three inputs, only
+    the poses at inputs can be computed.
 
     Parameters
     ----------
     mechanism, output
         The mechanism, and the name of its output if there are several.
     graph
-        Whether to solve on the graph of all links although wheels or a mid-plane symmetric
+        Whether the position solver is used although wheels or a mid-plane symmetric
         architecture give a closed form. Mechanisms of dyads alone ignore this option.
 
     Raises
@@ -118,7 +123,10 @@ def _find_closed_form(inverse: InverseKinematics) -> ClosedKinematics:
 
 
 class GraphKinematics(OutputKinematics):
-    """An output whose poses are solved on the graph of all links, row by row.
+    """An output whose poses are solved row by row, by the position solver.
+
+    The output is held in a pose. The links are then placed group by group, as they follow
+    from the graph of all links and pairs.
 
     Parameters
     ----------

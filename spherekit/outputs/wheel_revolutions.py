@@ -1,10 +1,14 @@
 """The revolutions of the inputs at which wheels mesh as the file of a mechanism says.
 
-If the output is held, wheels close the mechanism in any mesh, and the inputs are
-known up to whole revolutions only. A file, however, describes one assembly, in which the
-rolled lengths follow from the inputs over any number of revolutions
-(`spherekit.positions.gear_phases`). No input leads to the pose in another assembly. For
-example, half a revolution of a carrier is a whole one of its side gear.
+If the output is held, the loops close with the wheels in any mesh, and give the inputs up
+to whole revolutions only. A file describes one mesh: the assembly in which the rolled
+lengths follow from the inputs over any number of revolutions
+(`spherekit.positions.gear_phases`). In another mesh, the mechanism of the file does not
+have the held pose at the computed inputs.
+
+An example is a bevel differential with a side gear as input, whose carrier makes half a
+revolution in one of the input. The loops with the carrier held there also close with an
+input of zero. In the mesh of the file, the input is one revolution.
 """
 
 from itertools import islice, product

@@ -1,10 +1,11 @@
 """Rolling contacts of two wheels on a carrier, and how they relate the angles of pairs.
 
 A link is the carrier of a contact if both wheels rotate relative to it, each about the
-centre of its circle. With the angles f and g of the two rotations and the radii r and s,
-sin(r) f - sin(s) g is constant. Both centres are on the side of the normal of the contact.
-Each angle is a sum of pair variables with signs, so the contact is one linear relation of
-pair variables.
+centre of its circle. Rolling keeps sin(r) f - sin(s) g constant, with the angles f and g of
+the two rotations and the radii r and s of the circles (rad on the unit sphere). A circle
+has two opposite centres. For both circles the centre on the same side of their common
+tangent is taken, so that equal signs of f and g belong together. Each angle is a sum of
+pair variables with signs, so the contact is one linear relation of pair variables.
 
 The contact and the carrier both state that the wheels touch. Of the two constraints of the
 contact only one is therefore independent: that the wheels roll.
@@ -116,7 +117,12 @@ class CarriedContact(NamedTuple):
         return self.first_wheel, self.second_wheel
 
     def angle_factors(self) -> dict[int, float]:
-        """Return the factor of each R pair's variable in sin(r) f - sin(s) g."""
+        """Return the factor of each R pair's variable in sin(r) f - sin(s) g.
+
+        This difference is constant while the wheels roll. The first wheel has the radius r
+        (rad on the unit sphere) and the angle f relative to the carrier, the second one s
+        and g. Each angle is the sum of variables of R pairs with signs.
+        """
         return self.mesh.angle_factors(
             (np.sin(self.first_wheel.radius), -np.sin(self.second_wheel.radius))
         )

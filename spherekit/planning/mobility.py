@@ -103,8 +103,11 @@ class PebbleGame:
     def add_constraint(self, body_a: int, body_b: int) -> bool:
         """Add one constraint between two bodies; return False if it is redundant.
 
-        A constraint is independent if four pebbles can be free on its two bodies: three for
-        the rigid motion of both, and one for a relative motion that it can remove.
+        A pebble is a degree of freedom of a body. Each body has three, and each independent
+        constraint takes one of them. Other pebbles can be moved from body to body along the
+        constraints. The new constraint is independent if four free pebbles can be moved to
+        its two bodies: three for the rigid motion of both, and one for a relative motion
+        that it can remove.
         """
         if self.gather_pebbles(body_a, BODY_FREEDOMS) < BODY_FREEDOMS:
             return False
@@ -137,8 +140,10 @@ class PebbleGame:
     def find_rigid_part(self, body_a: int, body_b: int) -> set[int] | None:
         """Return the smallest rigid set of bodies that contains two bodies, or None.
 
-        The two bodies can move relative to each other if a fourth pebble can be free on
-        them. Then there is no such set.
+        A pebble is a degree of freedom of a body that no constraint has taken; it can be
+        moved to other bodies along the constraints. Three pebbles on two bodies are their
+        rigid motion. If a fourth one can be moved to them, they can move relative to each
+        other, and there is no such set.
         """
         self.gather_pebbles(body_a, BODY_FREEDOMS)
         if self.gather_pebbles(body_b, 1, keep=[body_a]):

@@ -276,7 +276,20 @@ def _choose_cheapest_lines(
 def _prune_passes(
     passes: Sequence[LinePole], requested: Iterable[Pole]
 ) -> tuple[LinePole, ...]:
-    """Return the passes of an irreducible part from which some of its poles follow."""
+    """Return the passes of a part of the mechanism that lead to some of its poles.
+
+    A pole is the axis of the relative rotation of two bodies. The poles of the part are
+    computed together from velocity equations (`BlockPoles`). The passes show, for display
+    only, how they would follow one by one if one of them were known: each pass finds a pole
+    at the intersection of great circles through poles of earlier passes.
+
+    Parameters
+    ----------
+    passes
+        All passes of the part, in order.
+    requested
+        The poles that have to follow.
+    """
     needed_poles = set(requested)
     needed_passes = []
     for step in reversed(passes):

@@ -1,4 +1,4 @@
-"""For analyses with figures of merit that compare designs."""
+"""Functions for analyses whose figures of merit compare designs."""
 
 from spherekit.designs.sensitivity import Sensitivity
 from spherekit.designs.size_deviations import Distribution, SizeDeviations

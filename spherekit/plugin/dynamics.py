@@ -1,4 +1,4 @@
-"""What analyses of forces compute with: inertia, loads and the driving torque."""
+"""Functions for analyses of forces: inertia, loads and driving torques."""
 
 from spherekit.dynamics.coordinates import CoordinateMotion
 from spherekit.dynamics.generalised_forces import Loads

@@ -1,4 +1,4 @@
-"""What analyses find configurations with: position analysis, curves, plans of poles."""
+"""Functions for analyses of motion: position analysis, curves and plans of poles."""
 
 from spherekit.planning.plan_text import describe
 from spherekit.planning.pole_plan import BlockPoles, LinePole, Plan, PrimaryPole

@@ -1,4 +1,4 @@
-"""What analyses of orientations compute with: poses, fixed-axis rotations, schedules."""
+"""Functions for analyses of orientations: poses, fixed-axis rotations and schedules."""
 
 from spherekit.geometry.mirror import mirror_angles, normal_at, normals_of
 from spherekit.geometry.rotation import from_quaternion, quaternion

@@ -1,4 +1,4 @@
-"""What analyses of singularities compute with: places, relations, curves, aspects."""
+"""Functions for analyses of singularities: points, relations, curves and aspects."""
 
 from spherekit.completeness import Completeness
 from spherekit.outputs.mid_plane_loci import mid_plane_loci

@@ -1,4 +1,4 @@
-"""What analyses of reach compute with: poses of files, inverse kinematics, regions."""
+"""Functions for analyses of workspaces: poses of files, inverse kinematics and regions."""
 
 from spherekit.geometry.direction_region import Part, Region, find_region
 from spherekit.geometry.sphere_mesh import sphere_mesh

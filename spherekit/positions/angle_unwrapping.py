@@ -391,8 +391,9 @@ class AngleUnwrapping:
         Returns
         -------
         The followed curve, with the revolutions that its angles gain in a period, and those
-        that they have at the reference input. This is the input of the curve that is
-        nearest to the anchor.
+        that they have at one input of the curve (`reference_input`). This input is the
+        anchor, or one period above it. If the curve reaches neither, it is the end of the
+        curve that is nearest to the anchor.
         """
         (driven,) = self._driven
         (anchor,) = self.solver.anchor_inputs

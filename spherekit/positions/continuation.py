@@ -283,9 +283,13 @@ class CurveContinuation(ABC, Generic[Node]):
         """Find the curves whose step passes their start, so that they are closed.
 
         A lap is one round of a closed curve, after which it returns to its start. Angles
-        may have grown by whole periods (such as revolutions) then. A lap closes if three
-        conditions hold. The start is ahead, within the length of the step. It is near the
-        curve that is extrapolated from the last node. An exact step leads to it.
+        may have grown by whole periods (such as revolutions) then. A lap closes under these
+        conditions:
+
+        - The start is ahead of the last node, within the length of the verified step.
+        - It is near the curve that is extrapolated from the last node, and the curve
+          passes it in the direction in which it began.
+        - A verified step of the length up to the start ends at the start.
 
         Parameters
         ----------
@@ -329,8 +333,9 @@ class CurveContinuation(ABC, Generic[Node]):
         # The curve must pass its start in the same direction as it began. A curve that
         # crosses it at an angle is not closed.
         closes &= np.vecdot(starts.tangents, nodes.tangents) >= MIN_LAP_COSINE
-        # A start that is practically the last node needs no step; the others are reached
-        # by an exact step, which has to end at the start.
+        # A start that is practically the last node needs no step. To the others, a step of
+        # the distance of the start is tried. It has to be verified, and to end at the
+        # start.
         needs_step = np.abs(distances) > NEAR_END_RAD
         closes &= needs_step | (miss <= self.same_point_rad)
         last_steps = np.flatnonzero(closes & needs_step)

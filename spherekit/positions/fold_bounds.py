@@ -6,11 +6,11 @@ singular vectors, loops that are moved by x along v are open along u by
 
     f(x) = e + s x + h x^2 / 2,    h = u . D^2 F [v, v],
 
-up to terms of third order, where F is the closure residual. The other loop equations
-determine the other variables. If e is known to g only, a simple root is known to g / s, and
-both roots near a fold to about the root of 2 g / |h|. The residual is evaluated at the
-bound, to see whether f describes it up to there. If two singular values are near zero,
-nothing is known.
+up to terms of third order, where F is the closure residual. The zeros of f are the closed
+configurations. The other loop equations determine the other variables. If e has an error of
+up to g, a simple zero of f has an error of up to g / s. Near a fold, both zeros have errors
+of up to about sqrt(2 g / |h|). The residual is evaluated at the bound, to see whether f
+describes it up to there. If two singular values are near zero, there is no bound.
 """
 
 from collections.abc import Sequence
@@ -270,14 +270,17 @@ class _FoldModel:
         return distance[:, None] * self._direction + others
 
     def bound_errors(self, closure: Closure, gap: Floats) -> Floats:
-        """Return bounds (n,) in rad of the distance of both roots from the configurations.
+        """Return bounds (n,) in rad of the distance of closed configurations.
 
-        Loops moved by x along v (`_direction`) are open along u (`_side`) by
-        f(x) = e + s x + h x^2 / 2, where s is the slope and h the curvature. v and u are
-        the right and left singular vectors of the smallest singular value s of the closure
-        Jacobian (`_sizes` are all of them). If e is known to g only, a simple root is known
-        to g / s, and both roots near a fold to about the root of 2 g / |h|. The bound is
-        checked with the residuals at its two ends.
+        If the variables of a configuration are moved by x along v (`_direction`), the loops
+        are open along u (`_side`) by f(x) = e + s x + h x^2 / 2. v and u are the right and
+        left singular vectors of the smallest singular value s (`slope`) of the closure
+        Jacobian; `_sizes` are all singular values. e is the `residual`, h the `curvature`.
+
+        The closed configurations are at the roots of f. A simple root with s x much larger
+        than h x^2 / 2 is the only one nearby. If e has an error of up to g, its distance
+        has an error of up to g / s. Near a fold there are two roots, with errors of up to
+        about sqrt(2 g / |h|). The bound is checked with the residuals at its two ends.
 
         Parameters
         ----------
