@@ -104,9 +104,11 @@ _class_annotations = functools.cache(get_type_hints)
 
 
 def resolved_annotation(function: Callable[..., Any], annotation: Any) -> Any:
-    """Return the type that an annotation states, also as text.
+    """Return the type that an annotation of a function states.
 
-    A missing annotation, or a name that is imported for type checkers only, becomes `Any`.
+    An annotation may be a text, such as ``"Mechanism | None"``. Its names are those of the
+    module of the function. A missing annotation, or a name that is imported for type
+    checkers only, becomes `Any`.
     """
     if annotation is inspect.Parameter.empty:
         return Any

@@ -60,22 +60,42 @@ moving axis count as feasible; smaller: rounding makes rotations infeasible."""
 class EquivalentRotation(AbstractAnalysis):
     """The rotation about a fixed axis that carries an output link from `start` to `end`.
 
-    Poses are ``key=value+key=value``, angles in degrees: all driven pairs by their names
-    (``21=5.3+61=56.7``); ``phi``, ``gamma`` of a mid-plane symmetric architecture; ``x``,
-    ``y``, ``z``, where an output points; ``azimuth``, ``tilt``, ``torsion`` or the
-    quaternion ``qx``, ``qy``, ``qz``, ``qw`` of an orientation. The end may also be the
-    axis and angle of a turn, ``ux``, ``uy``, ``uz``, ``angle``. All are seen from the link
-    that the output is relative to.
+    A pose is a text ``name=number+name=number`` with angles in degrees. It is seen from the
+    link that the output is relative to. The names are one of these sets:
 
-    `mode` is the start's configuration, by number or by signs; the summary lists them.
-    `end_mode` is that of an end with several orientations, by number, 0 the nearest to the
-    start, or by signs. By default it is the nearest in the start's assembly and working
-    mode.
-    `samples` divide the rotation evenly; `theta` (degrees) gives its angles instead.
-    `speed` (deg/s) and `acceleration` (deg/s2) are limits of the inputs, one for all or one
-    for each: with one of them there is a schedule of that many rows, its time law of the
-    `shape` cycloidal, cubic, quintic or septic. With the controller's `cycle` (s) it has a
-    row for each cycle instead, and takes a whole number of them.
+    - all driven pairs, as in ``21=5.3+61=56.7``: the inputs of the pose,
+    - ``phi``, ``gamma``: the angles of the plane about which base and output link are
+      mirror images of each other, in a mid-plane symmetric architecture,
+    - ``x``, ``y``, ``z`` or ``azimuth``, ``tilt``: the direction of the output,
+    - ``azimuth``, ``tilt``, ``torsion``, a quaternion ``qx``, ``qy``, ``qz``, ``qw`` or a
+      rotation vector ``rx``, ``ry``, ``rz``: its orientation,
+    - ``ux``, ``uy``, ``uz``, ``angle``, only at the end: the axis and the angle of the
+      rotation from the start.
+
+    Attributes
+    ----------
+    start, end
+        The poses between which the output link rotates.
+    mode
+        Number or signs of the configuration at the start. The summary lists them all.
+    end_mode
+        Number or signs of the orientation at an end that has several. The number 0 is the
+        nearest to the start. By default it is the nearest in the assembly and working mode
+        of the start.
+    output
+        Name of the output, needed if the mechanism declares several.
+    samples
+        Number of rows of each table: equally spaced angles, or times of the schedule.
+    theta
+        Angles (degrees) of the rotation that replace the equally spaced ones.
+    speed, acceleration
+        Limits of the inputs in deg/s and deg/s2: one for all inputs or one for each. A
+        schedule, the rotation in time, is computed if at least one limit is given.
+    shape
+        Time law of the schedule: cycloidal, cubic, quintic or septic.
+    cycle
+        Cycle time (s) of the controller for which the schedule is. The schedule then has
+        one row for each cycle, and its duration is a whole number of cycles.
     """
 
     name = "equivalent_rotation"

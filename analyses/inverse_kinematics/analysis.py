@@ -29,16 +29,16 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
     """Inputs of poses of an output in every working mode, or all poses at given inputs.
 
     A working mode is one of the ways to assemble the legs at a given pose of the output.
-    Poses are given in one of three ways: `poses`, `file` or `window`. The numbers of a pose
-    have one of these sets of names:
+    Poses are given in one of three ways: `poses`, `file` or `window`. A pose consists of
+    numbers with one of these sets of names:
 
-    - ``x``, ``y``, ``z`` or ``azimuth``, ``tilt`` of a direction,
-    - ``azimuth``, ``tilt``, ``torsion``, a quaternion ``qx``, ``qy``, ``qz``, ``qw``, a
-      rotation vector ``rx``, ``ry``, ``rz`` or a matrix ``r11`` .. ``r33`` of an
-      orientation,
-    - ``phi``, ``gamma``, the angles of the plane about which base and output link are
-      mirror images of each other, in a mid-plane symmetric architecture,
-    - all driven pairs: the numbers are inputs, and the poses at these are computed.
+    - a direction: ``x``, ``y``, ``z`` or ``azimuth``, ``tilt``,
+    - an orientation: ``azimuth``, ``tilt``, ``torsion``; a quaternion ``qx``, ``qy``,
+      ``qz``, ``qw``; a rotation vector ``rx``, ``ry``, ``rz``; or a matrix ``r11`` to
+      ``r33``,
+    - the plane about which base and output link are mirror images of each other, in a
+      mid-plane symmetric architecture: its angles ``phi``, ``gamma``,
+    - inputs: the names of all driven pairs. The poses at these inputs are computed.
 
     Attributes
     ----------
@@ -56,7 +56,8 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
     working_mode
         Label or number of one working mode. By default all modes.
     graph
-        Whether to solve the graph of all links even if there is a closed form.
+        Whether to solve the closure equations of all links, even if there is a closed form
+        for some of their solutions or for all.
     pairs
         Pairs whose variables are wanted, or ``all``.
     nearest

@@ -112,7 +112,10 @@ class ForwardSolutions:
         ]
 
     def _describe_angle(self, name: str, row: int) -> str:
-        """Return an angle of the pose in a row, with known derivatives by the inputs."""
+        """Return a text with an angle of the pose in a row of the table.
+
+        Its derivatives by the inputs follow in brackets, if the table has them.
+        """
         text = f"{name} = {format_degrees(self.columns[name][row])} deg"
         derivatives = []
         for pair in self.mechanism.input_pairs:

@@ -1,4 +1,4 @@
-"""Scenes of the analysis `singularities` that both numbers of inputs have."""
+"""Parts of scenes of the analysis `singularities`, for one input and for several."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -116,41 +116,56 @@ def export(
     vary: Sequence[str] | None = None,
     crossings: Crossings | None = None,
 ) -> Exported:
-    """Write a mechanism for other programs, in the format that the file's ending says.
+    """Write a mechanism for other programs, in the format of the ending of the file.
 
     Parameters
     ----------
     mechanism
         The mechanism, the name of a shipped one, or the path of a file.
     path
-        ``*.npz``: its functions, for use without it (see `load_reduced`); ``*.xml``: a
-        MuJoCo model; ``*.csv`` or ``*.h``: a coupling table for controllers, as C
-        with the function that reads it; ``*.toml``: its file. Its formulas as source:
-        ``*.c`` (C99), ``*.hpp`` (C++), ``*.mjs`` (JavaScript), ``*.py`` (NumPy), ``*.jl``,
-        and in print: ``*.tex``.
+        The file. Its ending says what is written:
+
+        - ``.npz``: a model of functions that replace the mechanism (see `load_reduced`),
+        - ``.csv`` or ``.h``: a coupling table for controllers. The header in C has a
+          function that reads the table.
+        - ``.c`` (C99), ``.hpp`` (C++), ``.mjs`` or ``.js`` (JavaScript), ``.py`` (NumPy),
+          ``.jl`` (Julia): source code of formulas,
+        - ``.tex``: formulas in print,
+        - ``.xml``: a MuJoCo model,
+        - ``.toml``: the mechanism file.
     to
-        What to write, where the ending leaves a choice: with ``"coupling"`` the archive
-        ``*.npz`` is a coupling table (see `load_coupling`); ``"casadi"`` writes Python
-        that makes a function of CasADi.
-    input_pair, assembly_mode
-        The driven pairs, by default the inputs of the mechanism, and the assembly mode, by
-        its number or its name; by default the first, of coupling tables all.
-    poles, tolerance
-        Of functions and coupling tables: only these poles (functions of one input: all by
-        default, otherwise none), and the error allowed, of functions relative to the
-        largest value of each (1e-13, of several inputs 1e-11), of angles in tables in rad
-        (1e-6).
-    pairs, samples
-        Of coupling tables: only these passive pairs (all by default), and the nodes along
-        each input (by default as many as the error needs).
+        What to write if several kinds have the ending. ``"coupling"`` writes a coupling
+        table as archive ``.npz`` (see `load_coupling`). ``"casadi"`` writes Python that
+        makes a function of CasADi. ``"model"`` writes the functions of a model of one input
+        as source code.
+    input_pair
+        The driven pairs, by default the inputs of the mechanism.
+    assembly_mode
+        Number or name of the assembly mode. The default is the first one; a coupling table
+        has all modes by default.
+    poles
+        For models and coupling tables: the poles that are stored. By default, a model of
+        one input has all poles. Other models and coupling tables have none.
+    tolerance
+        For models and coupling tables: the error allowed. In a model it is relative to the
+        largest value of each function, by default 1e-13 with one input and 1e-11 with
+        several. In a coupling table it is that of angles in rad, by default 1e-6.
+    pairs
+        For coupling tables: the passive pairs that are stored, by default all.
+    samples
+        For coupling tables: the number of nodes along each input, by default as many as the
+        error needs.
     at
-        Of a MuJoCo model: the inputs (rad) of its pose, by default the first on the way
-        through their ranges at which there is one.
-    quantities, vary
-        Of sources and LaTeX: what they compute, by names or patterns such as ``"theta_*"``,
-        and keys of the file, such as ``"links.2.arc"``, whose numbers are arguments.
+        For MuJoCo models: the inputs (rad) of the pose. The default is the first sample of
+        their ranges at which the assembly mode exists.
+    quantities
+        For source code and LaTeX: what is computed, as names or patterns such as
+        ``"theta_*"``.
+    vary
+        For source code and LaTeX: keys of the file such as ``"links.2.arc"``. Their numbers
+        become arguments of the formulas.
     crossings
-        For sources: how an assembly mode continues where its curve of configurations
+        For source code: how an assembly mode continues where its curve of configurations
         crosses that of another mode. With ``"end"``, the default, it keeps the signs of its
         dyads. A dyad is two links with three R pairs, and its sign is one of two ways to
         assemble it. With ``"pass"`` the mode follows the smooth curve, which is possible

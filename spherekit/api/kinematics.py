@@ -558,10 +558,12 @@ def _single_row_evaluator(
 ) -> Callable[[float], Callable[[], Batch] | None] | None:
     """Return a fast function that evaluates one mode at one input, or None.
 
-    The function evaluates expressions with plain floats, without arrays. Its result is a
-    function that makes the batch (the values with their error bounds) when they are read.
-    Its result is None if float64 may give too few digits; the caller then evaluates the row
-    in the ordinary way. Mechanisms with contacts have no such function.
+    The fast function evaluates expressions with plain floats. It returns a second function,
+    which makes the batch: arrays with the values and their error bounds. The caller calls
+    it when somebody reads the values, because making arrays takes longer than the
+    evaluation. If float64 may give too few digits, the fast function returns None, and the
+    caller evaluates the row in the ordinary way. Mechanisms with contacts have no fast
+    function.
 
     Parameters
     ----------

@@ -51,10 +51,13 @@ def plan(
 
 @checked(PlanError)
 def table(plan: Plan) -> str:
-    """Return the pole table of a plan, in the style of the lecture, as text.
+    """Return the pole table of a plan as text.
 
-    The table has a row and a column for each link. Entry (i, j) says in which pass of the
-    plan the pole of links i and j is constructed.
+    The table has a row and a column for each link. Entry (i, j) is ``x`` if the pole of
+    links i and j is the axis or the contact line of a pair. Otherwise it is the number of
+    the pass that constructs the pole, as a Roman numeral. A star marks poles that follow
+    from velocity equations. R. Di Gregorio uses such tables in lecture 2 of his short
+    course on planar and spherical kinematics (Barcelona 2019).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""`spherekit plan`: the Table of the lecture and the steps behind it."""
+"""`spherekit plan`: in which pass each pole axis is constructed, and the steps to it."""
 
 from argparse import ArgumentParser, Namespace
 
@@ -7,11 +7,11 @@ from spherekit.cli.main import print_json
 from spherekit.cli.study_arguments import add_lock_argument, with_locks
 
 EXAMPLES = """examples:
-  # the Table: which pole is found in which pass
+  # the table: which pole is found in which pass
   spherekit plan stephenson
   # how one pole is constructed
   spherekit plan stephenson --steps --for 5/2
-  # a Table for each input, for a document
+  # a table for each input, for a document
   spherekit plan five_bar --markdown
 """
 

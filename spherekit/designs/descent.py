@@ -313,10 +313,12 @@ class Descent:
             return np.nan_to_num(slacks, nan=-UNDEFINED_OBJECTIVE)
 
         def slack_gradients(y: Floats) -> Floats:
-            """Return the gradients of the constraints; that of the fraction is zero."""
+            """Return the gradients of the constraints of `slack`, in the same order."""
             functions = self.evaluate(y, mode).functions
             return np.concatenate(
                 [
+                    # The fraction of samples at which the mode closes changes in steps, so
+                    # its gradient is zero between them.
                     np.zeros((1, len(y))),
                     -functions.limit_gradients,
                     -functions.objective_gradients[1:],

@@ -171,7 +171,11 @@ class DesignKernel:
 
     @property
     def reach_count(self) -> int:
-        """Number of outputs before the columns: one for each dyad in closed form."""
+        """Number of outputs of `evaluate` that tell whether the links close.
+
+        They come before the requested quantities. In closed form there is one for each
+        dyad, which is negative if the dyad does not close. Otherwise there are none.
+        """
         return len(self.position_arguments) if self.is_closed_form else 0
 
     def evaluate_samples(

@@ -555,7 +555,11 @@ class DesignRuns:
 
 
 def _label_beside_kernel(mode: TableMode) -> str:
-    """Return the label of a mode in a row beside those of a kernel, such as "run 2"."""
+    """Return the label of a mode of a run, such as "run 2", in a table with other modes.
+
+    A kernel, which evaluates many designs at once, has computed the other modes. It labels
+    them by signs or numbers. The prefix shows that this mode is none of them.
+    """
     prefix = RUN_MODE_PREFIX if mode.column == ASSEMBLY else WORKING_MODE_PREFIX
     return f"{prefix} {mode.label}"
 

@@ -102,9 +102,18 @@ def complex_function(
     )
 
     def evaluate(values: Array, real_numbers: Floats) -> Array:
-        """Return the complex outputs from their parts, which are computed as real numbers.
+        """Return complex outputs, whose parts are computed as real numbers.
 
-        Parameters and result are those of the outer function's result.
+        Parameters
+        ----------
+        values
+            (variables, n) complex values of the variables.
+        real_numbers
+            (numbers, n) values of the numbers.
+
+        Returns
+        -------
+        (outputs, n) complex values of the expressions.
         """
         # First the real parts of all outputs, then the imaginary parts.
         rows = real_function(np.concatenate([values.real, values.imag, real_numbers]))

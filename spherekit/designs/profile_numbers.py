@@ -1,8 +1,9 @@
-"""Points, frames and curvatures of contact profiles, and their derivatives by a file.
+"""Points, tangents and curvatures of contact profiles, and their derivatives by sizes.
 
-Kernels of designs whose profiles are not circles take the *columns* of all profiles as
-arguments. Each profile has nine of them at a point: the tangent (3), the point (3), the
-geodesic curvature, and its first and second derivative by the arc length.
+These numbers are the *columns* of a profile. It has nine of them at a point: the tangent
+(3), the point (3), the geodesic curvature, and its first and second derivative by the arc
+length. Kernels, which evaluate many designs at once, take the columns as arguments if
+profiles are not circles. The columns are differentiated by numbers of the mechanism file.
 """
 
 from collections.abc import Mapping, Sequence
