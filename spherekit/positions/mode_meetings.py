@@ -2,10 +2,11 @@
 
 The configurations of a mechanism with one input form curves in the space of its variables.
 Two curves cross at a change point of a four-bar, for example, or in the flat state of a
-fold. An assembly mode of dyads is defined by the sign of each dyad. The sine with this sign
-passes through zero along each smooth curve through a crossing. The same signs therefore
-belong to one smooth curve below the crossing and to another one above it. This module finds
-the mode in which each smooth curve continues.
+fold. An assembly mode of dyads is defined by the sign of each dyad. This is the sign of the
+triple product of the dyad's three pair axes. Along each smooth curve through a crossing,
+the triple product passes through zero, so the sign changes. The same signs therefore belong
+to one smooth curve below the crossing and to another one above it. This module finds the
+mode in which each smooth curve continues.
 """
 
 from collections.abc import Mapping, Sequence
@@ -430,7 +431,8 @@ def follow_smooth_curves(
         # the interval of `start`, and is extended upwards, then downwards. At each meeting,
         # `successors` and `predecessors` map the modes that change to their new numbers.
         numbers = [mode.number]
-        # Whether the curve of another mode continues in this mode at a meeting.
+        # Whether, at a meeting, the curve of another mode continues in the mode on this
+        # curve, while this curve keeps its number.
         is_claimed = False
         for meeting in meetings[first:]:
             is_claimed |= _is_claimed_by_another(numbers[-1], meeting.successors)
@@ -450,9 +452,19 @@ def follow_smooth_curves(
 
 
 def _is_claimed_by_another(number: int, successors: Mapping[int, int]) -> bool:
-    """Return whether another mode changes to this number at a meeting, but this one stays.
+    """Return whether two curves have the same mode number behind a meeting of modes.
 
-    `successors` are those of the meeting. For falling inputs they are its `predecessors`.
+    A curve that has the number before the meeting keeps it. The curve of another mode
+    changes to this number.
+
+    Parameters
+    ----------
+    number
+        The number of an assembly mode.
+    successors
+        Maps the number of a mode before the meeting to that of the mode behind it which is
+        on the same smooth curve. A mode that is not a key keeps its number. For falling
+        inputs these are the `predecessors` of the meeting.
     """
     return number not in successors and number in successors.values()
 

@@ -123,8 +123,8 @@ class ModesOverRange:
     assembly_modes
         The modes. That of the reference pose comes first.
     methods
-        For each group the least complete method by which its modes were found at any input;
-        None if they were computed at none.
+        For each group of links the least complete method by which its configurations were
+        computed at any input; None for a group for which this was done at no input.
     claim
         How complete the modes are.
     probes

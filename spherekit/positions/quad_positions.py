@@ -306,8 +306,10 @@ class QuadAssembly:
 
         A dyad has three R pairs: outer pairs join two free bodies to the first body, and
         the middle pair joins these to each other. b is the middle axis, a and c are the
-        outer axes, and t is their triple product, zero at the dead centre. `bodies` is
-        updated: rotations, variables, error bound and the two flags.
+        outer axes, and t is their triple product, zero at the dead centre.
+
+        `bodies` is updated in place: rotations, variables, error bound, and whether the
+        dyad is out of reach or at its dead centre.
 
         Parameters
         ----------
@@ -365,7 +367,8 @@ class QuadAssembly:
             return sizes[0] * second + sizes[1] * first + first * second
 
         # A negative t^2 means that the arcs do not close. The rounding of the inputs counts
-        # for the flags, but not for t itself, since the inputs are used as they are.
+        # for `is_out_of_reach` and `is_at_dead_centre`, but not for t itself, since the
+        # inputs are used as they are.
         error_with_rounding = np.maximum(bodies.error, bodies.rounding)
         bodies.is_out_of_reach |= size < -square_error_bound(error_with_rounding)
         is_at_dead_centre = np.abs(size) <= square_error_bound(error_with_rounding)

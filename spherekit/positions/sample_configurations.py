@@ -442,11 +442,27 @@ def _solve_batch(
 def _solve_real_roots(
     geometry: GroupGeometry, order: EliminationOrder
 ) -> tuple[Floats, Bools]:
-    """Return the real solutions of the tree's angles from the roots on the unit circle.
+    """Return the real solutions of the equations of a group, from real roots only.
 
-    A real angle belongs to a root on the unit circle. The results are those of `solve` in
-    `_solve_batch`. The second one is whether there is one solution for each such root, and
-    whether every other root is clearly off the circle.
+    The unknowns are the angles of t pairs that join some bodies of the group to a tree. All
+    but one are eliminated. The roots of the remaining polynomial are values of
+    exp(i angle), so a real angle belongs to a root on the unit circle.
+
+    Parameters
+    ----------
+    geometry
+        The group at n samples.
+    order
+        The t unknown angles and the equations, in an order that can be solved.
+
+    Returns
+    -------
+    tree_angles
+        (n, m, t) real solutions (rad), as starts of Newton's method; NaN if a sample has
+        fewer than m.
+    is_clear
+        (n,) whether there is one solution for each root on the unit circle, and every other
+        root is clearly off the circle.
     """
     return estimate_real_angles(geometry.form_equations(order), order.incidence)
 
@@ -454,10 +470,24 @@ def _solve_real_roots(
 def _solve_all_roots(
     geometry: GroupGeometry, order: EliminationOrder
 ) -> tuple[Floats, Bools]:
-    """Return the real solutions of the tree's angles, selected from all complex ones.
+    """Return the real solutions of the equations of a group, from all complex ones.
 
-    The results are those of `solve` in `_solve_batch`. The second one is whether all
-    complex solutions were computed, and each is clearly real or clearly complex.
+    The unknowns are the angles of t pairs that join some bodies of the group to a tree.
+
+    Parameters
+    ----------
+    geometry
+        The group at n samples.
+    order
+        The t unknown angles and the equations, in an order that can be solved.
+
+    Returns
+    -------
+    tree_angles
+        (n, m, t) solutions (rad), NaN for those that are not real.
+    is_clear
+        (n,) whether all complex solutions were computed, and each is clearly real or
+        clearly complex.
     """
     tree_angles, _ = geometry.solve_equations(order)
     imaginary_part = max_abs(tree_angles.imag, axis=2)

@@ -241,9 +241,10 @@ def _follow_forward(
     """
 
     def end_of_curve(piece: CertifiedArc) -> Arm | int | None:
-        """Return the arm on which an arc is, or the side of the range (1, -1) where it is.
+        """Return the end of a curve that an arc of it has reached, 0 if it is at none.
 
-        The result is 0 if the arc is inside the range and on no arm.
+        An end is an arm, a branch of curves that leaves a crossing, or a side of the range
+        of the input: 1 if the arc is above the range, -1 if it is below.
         """
         # The input's variable is the last one.
         overshoot = max(piece.distance_bound, RANGE_OVERSHOOT_RAD)

@@ -83,9 +83,8 @@ class ModeInterval(NamedTuple):
 class CertifiedCurves:
     """The configuration curves over a range of the only input, as far as they are proven.
 
-    A chain is a configuration curve as a row of certified arcs. A crossing is a place where
-    curves cross or nearly do; branches of curves, its arms, leave it. Every closed
-    configuration of the range is on a chain, on an arm, or in one of the undecided boxes.
+    Every closed configuration of the range is on a chain, on an arm of a crossing, or in
+    one of the undecided boxes.
 
     Attributes
     ----------
@@ -102,7 +101,8 @@ class CertifiedCurves:
     is_full_cycle
         Whether the range is exactly the turns of the input after which everything is back.
     chains
-        The curves, as chains of certified arcs: boxes with exactly one arc of a curve.
+        The curves. A chain is a row of certified arcs: boxes with exactly one arc of a
+        curve.
     crossings
         The places where curves cross or nearly do. Four arms, branches of curves, leave
         each place.
@@ -171,7 +171,11 @@ class CertifiedCurves:
 
     @cached_property
     def chain_arms(self) -> list[tuple[Arm | None, Arm | None]]:
-        """For each chain the arms on which it begins and ends, None for no arm."""
+        """For each chain the arms on which it begins and ends, None for no arm.
+
+        A chain is a configuration curve. An arm is one of the four branches of curves that
+        leave a saddle, a place where curves cross or nearly do.
+        """
         return [
             self.crossings.chain_ends(chain.pieces, chain.closed) for chain in self.chains
         ]

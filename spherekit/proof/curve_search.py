@@ -318,7 +318,12 @@ class CurveSearch:
         return False
 
     def _list_arm_uses(self) -> Iterator[ArmUse]:
-        """Yield all arms of all saddles with the number of chains that end on them."""
+        """Yield all arms of all saddles with the number of chains that end on them.
+
+        A saddle is a place where curves of configurations cross or nearly do. An arm is one
+        of the four branches of curves that leave it. A chain is a curve as a row of arcs;
+        exactly one chain should end on each arm.
+        """
         end_counts = Counter(
             arm
             for chain in self.chains
@@ -326,6 +331,8 @@ class CurveSearch:
         )
         for number, saddle in enumerate(self.crossings.saddles):
             for quadrant, signs in sorted(saddle.outward_signs.items(), reverse=True):
+                # The signs of the rates of all variables along the arm, away from the
+                # saddle. The input's variable is the last one.
                 arm = number, quadrant
                 yield ArmUse(arm, end_counts[arm], signs[-1])
 

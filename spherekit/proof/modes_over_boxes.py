@@ -294,7 +294,13 @@ class EquationSystem:
         unit_rates = no_error[..., None] + np.eye(centres.shape[1])
 
         def select_given(name: str, of_inputs: Array) -> Array:
-            """Return a property of the given variables, from the modes and the inputs."""
+            """Return a property of the variables that this system takes as given.
+
+            These are the unknowns of other systems, and the inputs. `name` is the property
+            as a field of `modes`, which has it for all unknowns: "angle", "circle_points",
+            "rates" or "error". `of_inputs` has it for the inputs.
+            """
+            # In the numbering of all variables the inputs follow the unknowns.
             return np.concatenate([modes[name], of_inputs], axis=1)[:, self.given]
 
         given = select_given("angle", centres)

@@ -124,7 +124,8 @@ EndKind = Literal["time", "joint_limit", "sticking"]
 """Why a motion ends: the requested time, a joint limit, or dry friction at rest."""
 
 SwitchSides = Floats | None
-"""Sides (switches,) +1 or -1 of all conditions, or None for those on which they are."""
+"""Side (switches,) of each switch: the sign, +1 or -1, that its condition has in a step.
+None if the sides are not chosen yet: each then follows from the value of the condition."""
 
 JOINT_LIMIT_SWITCH = -1
 """Number that stands for a joint limit among the numbers of switches."""
@@ -242,7 +243,12 @@ class _Step:
     sweeps: int
 
     def evaluate(self, x: Array) -> Array:
-        """Return the coordinate and p, (2, n), at positions x (n,) in [-1, 1]."""
+        """Return the coordinate and its momentum p, (2, n), at positions in the step.
+
+        The coordinate is the pair variable c by which the motion is described. Its momentum
+        is p = sqrt(B) dc/dt with the equivalent inertia B. The positions x (n,) are from -1
+        at the start of the step to 1 at its end.
+        """
         # The radii of the balls would bound the rounding of this sum only, not the error of
         # the series, so they are dropped.
         return exact_centres(_evaluate_series(self.series, x).T)
@@ -483,8 +489,8 @@ class ExactSimulation:
         t
             (n,) times (s).
         sides
-            (switches,) side +1 or -1 of each condition, or None for the sides on which they
-            are.
+            (switches,) side of each switch: the sign, +1 or -1, that its condition counts
+            as having at all times. None for the sign of its value at each time.
         time_inside
             A time (s) between the two kinks of tables around all `t`.
 
@@ -753,6 +759,9 @@ class ExactSimulation:
         sweep of Picard's iteration evaluates the right sides at all Gauss nodes of the step
         and integrates them again. It also makes one Newton step that closes the loops.
 
+        Loads may contain switches: `abs`, `sign`, `min` or `max`. Each depends on the sign
+        of one condition, which is constant in a step, +1 or -1: the side of the switch.
+
         Parameters
         ----------
         c, p
@@ -762,7 +771,8 @@ class ExactSimulation:
         length
             Length of the step (s).
         sides
-            Sides of the switches; None for those on which they are at the start.
+            (switches,) side of each switch. None to use the sign that each condition has at
+            the first Gauss node, just after the start of the step.
         """
         half = length / 2
         t = self.end + half * (self._nodes + 1)

@@ -416,9 +416,10 @@ def _relative_size(relative: Array, vectors: Array, pole: Pole) -> Floats:
 def exact_field(reference: ExactRows, request: Request, field: PoleField) -> PoleField:
     """Return the poles of a field with the float64 numbers nearest to reference values.
 
-    The pole of two links is the axis of their relative rotation while one input moves. The
-    coefficients are the components of the relative angular velocity, and of its derivative
-    by the input, along the pole.
+    A field has, for each pole of two links, the direction of the axis of their relative
+    rotation while one input moves, and two coefficients. The velocity coefficient is the
+    component of the relative angular velocity along this direction, the acceleration
+    coefficient that of its derivative by the input.
 
     Parameters
     ----------
