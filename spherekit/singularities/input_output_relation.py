@@ -72,7 +72,10 @@ class FourLinks:
 
     @property
     def different(self) -> tuple[int, ...]:
-        """The two, three or four different links among i, r, o and s, each listed once."""
+        """The links of input and output (i, r, o, s), each listed once.
+
+        They are two, three or four links, because input and output may share links.
+        """
         return tuple(dict.fromkeys((self.i, self.r, self.o, self.s)))
 
     def ends(self, axis: str) -> tuple[int, int]:

@@ -88,7 +88,12 @@ class SingularityMeasure:
 
     @cached_property
     def _square_matrix(self) -> Floats:
-        """(n, k, k) the matrix B = E N, or B^T B if det B does not change its sign."""
+        """(n, k, k) the square matrix whose determinant is `value`.
+
+        It is B = E N (`constraint_on_basis`): the equations E x = 0 of a singularity,
+        applied to a basis N of the k rates x that close the loops. It is B^T B if B is not
+        square, or if det B does not change its sign across the locus.
+        """
         matrix = self.constraint_on_basis
         return matrix if self.changes_sign else np.swapaxes(matrix, 1, 2) @ matrix
 
@@ -454,8 +459,9 @@ class SingularityLocus:
 
         The unknowns of the linear system are g coordinates of the change of the
         configuration, along the rates that close the loops, and k coordinates of the change
-        of x. These are along the same rates, or along those of a part of the mechanism. The
-        steps of the V variables and V rates follow from them. A row whose system is not
+        of x. The change of x is along the same rates (k = g) or, if only a part of the
+        mechanism can move the output, along the k rates that move this part. The steps of
+        the V variables and V rates follow from the coordinates. A row whose system is not
         finite only gets the step that closes the loops.
 
         Parameters
@@ -520,9 +526,10 @@ class SingularityLocus:
 
         Rows of the matrix are: E x = 0 (m), |x| = 1 (one), and the borders (b). Columns are
         the coordinates of the change of the configuration (g), along the rates that close
-        the loops, then those of the change of x (k). These are along the same rates, or
-        along those of a part of the mechanism. The derivative of E x by the configuration
-        has two terms: E changes, and x changes because it must continue to close the loops.
+        the loops, then those of the change of x (k). The change of x is along the same
+        rates (k = g) or, if only a part of the mechanism can move the output, along the k
+        rates that move this part. The derivative of E x by the configuration has two terms:
+        E changes, and x changes because it must continue to close the loops.
 
         Parameters
         ----------

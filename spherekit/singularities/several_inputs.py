@@ -156,11 +156,11 @@ class OutputCoefficients:
         output can move with the inputs at rest, also where the loops lose rank.
     hold
         (n,) smallest singular value of the closure with locked inputs, see
-        `input_authority` there.
+        `spherekit.velocities.transmission_measure.input_authority`.
     type_one
-        (n,) sine of the angle between all motions, as rates of the inputs and of the
-        output, and those in which the output rests; 0 if inputs can move while the output
-        rests. Self-motions do not count.
+        (n,) measure from 0 to 1: 0 if inputs can move while the output rests. It is the
+        sine of an angle between two linear spaces of rates of inputs and output: the
+        possible rates, and all rates with the output at rest. Self-motions do not count.
     reciprocal_condition
         (n,) relative smallest singular value of the closure Jacobian.
     type

@@ -118,8 +118,10 @@ class SingleFreedomSingularities:
     input, outputs
         (i, r) and for each output (o, s), numbers of links.
     links
-        For each output the four links of the relation of form "i" and, if it exists, of
-        form "ii". If s is r, form "ii" uses another link for s.
+        For each output the four links of the relation c y' = d q' in each of its forms. q'
+        is the rate of the input. y' is the rate of the output in form "i", and the rate of
+        o relative to r in form "ii". Form "ii" does not exist if o is i or r. If s is r, it
+        uses another link for s.
 
     Raises
     ------
@@ -813,7 +815,16 @@ def explain_doubts(
 
 
 def _format_undecided(distance: float, error: float) -> str:
-    """Return the note of zeros of input and output whose distance is not certain (rad)."""
+    """Return the note that input and output rest at one point or at two, undecided.
+
+    Parameters
+    ----------
+    distance
+        Distance (rad) of the points at which the rates of input and output were found to be
+        zero.
+    error
+        Error (rad) of the positions of these points.
+    """
     return (
         f"undecided within tolerance: input and output vanish {distance:.3g} rad apart, "
         f"and the places are known to {error:.3g} rad"

@@ -85,7 +85,7 @@ class SingularPoints(ArrayRows):
 
 @dataclass(frozen=True)
 class SingularityReport:
-    """One type of singularity of an output, which describes singular configurations.
+    """Finds and describes the singular configurations of one type, for one output.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class SingularityReport:
     def for_output(
         solver: PositionSolver, output: OutputStationary, kind: LocusName
     ) -> "SingularityReport":
-        """Return one type of singularity of an output.
+        """Return the report on one type of singularity of an output.
 
         A mechanism can have pairs whose motion does not move the output. For types I and
         II only the part of the mechanism that moves the output is examined, so that

@@ -256,7 +256,11 @@ def singular_points_on_slice(curve: ArcCurve, locus: SingularityLocus) -> LocusP
     """
 
     def measure_along_curve(points: CurvePoints) -> tuple[Floats, Floats]:
-        """Return the measure (n,) of the locus and its derivative by the arc length."""
+        """Return the measure of the locus, and its derivative by the arc length.
+
+        The measure (n,) is a determinant that is zero in singular configurations. The
+        derivative (n,) is that along the curve.
+        """
         space = locus.tangent_space(points.values)
         measure = locus.measure(space)
         # The tangent space has the rates that close the loops, and an orthonormal basis.

@@ -101,7 +101,11 @@ def check_file(path: AnyPath) -> None:
 
 
 def _check_writable(folder: Path, error_if_no_folder: int) -> None:
-    """Raise `OSError` if a path is no folder (with this number), or cannot be changed."""
+    """Raise `OSError` if a path is not a folder in which files can be made.
+
+    `error_if_no_folder` is the error number (`errno`) for a path that is not a folder. The
+    message to the user depends on it.
+    """
     if not folder.is_dir():
         raise OSError(error_if_no_folder, "")
     if not os.access(folder, os.W_OK | os.X_OK):

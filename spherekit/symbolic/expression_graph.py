@@ -285,15 +285,15 @@ def rewrite(
     expressions
         Numbers and nodes.
     convert_number
-        Returns the other form of a number.
+        Returns the converted form of a number.
     convert_node
-        Returns the other form of a node. It is called with the node and the converted
+        Returns the converted form of a node. It is called with the node and its converted
         arguments; a variable has none.
     """
     converted: dict[ExpressionNode, Any] = {}
 
-    def convert(expression: Expr) -> Any:
-        """Return the other form of a number, or of a node that is converted already."""
+    def converted_form(expression: Expr) -> Any:
+        """Return the converted form of a node, which is stored, or of a number."""
         if isinstance(expression, ExpressionNode):
             return converted[expression]
         return convert_number(float(expression))
@@ -301,9 +301,10 @@ def rewrite(
     for node in iterate_nodes(expressions):
         arguments = []
         if node.operation != "variable":
-            arguments = [convert(argument) for argument in node.arguments]
+            # Nodes are visited after their arguments, whose converted forms are stored.
+            arguments = [converted_form(argument) for argument in node.arguments]
         converted[node] = convert_node(node, arguments)
-    return [convert(expression) for expression in expressions]
+    return [converted_form(expression) for expression in expressions]
 
 
 def substitute(

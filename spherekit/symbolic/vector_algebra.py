@@ -74,7 +74,10 @@ def determinant(rows: Sequence[Sequence[Expr]]) -> Expr:
     minors: dict[tuple[int, ...], Expr] = {(): 1.0}
 
     def form_minor(columns: tuple[int, ...]) -> Expr:
-        """Return the minor of the last rows in these columns, by its first row."""
+        """Return the minor of k columns: their determinant in the last k rows.
+
+        It is expanded along the first of these rows.
+        """
         if columns not in minors:
             row = rows[len(rows) - len(columns)]
             total: Expr = 0.0

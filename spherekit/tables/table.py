@@ -70,8 +70,9 @@ class Column:
         How the column changes if the whole mechanism is rotated. ``"no"``: not at all.
         ``"vector"``: it is a component of a vector in ground axes; the components x, y, z
         are in successive columns. ``"otherwise"``: it depends on the ground axes in another
-        way. The rows of a table without samples, or with a text of this sort, may then also
-        be others.
+        way, such as an azimuth. If a text is declared so, or if a table with such a column
+        has no row for each sample and assembly mode, a rotation may also change which rows
+        the table has.
     """
 
     name: str

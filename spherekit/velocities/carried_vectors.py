@@ -189,7 +189,11 @@ def largest(items: Iterable[Expr]) -> Expr:
 def _contact_frame(
     side: ProfileSide, placed: LinkOrientation, variables: Sequence[Expr]
 ) -> Exprs:
-    """Return t, n and p (the rows of a matrix (3, 3)) of a profile at the contact."""
+    """Return the moving frame of a profile at the contact, in ground axes.
+
+    The rows of the matrix (3, 3) are the tangent t of the profile, its normal n = p x t,
+    and the contact point p.
+    """
     return place_link(side.chain, placed, variables).direction(np.eye(3)).T
 
 
