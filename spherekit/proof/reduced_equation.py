@@ -1,8 +1,8 @@
 """One equation in two coordinates for the configurations near a loss of rank.
 
 F are the k equations of a mechanism in n = k + 1 variables z. Where F' loses one rank, let
-l be the direction (k,) that F' misses, and u and v two coordinates along the kernel of F'.
-The system
+l (k,) be the direction in which no small change of z changes F, l F' = 0, and u and v two
+coordinates along the kernel of F'. The system
 
     F(z) = g l,   with u and v of z given,
 
@@ -120,9 +120,9 @@ class BorderedDerivatives:
 class ReducedEquation:
     """The reduced equation g(u, v) = 0 about a centre.
 
-    Near a point where F' loses a rank, let l be the direction that F' misses. With two
-    coordinates u and v given, F(z) = g l defines all variables z and the number g. The
-    configurations F = 0 are the zeros of g.
+    Near a point where F' loses a rank, let l be the direction in which no small change of z
+    changes F: l F' = 0. With two coordinates u and v given, F(z) = g l defines all
+    variables z and the number g. The configurations F = 0 are the zeros of g.
 
     Attributes
     ----------

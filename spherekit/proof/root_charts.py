@@ -240,7 +240,16 @@ class ChartRoots:
         return factor * self.z[:, column, None] ** np.maximum(exponents - order, 0)
 
     def with_points(self, z: Complexes) -> "ChartRoots":
-        """Return new points, given in the present charts and moved to the better ones."""
+        """Return points with new coordinates, inverted where they have become large.
+
+        A chart is e^(i angle) of an unknown or its inverse, whichever has the magnitude of
+        at most 1. A coordinate above `CHART_CHANGE_MAGNITUDE` is replaced by its inverse.
+
+        Parameters
+        ----------
+        z
+            (n, k) new coordinates, in the charts of the present points.
+        """
         is_large = np.abs(z) > CHART_CHANGE_MAGNITUDE
         return ChartRoots(np.where(is_large, 1.0 / z, z), self.inverse ^ is_large, self.row)
 
@@ -514,9 +523,13 @@ def enclose_roots(
     variables g. Let the matrix Y be near the inverse of P_z at the approximate root.
     Suppose that Y P_z differs from the identity by at most `slack` < 1 within a radius and
     for all inputs of the box. The distance of the root from any point there is then at most
-    the largest |Y P| at this point, divided by 1 - slack. On the axis of the tube |Y P| is
-    small: Y P_z and Y P_g change at most linearly, so that their mean change is half of the
-    largest one. If the resulting distance is less than the radius, the root stays inside.
+    the largest |Y P| at this point, divided by 1 - slack. If this distance is less than the
+    radius at all points of the axis of the tube, the root stays inside.
+
+    |Y P| on the axis is its value at the centre of the box and the integral of its
+    derivative along the axis, Y P_z z' + Y P_g g'. The rates z' of the axis make this
+    derivative zero at the centre. From there Y P_z and Y P_g change at most linearly, so
+    that half of their largest changes bounds the mean of the derivative.
 
     Parameters
     ----------

@@ -388,13 +388,16 @@ def _make_saddle(
 def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[Ball, float]:
     """Return the level of a saddle, and a bound of the slopes of g at a point near it.
 
-    The configurations near a saddle are the zeros of g(u, v). With two coordinates u and v
-    given, F(z) = g l defines all variables z and the number g. F are the equations of the
-    mechanism, and l is the direction that their derivatives miss at a crossing. The level
-    is the value of g at its saddle point, which Newton's method approximates. g is convex
-    in u and concave in v, so the level differs from the value at the approximation by at
-    most the slopes there times the size of the rectangle. The precision is increased until
-    the sign of the level is known, or to the last one of `LEVEL_PRECISIONS_BITS`.
+    The configurations near a saddle are the zeros of g(u, v). F are the equations of the
+    mechanism. At a crossing their derivatives F' by the variables z lose a rank: there is a
+    direction l with l F' = 0, in which no small change of z changes F. With two coordinates
+    u and v given, F(z) = g l defines all variables z and the number g.
+
+    The level is the value of g at its saddle point, which Newton's method approximates. g
+    is convex in u and concave in v, so the level differs from the value at the
+    approximation by at most the slopes there times the size of the rectangle. The precision
+    is increased until the sign of the level is known, or to the last one of
+    `LEVEL_PRECISIONS_BITS`.
 
     Parameters
     ----------

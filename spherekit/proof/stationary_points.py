@@ -533,9 +533,11 @@ def _enclose_zero(
     length = np.max(np.abs(chord))
 
     def signed_rate(ratios: Floats, _: Indices) -> Floats:
-        """Return the rate (1,) at a part of the way, negative at the start.
+        """Return the rate of the variable (1,), times its sign at the end of the stretch.
 
-        It is an approximation: no proof depends on it.
+        The argument (1,) is the fraction of the way from the start of the stretch to its
+        end. The result is negative at the start and positive at the end. It is an
+        approximation: no proof depends on it.
         """
         position = correct_configuration(equations, piece.centre + ratios[0] * chord)
         if position is None:
@@ -547,8 +549,8 @@ def _enclose_zero(
             return end_sign * np.zeros(1)
         return end_sign * tangent_frame.frame[variable, :1]
 
-    # The part of the way at which the rate is 0. It is between 0, where the signed rate is
-    # negative, and 1, where it is positive.
+    # The fraction of the way at which the rate is 0. It is between 0, where the signed rate
+    # is negative, and 1, where it is positive.
     one = np.ones(1)
     (zero_ratio,), _ = find_bracketed_zeros(
         signed_rate,

@@ -64,9 +64,11 @@ class Structure:
         return [self.pairs[pair] for pair in pairs]
 
     def coupler_parts(self, coupler: int) -> tuple[int, tuple[int, int]]:
-        """Return the link of a coupler and its pairs with both links of the contact.
+        """Return the number of the link of a coupler, and the numbers of its two pairs.
 
-        `coupler` is the position of the contact in `couplers`.
+        A coupler is a link that replaces a sliding contact of two circles. Its pairs join
+        it to the first and to the second link of the contact. `coupler` is its index in
+        `couplers`.
         """
         first_pair = len(self.pairs) - 2 * (len(self.couplers) - coupler)
         return self.body_count + coupler, (first_pair, first_pair + 1)

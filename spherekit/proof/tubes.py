@@ -344,13 +344,16 @@ class TubeTest:
 
     Attributes
     ----------
-    third_bound
-        (k,) bounds C of the third derivatives: at most C times products of `degrees`.
-    error
-        (k,) error bounds of the derivatives at the centre, rounding included: at most
-        `error` times products of `degrees`.
     degrees
-        (k, v) bounds of the degrees along the frame.
+        (k, v) trigonometric degrees d of each equation along each coordinate of the frame:
+        the sum over the variables of the degree in a variable, times the magnitude of its
+        component along the coordinate.
+    third_bound
+        (k,) numbers C: the third derivative of an equation by the coordinates i, j and l is
+        at most C d_i d_j d_l.
+    error
+        (k,) numbers E, rounding included: the error of a computed derivative at the centre
+        by the coordinates i and j is at most E d_i d_j, that by i at most E d_i.
     inverse_size
         (k, k) magnitudes of the entries of Y.
     second_derivatives

@@ -153,7 +153,7 @@ class Batch:
 
     @property
     def dq_range(self) -> Range:
-        """Least and greatest dq of the whole run, rad/s; `SolveError` likewise."""
+        """Least and greatest dq of the run, rad/s; `SolveError` with several inputs."""
         self._check("time", "time")
         return self._range(1)
 

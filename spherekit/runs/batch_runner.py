@@ -545,9 +545,10 @@ def find_stops(
     """Return the rows at which pole directions are compared, for each assembly mode.
 
     The sign of a pole direction is chosen continuously from row to row. A *gap* is a pair
-    of rows between which a direction may reverse. Directions are compared only at the rows
-    of gaps, and at the first and the last row (*stops*). Rows between two stops that are no
-    gap have the sign of the first of these stops.
+    of rows between which a direction may reverse. Directions are compared only at *stops*:
+    the rows of gaps, and the first and the last row. If there is no gap between a stop and
+    the next one, no direction reverses between them, and the rows between them have the
+    sign of the first of both.
 
     Parameters
     ----------
@@ -558,8 +559,9 @@ def find_stops(
     is_assembled
         (modes, samples) whether the row has a configuration.
     is_uncertified
-        (modes, samples) whether the row was solved without the kernel. Directions may
-        reverse before and after it.
+        (modes, samples) whether the row has a configuration, but the bounds of the kernel
+        (the compiled function of many rows) do not show that its poles are accurate.
+        Directions may reverse before and after such a row.
 
     Returns
     -------

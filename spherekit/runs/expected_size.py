@@ -65,10 +65,16 @@ def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int
     Returns
     -------
     dict
-        If all groups are dyads and there are not many poles, the assembly modes are found
-        as the run will find them. Otherwise the search can take long. ``assembly_modes`` is
-        None then, and all numbers are those of a single assembly mode. ``reason`` says why
-        nothing is predicted.
+        - ``assembly_modes``: the number of assembly modes. If all groups are dyads and
+          there are not many poles, they are found as the run will find them. Otherwise the
+          search can take long. The entry is None then, and all other numbers are those of a
+          single assembly mode.
+        - ``configurations``: the number of configurations.
+        - ``tables``: for each table the numbers of its rows, columns and bytes.
+        - ``velocity_equation_solves``: how often velocity equations are solved.
+        - ``not_predicted``: names of the analyses whose tables are not predicted.
+
+        If nothing is predicted, the only entry is ``reason``, which says why.
 
     Raises
     ------

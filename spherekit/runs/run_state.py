@@ -339,7 +339,11 @@ class RunState:
         return sum(number for key, number in self.counts.items() if key[0] == MODE)
 
     def status_counts(self, *key_start: str) -> StatusCounts:
-        """Return how many counted items have each status, of all keys that begin so."""
+        """Return how many rows or poles have each status, by the name of the status.
+
+        The keys of `counts` are tuples of texts that end with a status. All keys that begin
+        with `key_start` are added up, such as ("mode", "0") for the rows of mode 0.
+        """
         counts: StatusCounts = Counter()
         for key, number in self.counts.items():
             if key[: len(key_start)] == key_start:
@@ -393,8 +397,9 @@ class RunState:
 def _count_shared_arrays(arrays: Iterable[Array]) -> list[tuple[Array, int]]:
     """Return each distinct array once, and how many times it is there.
 
-    Poles without a status of their own share one array. Counting in it once saves most of
-    the time. Arrays are the same if they start at the same address with the same strides.
+    The arrays are statuses of poles. Poles without a status of their own share one array,
+    and it saves most of the time to count the statuses of this array only once. Arrays are
+    the same if they start at the same address with the same strides.
     """
     arrays_by_memory: dict[tuple[int, tuple[int, ...]], list[Array]] = defaultdict(list)
     for array in arrays:

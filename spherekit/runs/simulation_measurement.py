@@ -321,7 +321,8 @@ def measure_simulation_settings(
     """Measure integrators and tolerances of a simulation.
 
     The reference is a simulation in more digits than float64. If there is none, it is the
-    float64 simulation with the tightest tolerance, and the words say why.
+    float64 simulation with the tightest tolerance. The text `reference` of the result then
+    says why.
 
     Parameters
     ----------

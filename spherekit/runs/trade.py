@@ -43,7 +43,7 @@ from spherekit.runs.trade_files import describe_run
 from spherekit.runs.trade_measurement import (
     compute_reference_tables,
     measure_deviations,
-    reads_poles,
+    reads_motion_quantities,
 )
 from spherekit.runs.trade_record import Measured, Trade
 from spherekit.tables.table import TableArrays, Tables, arrays
@@ -224,7 +224,7 @@ def trade(
         sample_count = min(study.count, trade_options.checked or MAX_CHECKED_SAMPLES)
         shortened_study = replace(study, samples=sample_count)
     run_plan = make_analysis_plan(make_sampling(shortened_study), analysis)
-    if not reads_poles(run_plan):
+    if not reads_motion_quantities(run_plan):
         raise AnalysisError(
             f"{analysis.name}: reads no poles, rates or positions of the samples and "
             "declares no parameter that trades speed for accuracy (`trades`); there is "

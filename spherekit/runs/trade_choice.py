@@ -19,7 +19,7 @@ from spherekit.runs.simulation_measurement import make_analysis_plan
 from spherekit.runs.table_deviation import Deviation, find_largest_deviation
 from spherekit.runs.trade import trade
 from spherekit.runs.trade_files import describe_run, read_trade
-from spherekit.runs.trade_measurement import measure_run, reads_poles
+from spherekit.runs.trade_measurement import measure_run, reads_motion_quantities
 from spherekit.runs.trade_record import (
     MARGIN,
     Cost,
@@ -100,7 +100,7 @@ def choose(
             # The run itself reports errors of an analysis.
             with suppress(AnalysisError, PluginError):
                 run_plan = make_analysis_plan(sampling, analysis)
-                if not analysis.trades and reads_poles(run_plan):
+                if not analysis.trades and reads_motion_quantities(run_plan):
                     run_plans.append(run_plan)
     # The choice: from trades, if there are any.
     if not stored and study.count >= MIN_SAMPLES_FOR_TRADE:

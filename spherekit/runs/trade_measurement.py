@@ -24,8 +24,13 @@ Larger: the measurement takes longer; smaller: rows with large errors are missed
 """
 
 
-def reads_poles(run_plan: RunPlan) -> bool:
-    """Return whether the analysis reads anything that depends on settings of the run."""
+def reads_motion_quantities(run_plan: RunPlan) -> bool:
+    """Return whether the analysis of a run reads poles, rates or positions of samples.
+
+    Only the errors of these depend on settings of the run, such as its engine. The links of
+    an analysis that uses the position analysis (`Needs.links`) do not count, because the
+    analysis computes their configurations itself.
+    """
     needs = replace(run_plan.needs[0], links=frozenset())
     return bool(links_of(run_plan.mechanism, needs))
 

@@ -88,8 +88,9 @@ class LinkMotion:
         The mechanism, with one degree of freedom.
     values, tangents, bends
         (n, variables) variables (rad) and their first and second derivatives by the
-        parameter, for example the arc length of a curve. Second derivatives that are NaN
-        denote that the motion is given exactly.
+        parameter, for example the arc length of a curve. At a crossing of curves the
+        closure equations are singular, and another method gives values and tangents. Second
+        derivatives are then unknown: NaN.
     """
 
     def __init__(
@@ -107,9 +108,10 @@ class LinkMotion:
             The mechanism, with one degree of freedom.
         values, tangents, bends
             (n, variables) pair variables (rad) and their first and second derivatives by
-            the parameter of the motion, for example the arc length of a curve. NaN second
-            derivatives denote that values and tangents are given exactly. Accelerations are
-            then NaN, too.
+            the parameter of the motion, for example the arc length of a curve. Second
+            derivatives are NaN if they are unknown. This is so at crossings of curves,
+            where the closure equations are singular, and another method gives values and
+            tangents. Accelerations are then NaN, too.
         """
         self.values = values
         self.motion = make_motion(position_analysis.solver, values)
@@ -127,10 +129,10 @@ class LinkMotion:
         reciprocal_condition = np.maximum(
             bordered_reciprocal_condition(equations, left_inverse(equations)), EPS
         )
-        # Motions that are given exactly do not follow from these equations, so errors are
-        # not amplified by their inverse.
-        is_given_exactly = np.isnan(bends[:, 0])
-        reciprocal_condition[is_given_exactly] = 1.0
+        # At a crossing, which NaN second derivatives mark, values and tangents do not
+        # follow from these equations, so errors are not amplified by their inverse.
+        is_crossing = np.isnan(bends[:, 0])
+        reciprocal_condition[is_crossing] = 1.0
         # With the reciprocal condition number k, the configuration has an error of about
         # EPS / k, and quantities that follow from it EPS / k^2. The bound is a sum of
         # multiples of both. Larger factors than 8 and 0.25: more rates count as zero and
