@@ -607,10 +607,22 @@ class DesignEvaluator:
         return table.rows(~is_lost), modes.lost_designs
 
     def track_modes(self, sizes: Floats) -> TrackedModes:
-        """Track all modes of designs with the sizes (sizes, n) of the kernel.
+        """Return the configurations of n designs in all assembly modes, by tracking.
 
-        The configurations are those at the samples, followed by those at the points of
-        figures.
+        An assembly mode is one of the ways to assemble the mechanism. All solutions of the
+        closure equations are known for one design. They are computed for the other designs
+        while the sizes change step by step.
+
+        Parameters
+        ----------
+        sizes
+            (sizes, n) numbers in which the closure equations of the designs differ, in rad
+            and SI units.
+
+        Returns
+        -------
+        The modes, with configurations at all samples of the inputs. Those at the points
+        follow: inputs at which some figure of merit is evaluated.
         """
         assert self._tracking is not None
         path_kernel, start_solutions = self._tracking

@@ -205,7 +205,7 @@ class DesignKernel:
             (sizes, n) sizes of the design of each sample, or (sizes, 1) if all samples
             belong to one design.
         profile_columns
-            (9 profiles, n) for each contact profile its tangent (3), point (3), curvature
+            (9 * profiles, n) for each contact profile its tangent (3), point (3), curvature
             and the first two derivatives of the curvature. None if profiles are circles.
         revolution_offsets
             (unwrapped pairs, n) angles of whole revolutions (rad) of pairs on which loads

@@ -100,7 +100,12 @@ class DesignProfiles:
         self.profiles = make_contact_profiles(self.mechanism)
 
     def evaluate_columns(self, values: Floats) -> Floats:
-        """Return the columns (9 profiles, n) at pair variables (n, variables of pairs)."""
+        """Return the columns (9 * profiles, n) of all profiles at n configurations.
+
+        The nine columns of a profile are its tangent (3), point (3), geodesic curvature and
+        the first two derivatives of the curvature, at the point of contact. `values` (n,
+        variables) are the pair variables (rad), some of which are arc lengths on profiles.
+        """
         return evaluate_profile_columns(self.profiles, values)
 
     def interpolate_to(self, deviations: Floats) -> ProfileColumns:
@@ -122,7 +127,7 @@ class DesignProfiles:
         -------
         A function of pair variables (variables, m) in rad, numbers (m,) of the paths, and
         path parameters (m,), which are 0 at this design and 1 at the draw. It returns the
-        columns (9 profiles, m). Several paths can lead to the same draw: path k leads to
+        columns (9 * profiles, m). Several paths can lead to the same draw: path k leads to
         draw k modulo the number of draws. The second derivatives of the curvature are NaN,
         because the closure equations do not depend on them.
         """
@@ -150,8 +155,8 @@ class DesignProfiles:
 
             Returns
             -------
-            (9 profiles, m) columns: tangent (3), point (3), geodesic curvature and its two
-            derivatives. They are NaN if the draw is an impossible design. The second
+            (9 * profiles, m) columns: tangent (3), point (3), geodesic curvature and its
+            two derivatives. They are NaN if the draw is an impossible design. The second
             derivative is not needed for closing the loops, and is always NaN.
             """
             columns = nans((COLUMN_COUNT * len(self.profiles), len(paths)))
@@ -441,7 +446,7 @@ def _differentiate_by_arc_length(columns: Floats) -> Floats:
     Parameters
     ----------
     columns
-        (9 profiles, n) columns at n points of each profile.
+        (9 * profiles, n) columns at n points of each profile.
 
     Returns
     -------
@@ -535,7 +540,7 @@ def evaluate_profile_columns(
 
     Returns
     -------
-    (9 profiles, n) columns, in the axes of the link of each profile. They are NaN if
+    (9 * profiles, n) columns, in the axes of the link of each profile. They are NaN if
     variables are NaN, or if the arc length is outside an open profile.
     """
     columns = nans((COLUMN_COUNT * len(profiles), len(values)))
@@ -566,13 +571,13 @@ def _interpolate_columns(start: Floats, end: Floats, fractions: Floats) -> Float
     Parameters
     ----------
     start, end
-        (9 profiles, n) columns of both designs.
+        (9 * profiles, n) columns of both designs.
     fractions
         (n,) 0 for `start`, 1 for `end`, and numbers in between.
 
     Returns
     -------
-    (9 profiles, n) interpolated columns.
+    (9 * profiles, n) interpolated columns.
     """
     columns = start + fractions * (end - start)
     for k in range(0, len(columns), COLUMN_COUNT):

@@ -681,7 +681,7 @@ class VariedMechanism:
             return no_slopes
 
         def read_change(design: Floats) -> Floats:
-            """Return the change (varied numbers,) of the numbers from those at `values`."""
+            """Return the varied numbers of a design, less those of the design `values`."""
             change = self._read_varied_numbers(design) - numbers_at_values
             # Contacts are described by angles and by ratios of wheels. An angle may jump by
             # a whole revolution from one design to the next, which `wrap` removes. A change

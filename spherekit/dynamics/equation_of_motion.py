@@ -96,14 +96,17 @@ class InertiaRoots:
 
     def multiply(self, x: Floats) -> Floats:
         """Return R x (n, m)."""
-        return self._scale(x, self.eigenvalues)
+        return self._scale_components(x, self.eigenvalues)
 
     def solve(self, x: Floats) -> Floats:
         """Return R^-1 x (n, m)."""
-        return self._scale(x, 1.0 / self.eigenvalues)
+        return self._scale_components(x, 1.0 / self.eigenvalues)
 
-    def _scale(self, x: Floats, factors: Floats) -> Floats:
-        """Return x (n, m) with its components along the eigenvectors multiplied."""
+    def _scale_components(self, x: Floats, factors: Floats) -> Floats:
+        """Return x (n, m), multiplied by a factor along each eigenvector of R.
+
+        The factor (n, m) of an eigenvector applies to the component of x along it.
+        """
         components = factors[..., None] * (transpose(self.eigenvectors) @ x[..., None])
         return (self.eigenvectors @ components)[..., 0]
 

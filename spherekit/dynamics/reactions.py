@@ -89,8 +89,9 @@ class Reactions(JointReactions):
 
     @property
     def on_bearings(self) -> Mapping[str, Floats]:
-        """(n, bearings, 3) N by name of the load: forces on its bearings, in pair axes.
+        """The forces (n, bearings, 3) on the bearings of pairs, N, in pair axes.
 
+        The key is the name of the load (`Bearings`) that describes the bearings of a pair.
         The component along the axis is NaN if the file does not say how the bearings share
         it, and the other components are NaN if the force through O is undetermined.
         """
@@ -104,7 +105,12 @@ class Reactions(JointReactions):
 
     @property
     def couples(self) -> Mapping[str, Floats]:
-        """(n, bearings) N by name of the load: sizes of the forces by the moment alone."""
+        """The part of bearing forces that the moment of the pair causes: sizes, N.
+
+        The key is the name of the load (`Bearings`) that describes the bearings of a pair.
+        The sizes (n, bearings) are those of the forces if the pair transmits only its
+        moment about the centre O, and no force through O.
+        """
         return {
             load.name: np.linalg.norm(
                 load.supported_loads(self.moments[:, self._pair_number(load)]), axis=-1

@@ -554,7 +554,10 @@ class StoredModel:
 
     @cached_property
     def _single_functions(self) -> dict[Names, SingleFunction]:
-        """Functions of single points by the names of their results, once requested."""
+        """Functions that `_single_function` has made so far, by the names of their results.
+
+        Each evaluates some stored functions at one point.
+        """
         return {}
 
     def _single_function(self, *names: str) -> SingleFunction:

@@ -119,7 +119,11 @@ def _find_critical_places(
     """
 
     def evaluate_arguments(steps: Indices, places: Floats) -> Floats:
-        """Return the arguments (n, arguments) of steps (n,) at places (n,)."""
+        """Return the values (n, arguments) of the steep arguments at n places.
+
+        `steps` (n,) are the indices of the steps that contain the `places` (n,), which are
+        fractions from 0 at the start of a step to 1 at its end.
+        """
         _, argument_rows = probe(steps, places)
         return argument_rows
 

@@ -226,7 +226,10 @@ def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPat
 
 
 def number_at(document: Document, path: KeyPath) -> float:
-    """Return the number at a path; 0 if the file leaves it or a table on the way out."""
+    """Return the number at a path: keys and indices that lead to it.
+
+    The result is 0 if the file does not have the number, or a table that would contain it.
+    """
     value: Any = document.data
     for step in path:
         value = value[step] if isinstance(step, int) else value.get(step)

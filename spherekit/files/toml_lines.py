@@ -150,19 +150,30 @@ class _KeyScanner:
         self.is_value = True
 
     def _enter_table(self) -> None:
-        """Record the line of the header whose parts were read, and enter its table."""
-        path = self._path_of_outer_tables(self.key_parts[:-1])
+        """Record the line of a table header at its end, and make its table the present one.
+
+        The parts of the header, such as ``pairs`` and ``41`` of ``[pairs.41]``, are in
+        `key_parts`. The keys that follow belong to the present table.
+        """
+        path = self._enter_outer_tables(self.key_parts[:-1])
         path = (*path, self.key_parts[-1])
         if self.header_depth > 1:
+            # ``[[name]]`` begins the next table of an array.
             self.lines.setdefault(path, self.line)
             self.array_table_sizes[path] += 1
             path = (*path, self.array_table_sizes[path] - 1)
-        # A header of an inner table may have come before; the own header has the last word.
+        # The header of a table inside this one may have come before. Its line was recorded
+        # for this table, too, and is replaced by the line of the table's own header.
         self.lines[path] = self.line
         self.table = path
 
-    def _path_of_outer_tables(self, keys: Sequence[str]) -> KeyPath:
-        """Return the path of the tables around a header; of an array, its last table."""
+    def _enter_outer_tables(self, keys: Sequence[str]) -> KeyPath:
+        """Return the path of the table in which the last part of a header is a key.
+
+        `keys` are the other parts of the header. If one of them names an array of tables,
+        the header belongs to the last table of this array so far, whose index is added to
+        the path. The present line is recorded for tables that have no line yet.
+        """
         path: KeyPath = ()
         for key in keys:
             path = (*path, key)

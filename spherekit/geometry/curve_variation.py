@@ -189,10 +189,22 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
 
 
 def _integrate_speed_rate(path: Path, edges: Floats) -> ArcLength:
-    """Return the derivative of the arc length by the design variable of a complex path.
+    """Return the derivative of the arc length of a path by a design variable.
 
-    The arc length is the integral of the speed |dp/du|, so its derivative is the integral
-    of that of the speed. The edges (m,) are parameters u between which the path is smooth.
+    The arc length is the integral of the speed |dp/du| over the parameter u. Its derivative
+    is therefore the integral of the derivative of the speed.
+
+    Parameters
+    ----------
+    path
+        The path as a complex step: the imaginary part of each number is its derivative by
+        the design variable, times a tiny number.
+    edges
+        (m,) parameters u between which the path is smooth.
+
+    Returns
+    -------
+    The derivative at a fixed parameter, as a function of the parameter.
     """
     return integrate_rate(
         lambda u: extract_derivative(path.speed(add_complex_step(u, 0.0))), edges

@@ -204,10 +204,21 @@ def close_dyad(
     def orient_body(
         axis: Floats, base_tangent: Floats, angle: Floats, body: tuple[Floats, Floats]
     ) -> Floats:
-        """Return the rotation (n, 3, 3) from body axes to base axes.
+        """Return the rotation (n, 3, 3) of a body of the dyad, from its axes to base axes.
 
-        The side of the triangle is turned from the base by the angle, about the outer axis.
-        `base_tangent` points along the base at this axis.
+        The body is a side of the triangle. At its outer axis this side and the base, the
+        arc between both outer axes, enclose an angle.
+
+        Parameters
+        ----------
+        axis
+            (n, 3) outer axis of the body, in base axes.
+        base_tangent
+            (n, 3) direction of the base at this axis.
+        angle
+            (n,) angle (rad, 0 to pi) of the triangle at this axis.
+        body
+            Outer and middle axis (n, 3), in the axes of the body.
         """
         normal_part = (sign * np.sin(angle))[:, None]
         tangent = np.cos(angle)[:, None] * base_tangent + normal_part * normal

@@ -195,8 +195,9 @@ class Bearings(BearingFriction):
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
         """Return one component, whose magnitude is -tanh(v / speed).
 
-        Other code multiplies it by the friction (N m): the coefficient times the radius
-        times the load on the bearings.
+        Here v is the rate of the pair. The friction moment (N m) is this magnitude times
+        the coefficient, the radius and the sum of the forces on the bearings. Other code
+        multiplies, because the forces are known only when the reactions are.
         """
         magnitude = f"-tanh(dtheta_{self.pair}/{format_number(self.speed)})"
         if not self.friction_coefficient > 0.0:
@@ -252,8 +253,9 @@ class ContactFriction(BearingFriction):
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
         """Return one component, whose magnitude is -tanh(v / speed).
 
-        It is later multiplied by the coefficient times the push (N m), because the push is
-        known only when the reactions are.
+        Here v is the sliding rate. The friction moment is this magnitude times the
+        coefficient times the push, the moment (N m) of the normal force about the centre.
+        Other code multiplies, because the push is known only when the reactions are.
         """
         if not self.friction_coefficient > 0.0:
             return (LoadComponent(parse("0", [])),)

@@ -278,7 +278,20 @@ def _syntax_error(column: int, message: str, allowed: str = _GRAMMAR) -> ModelEr
 
 
 def _parse_python(text: str, indentation: int) -> ast.expr:
-    """Return the syntax tree of Python for a text after this many spaces."""
+    """Return the syntax tree that Python's parser makes of an expression.
+
+    Parameters
+    ----------
+    text
+        The expression without spaces at its start, which the parser refuses.
+    indentation
+        Number of spaces that were removed there. Columns in messages count them.
+
+    Raises
+    ------
+    ModelError
+        If the text is no expression of Python, or too deeply nested.
+    """
     try:
         with warnings.catch_warnings():
             # Python warns of texts such as "1or t", which are refused later anyway.
