@@ -112,8 +112,8 @@ def test_the_checker_refuses_a_map_with_a_wrong_count_or_a_repeated_solution():
     with_repeated_solution = copy.deepcopy(certificate)
     first_system = with_repeated_solution["systems"][0]
     # A system is solved for one or several choices of the inputs.
-    for solved_choice in first_system["solved"]:
-        solved_choice["solutions"][0] = solved_choice["solutions"][1]
+    for system_solution in first_system["solved"]:
+        system_solution["solutions"][0] = system_solution["solutions"][1]
     refuse(with_repeated_solution)
 
 

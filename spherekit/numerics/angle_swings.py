@@ -57,7 +57,8 @@ def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
     path = np.concatenate([angles, appended]) if is_closed_path else angles
 
     # (n, path samples) changes of the angles. The first one of each mode is NaN. From here
-    # on, the steps of all modes are one long array, in which each NaN starts a piece.
+    # on, the steps of all modes are one long array, in which each NaN starts a piece:
+    # successive samples at which the angle is known.
     steps = wrap(np.diff(path, axis=0, prepend=np.nan)).T
     piece_starts = np.flatnonzero(np.isnan(steps))
     piece_of_step = np.cumsum(np.isnan(steps)) - 1
@@ -74,9 +75,21 @@ def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
     widest = order[np.searchsorted(mode_of_piece, np.arange(angles.shape[1]))]
 
     def find_extreme_samples(extremes: Floats) -> Indices:
-        """Return the first sample (n,) at which the widest piece has its extreme growth.
+        """Return for each mode the sample at an end of its widest swing.
 
-        `extremes` (pieces,) are the lowest or the highest growths.
+        A piece is a row of successive samples at which the angle of a mode is known. The
+        growth is the change of the angle since the first sample, with full revolutions
+        counted. The result is the first sample in the widest piece of the mode at which the
+        growth has its extreme value.
+
+        Parameters
+        ----------
+        extremes
+            (pieces,) the lowest growth in each piece, or the highest growth in each.
+
+        Returns
+        -------
+        (n,) numbers of samples.
         """
         extreme_steps = np.flatnonzero(growth == extremes[piece_of_step])
         # The first such step from the start of the piece on.

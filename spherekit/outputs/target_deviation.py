@@ -244,9 +244,12 @@ class TargetDeviation:
 
     @cached_property
     def system(self) -> Floats:
-        """(n, equations + 3, variables) J above G.
+        """(n, equations + 3, variables) the closure Jacobian with three further rows.
 
-        It has full rank if every motion of the mechanism turns the output link.
+        The further rows are those of `output_jacobian`. The product with the rates of the
+        variables has the rates at which the loops open, and the angular velocity of the
+        output link. The matrix has full rank if every motion of the mechanism turns the
+        output link.
         """
         return np.concatenate([self.linearisation.jacobian, self.output_jacobian], axis=1)
 

@@ -122,9 +122,10 @@ def place_at_folds(
 ) -> FoldPlacement:
     """Improve configurations at folds, and bound their errors.
 
-    At a fold two configurations meet at one input, where the input has a dead centre. Loops
-    that are moved from the configuration along the nearly free direction open by a
-    quadratic function. Its nearest root is the improved configuration.
+    At a fold two configurations meet at one input, where the input has a dead centre. In
+    the space of the variables there is one direction in which the loops hardly open. If the
+    configuration moves by x in this direction, the closure error is a quadratic function of
+    x. Its nearest root is the improved configuration.
 
     Parameters
     ----------
@@ -157,7 +158,7 @@ def place_at_folds(
     equations = 3 * len(closure.tree.chords)
     if not len(rows) or not 0 < len(passive) <= equations:
         return placement
-    # Steps to the nearest root of the quadratic function, which is updated each time.
+    # Take steps to the nearest root of the quadratic function. Each step has a new one.
     closure = closure.select_rows(rows)
     improved = values[rows]
     for _ in range(MAX_FOLD_NEWTON_STEPS):
@@ -261,7 +262,13 @@ class _FoldModel:
             return -np.matvec(self._right[:, :, :-1], parts / sizes)
 
     def step_to_nearest_root(self) -> Floats:
-        """Return the step (n, free) to the nearer root of f, or to its extreme value."""
+        """Return the step (n, free) to the nearer closed configuration.
+
+        If the variables move by x along a direction v, the loops open by the quadratic
+        f(x) = e + s x + h x^2 / 2, where e is the `residual`, s the `slope` and h the
+        `curvature`. The step leads to the nearer root of f. If f has no root, it leads to
+        the extreme value of f, where the loops are least open.
+        """
         with np.errstate(divide="ignore", invalid="ignore"):
             discriminant = self.slope**2 - 2.0 * self.curvature * self.residual
             root = -2.0 * self.residual / (self.slope + np.sqrt(discriminant))

@@ -180,7 +180,11 @@ class ModeCoalescence:
         return 1 if order is None else order.root_count
 
     def count_factors(self, position: int) -> int:
-        """Return the number of complex modes whose product is the function of a group."""
+        """Return the number of determinants whose product is the function of a group.
+
+        There is one for each complex mode of the group, in each complex mode of the earlier
+        groups on which it depends.
+        """
         return prod(map(self._count_modes, (*self._dependences[position], position)))
 
     def __call__(self, position: int, q: Floats) -> Floats:

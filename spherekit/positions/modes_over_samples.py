@@ -87,8 +87,9 @@ class SampledModes:
         Number of samples at which configurations were computed, plus the number of random
         starts.
     mobilities
-        Number of degrees of freedom, by the rank of the velocity equations, at each start
-        of a sheet. It is computed only if a group has redundant equations.
+        Number of degrees of freedom, by the rank of the velocity equations, of each
+        configuration from which other samples were reached by verified steps. It is
+        computed only if a group has redundant equations.
     """
 
     def __init__(

@@ -67,17 +67,18 @@ class PositionAnalysis:
     path
         (n, inputs) values of the inputs (rad), instead of their ranges.
     follow
-        Whether assembly modes are searched. If not, there are none, and every motion is
-        empty.
+        Whether configurations are computed. If not, there is no assembly mode, not even
+        that of a reference pose, and every motion is empty.
     crossings
         What an assembly mode does where configuration curves cross. With "end" it keeps
         the signs of its dyads. With "pass" it follows its smooth curve through the
         crossing, and the signs change there.
     independent
-        Whether the samples of a path are unrelated to each other, and are no motion. Then
-        configurations of several inputs that no verified steps connect may belong to one
-        mode, if it has none at a sample between them. So inputs far apart have few modes.
-        If no sample can be reached, there is one mode of failed rows instead of an error.
+        Whether the samples of a path are unrelated to each other, and are no motion. With
+        several inputs, modes with equal signs then count as one mode if no verified steps
+        connect them and a sample without a configuration is between them. Otherwise samples
+        far apart would give many modes. If no sample can be reached, there is one mode of
+        failed rows instead of an error.
 
     Attributes
     ----------
@@ -128,8 +129,8 @@ class PositionAnalysis:
 
         An assembly mode is one of the ways in which the mechanism can be put together at
         given inputs. `crossings` is "end" or "pass": what modes do where curves of
-        configurations cross. Without `follow` no modes are searched. `independent` says
-        that the samples are unrelated and no motion. Other parameters: see the class.
+        configurations cross. Without `follow` there are no modes. `independent` says that
+        the samples are unrelated and no motion. Other parameters: see the class.
         """
         self._follow = follow
         self._independent = independent
@@ -330,7 +331,13 @@ class PositionAnalysis:
 
     @cached_property
     def configurations(self) -> Configurations:
-        """All configuration curves that meet the input's range; `PlanError` as `range`."""
+        """All configuration curves that have a point in the range of the only input.
+
+        Raises
+        ------
+        PlanError
+            If there are several inputs.
+        """
         return configuration_curves(self.solver, self.assembly_modes, *self.range)
 
     @cached_property

@@ -324,8 +324,9 @@ class PositionSolver:
         q
             (n, inputs) inputs (rad).
         rows
-            (n,) samples of the input grid. They are needed for modes that are known at the
-            samples of a grid only.
+            (n,) numbers of the samples that have these inputs. They are needed only for
+            modes of several inputs with groups that are placed by Newton's method, whose
+            verified configurations are at the samples of the input grid.
 
         Returns
         -------
@@ -423,7 +424,9 @@ class PositionSolver:
         q
             (n, inputs) inputs (rad).
         rows
-            (n,) samples of the input grid, None if the mode is not known at samples only.
+            (n,) numbers of the samples that have these inputs. With several inputs, the
+            verified configurations of a mode are those at samples of the input grid, so the
+            numbers are needed. With one input they form a curve, and this can be None.
         state
             The bodies placed so far; changed in place.
         status

@@ -452,9 +452,9 @@ def _system_tables(
 
     A system is a smallest set of equations that can be solved by itself if the systems
     before it are solved. All its other variables then have given values. It is solved for
-    several choices of these. A solution lists for each unknown the number z = e^(i angle),
-    or 1 / z if its entry in "inverse" is true. Complex solutions may have an infinite z,
-    which is listed as the inverse 0.
+    several sets of these values. A solution lists for each unknown the number
+    z = e^(i angle), or 1 / z if its entry in "inverse" is true. Complex solutions may have
+    an infinite z, which is listed as the inverse 0.
 
     Parameters
     ----------
@@ -474,17 +474,19 @@ def _system_tables(
     for system in systems:
         given_names = [names[variable] for variable in system.given]
         solved_tables = []
-        for solved_choice in system.solved:
+        for system_solution in system.solved:
             # Each root has one complex number z for each unknown, which is e^(i angle) or,
             # where `is_inverse` is true, its inverse.
             solutions = [
                 {"inverse": is_inverse.tolist(), "z": [[z.real, z.imag] for z in root]}
                 for is_inverse, root in zip(
-                    solved_choice.roots.inverse, solved_choice.roots.z, strict=True
+                    system_solution.roots.inverse, system_solution.roots.z, strict=True
                 )
             ]
-            # The angles (rad) of the given variables in this choice.
-            given_angles = dict(zip(given_names, solved_choice.given.tolist(), strict=True))
+            # The angles (rad) of the given variables in this set.
+            given_angles = dict(
+                zip(given_names, system_solution.given.tolist(), strict=True)
+            )
             solved_tables.append({"given": given_angles, "solutions": solutions})
         tables.append(
             {

@@ -6,10 +6,11 @@ derivatives vanish there: F' loses a rank, and curves may cross. Whether the loo
 a plane is a question of a sum of arcs. It is decided exactly, with the decimal numbers of
 the file.
 
-Let x be one of the two variables of the loop. If the loop closes with x at a value in the
-plane and the other variable at both of its values in the plane, then it closes with all
-values of the other variable: the equation is a + b cos of it, and both a + b and a - b are
-zero. The configurations are then a whole curve along which x is constant.
+Let x and y be the two variables of the loop. Each has two *planar angles*, at which the
+arcs of both links of its pair are in one plane. If x is one of its planar angles, the
+equation of the loop is a + b cos(y) = 0, with y counted from one of its own planar angles.
+If the loop closes with both planar angles of y, a + b and a - b are zero, so that it closes
+with all y. The configurations are then a whole curve along which x is constant.
 """
 
 from collections.abc import Mapping, Sequence
@@ -407,8 +408,9 @@ class Crossings:
         """Return the arms on which a chain of arcs begins and ends, None for no arm.
 
         An arm is a branch of a curve that leaves a saddle, where curves cross or nearly do.
-        A closed chain has no ends. A chain of one arc that is on an arm begins outside the
-        range of the input, so that only its end is on the arm.
+        A closed chain has no ends. A chain of one arc on an arm stands for an arm that
+        leaves the range of the input near its saddle. It begins outside the range, so that
+        only its end is on the arm.
         """
         if closed:
             return None, None

@@ -405,13 +405,13 @@ def _find_best_construction(
     """Return the best order of placing the links, None if there is no order.
 
     Links that are joined by pairs with given angles form a body, which is placed as one.
-    Constructions (orders of placing with their equations) are compared in three respects;
-    each decides only if all before it are equal:
+    Constructions (orders of placing with their equations) are compared by three numbers.
+    Each of them decides only if those before it are equal. The best construction has
 
-    1. Most preferred pairs are variables.
-    2. The bound of complex modes is lowest: the largest possible number of isolated complex
-       solutions.
-    3. The sum of the degrees of the equations is lowest.
+    1. the largest number of preferred pairs as variables,
+    2. the lowest bound of complex modes, which is the largest possible number of isolated
+       complex solutions,
+    3. the smallest sum of the degrees of the equations.
 
     Parameters
     ----------

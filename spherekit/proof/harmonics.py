@@ -140,7 +140,7 @@ class Harmonics:
     ) -> tuple[Complexes, Complexes]:
         """Return an equation as a polynomial in z = e^(i angle) of some of its angles.
 
-        All other angles are given, with n choices of their values. An equation of degree m
+        All other angles are given, with n sets of values. An equation of degree m
         in an angle has the powers -m to m of z. It is multiplied by z^m, so that the lowest
         power is 0.
 
@@ -171,7 +171,7 @@ class Harmonics:
         # Binary digit k of an index of axis 0 is 1 if the sum is differentiated by given
         # angle k. So index 0 is the value, and index 2^k the first derivative by angle k.
         # The others are mixed derivatives, which are not used. The last axis has the n
-        # choices of the given angles.
+        # sets of values of the given angles.
         sums = _sum_waves(coefficients, waves)
         # Without given angles the last axis has the length 1 so far.
         sums = np.broadcast_to(sums, (*sums.shape[:-1], len(given)))

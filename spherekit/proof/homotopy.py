@@ -133,8 +133,8 @@ def track_homotopy(polynomials: Polynomials, seed: int) -> ChartRoots:
     Parameters
     ----------
     polynomials
-        The system as polynomials in z = e^(i angle) of its unknowns, at one choice of its
-        given variables.
+        The system as polynomials in z = e^(i angle) of its unknowns, at one set of values
+        of its given variables.
     seed
         Seed of the random start system.
 
@@ -210,8 +210,8 @@ def _make_start_system(
     Parameters
     ----------
     polynomials
-        The system at one choice of its given variables (inputs, and unknowns that were
-        solved for before).
+        The system at one set of values of its given variables (inputs, and unknowns that
+        were solved for before).
     generator
         Random numbers for the roots of the linear factors.
     """
@@ -228,8 +228,8 @@ def _make_start_system(
         # A random phase of the start equations avoids singular systems on the paths.
         phase = np.exp(2j * np.pi * generator.random())
         start = reduce(np.multiply.outer, factors) * phase
-        # Both ends get coefficients of the same size. `start` has no axis for the choice of
-        # the given variables yet.
+        # Both ends get coefficients of the same size. `start` has no axis for the set of
+        # given values yet.
         scale = np.linalg.norm(start) / np.linalg.norm(goal)
         ends.append(np.stack([start[None], scale * goal], axis=1))
     # In a solution one factor of each equation vanishes. It determines one unknown, so the

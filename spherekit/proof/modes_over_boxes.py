@@ -42,7 +42,7 @@ Larger: roots are followed farther, and some may be lost. Smaller: more homotopi
 """
 
 MAX_STORED_SOLUTIONS = 128
-"""Largest number of choices of given angles whose roots are remembered.
+"""Largest number of sets of given angles whose roots are remembered.
 
 Larger: a longer search for the nearest ones. Smaller: roots are followed farther.
 """
@@ -58,7 +58,7 @@ Larger: close roots are lost. Smaller: one root that two paths reached is counte
 def approximate_modes(
     equations: ArcEquations, circle_points: Floats, seed: int
 ) -> Complexes:
-    """Return approximations of the complex modes at one choice of the inputs.
+    """Return approximations of the complex modes at one value of each input.
 
     Complex modes are all solutions of the loop equations; real ones are assembly modes. A
     homotopy follows known solutions of random equations to those of the mechanism.
@@ -86,8 +86,8 @@ def approximate_modes(
 
 
 @dataclass(frozen=True)
-class SolvedChoice:
-    """All roots of a system at one choice of its given variables.
+class SystemSolution:
+    """All roots of a system at one set of values of its given variables.
 
     Attributes
     ----------
@@ -213,10 +213,10 @@ class EquationSystem:
         self.bound = permanent(2 * self.degrees[:, : len(unknowns)])
         # Values of the given variables for which all roots are known, with these roots.
         # Roots for other values are followed from the nearest of them.
-        self.solved: list[SolvedChoice] = []
+        self.solved: list[SystemSolution] = []
 
     def form_polynomials(self, circle_points: Array) -> Polynomials:
-        """Return the polynomials of the system at m choices of the given variables.
+        """Return the polynomials of the system for m sets of values of the given variables.
 
         They are polynomials in e^(i angle) of the unknowns. The other angles are given: the
         inputs, and unknowns of systems that were solved before. `Polynomials` explains the
@@ -322,7 +322,9 @@ class EquationSystem:
         has_all_roots = are_distinct(roots, tubes.centre_radius, has_converged, self.bound)
         for mode in np.flatnonzero(has_all_roots):
             rows_of_mode = slice(mode * self.bound, (mode + 1) * self.bound)
-            self.solved.append(SolvedChoice(given[mode], roots.select_roots(rows_of_mode)))
+            self.solved.append(
+                SystemSolution(given[mode], roots.select_roots(rows_of_mode))
+            )
         del self.solved[:-MAX_STORED_SOLUTIONS]
         is_real, is_not_real = classify_real_roots(
             roots, tubes.centre_radius, tubes.uniqueness_radius
@@ -339,8 +341,8 @@ class EquationSystem:
         """Return approximate roots at some values of the given variables.
 
         The given variables are angles that this system does not solve for: inputs, and
-        unknowns of other systems. `solved` has choices of their values with all roots. The
-        roots of the nearest choice are moved by one step along the tangent. If no choice is
+        unknowns of other systems. `solved` has sets of their values with all roots. The
+        roots of the nearest set are moved by one step along the tangent. If no set is
         near, the roots are computed by a homotopy at the requested values, and the step is
         zero.
 
@@ -356,7 +358,7 @@ class EquationSystem:
         # Values from which the roots of each row are followed, and the roots there.
         starts = given.copy()
         start_points = []
-        solved_points = cosines_and_sines([choice.given for choice in self.solved])
+        solved_points = cosines_and_sines([solution.given for solution in self.solved])
         for start in starts:
             # Distances between points (cosine, sine) of circles. They do not change by
             # whole revolutions of an angle.
@@ -366,12 +368,12 @@ class EquationSystem:
             else:
                 squared_distances = np.array([np.inf])
             nearest = np.argmin(squared_distances)
-            # From a choice that is farther away, roots could be lost.
+            # From values that are farther away, roots could be lost.
             if squared_distances[nearest] < MAX_SQUARED_DISTANCE:
-                solved_choice = self.solved[nearest]
+                system_solution = self.solved[nearest]
                 # `start` is a row of `starts`, which is changed. `points` are e^(i angle).
-                start[:] = solved_choice.given
-                start_points.append(solved_choice.roots.points)
+                start[:] = system_solution.given
+                start_points.append(system_solution.roots.points)
             else:
                 # The start remains the requested values, so the step below is zero.
                 polynomials = self.form_polynomials(cosines_and_sines(start)[None])

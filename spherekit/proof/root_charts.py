@@ -63,18 +63,18 @@ given up.
 
 @dataclass(frozen=True)
 class Polynomials:
-    """The polynomials of a system at m choices of its given variables, with error bounds.
+    """The polynomials of a system for m sets of given values, with error bounds.
 
-    They are polynomials in z = e^(i angle) of each unknown angle. Given variables are the
-    inputs and the unknowns of systems that were solved before.
+    They are polynomials in z = e^(i angle) of each unknown angle. The given values are
+    those of the inputs, and of the unknowns of systems that were solved before.
 
     Attributes
     ----------
     coefficients
         For each of the k equations an array (m, 2 d_1 + 1, 2 d_2 + 1, ...) of coefficients.
-        The first axis is the choice of the given variables. Each further axis is the power
-        of z of one unknown, from 0 to 2 d, with the trigonometric degree d of the equation
-        in this unknown.
+        The first axis is the set of given values. Each further axis is the power of z of
+        one unknown, from 0 to 2 d, with the trigonometric degree d of the equation in this
+        unknown.
     slopes
         For each equation (m, given, ...): derivatives of the coefficients by the given
         variables.
@@ -98,10 +98,11 @@ class Polynomials:
 
 @dataclass(frozen=True)
 class ChartRoots:
-    """Points in the space of the unknowns, each coordinate in its better chart.
+    """Complex points, such as roots of a system, each coordinate in its better chart.
 
-    The chart is e^(i angle) or its inverse, whichever has a magnitude of at most 1, so that
-    a point at infinity is stored as 0.
+    The coordinates are e^(i angle) of the k unknown angles of the system. The chart is this
+    number or its inverse, whichever has a magnitude of at most 1, so that a coordinate at
+    infinity is stored as 0.
 
     Attributes
     ----------
@@ -110,7 +111,8 @@ class ChartRoots:
     inverse
         (n, k) whether `z` is the inverse.
     row
-        (n,) the choice of the given variables to which a point belongs.
+        (n,) number of the set of given values to which each point belongs. Given values are
+        those of the inputs, and of the unknowns of systems that were solved before.
     """
 
     z: Complexes
@@ -119,11 +121,18 @@ class ChartRoots:
 
     @staticmethod
     def from_points(points: Complexes, row: Indices) -> "ChartRoots":
-        """Return points e^(i angle) (n, k), infinite ones too, in their charts.
+        """Return points in the charts in which their coordinates are at most 1.
 
-        `row` (n,) is the choice of the given variables to which each point belongs.
+        Parameters
+        ----------
+        points
+            (n, k) e^(i angle) of k unknown angles. Infinite numbers and NaN stand for
+            points at infinity.
+        row
+            (n,) number of the set of given values (inputs, and unknowns of systems that
+            were solved before) to which each point belongs.
         """
-        # The negated comparison includes NaN, which stands for infinity.
+        # The negated comparison includes NaN.
         inverse = ~(np.abs(points) <= 1.0)
         z = np.where(inverse, 1.0 / points, points)
         return ChartRoots(np.where(np.isfinite(points), z, 0.0), inverse, row)
@@ -136,8 +145,8 @@ class ChartRoots:
     def pairwise_gaps(self, count: int) -> Floats:
         """Return how far the roots of each row are from each other.
 
-        A row is one choice of the given variables (the inputs, and the unknowns of systems
-        that were solved before). A coordinate e^(i angle) of a root is written as a
+        A row is one set of values of the given variables (the inputs, and the unknowns of
+        systems that were solved before). A coordinate e^(i angle) of a root is written as a
         fraction a / b: as z / 1, or as 1 / z if its inverse z is stored, with b = 0 for
         infinity. |z| is at most 1. Two such coordinates a / b and c / d are equal if
         |a d - b c| is 0. This number is their gap. It is at most 2, and unlike
@@ -179,7 +188,7 @@ class ChartRoots:
         polynomials
             For each polynomial an array (m, ..., size_1, ..., size_k) of coefficients. They
             depend on given variables, which are the inputs and unknowns that were solved
-            before. Index i of the first axis is choice i of their values. The last k axes
+            before. Index i of the first axis is set i of their values. The last k axes
             are the powers of z of the k unknowns. The result keeps any axes between them,
             such as one for derivatives of the coefficients by the given variables.
         order
@@ -198,7 +207,7 @@ class ChartRoots:
             # occurs twice means a second derivative.
             for variables in np.ndindex(*[count] * order):
                 # (n, ..., size_1, ..., size_k) coefficients at the given variables of each
-                # point. `row` has the index of their choice for each point.
+                # point. `row` has the number of the set of given values of each point.
                 part = coefficients[self.row]
                 # The axes of coefficients are summed with the powers of the unknowns, the
                 # last axis (last unknown) first. n: point, p: power.
@@ -295,10 +304,10 @@ def polish_roots(polynomials: Polynomials, roots: ChartRoots) -> tuple[ChartRoot
     Parameters
     ----------
     polynomials
-        The system at m choices of its given variables (the inputs, and unknowns that were
-        solved before).
+        The system for m sets of values of its given variables (the inputs, and unknowns
+        that were solved before).
     roots
-        n approximate roots, each with the number of the choice to which it belongs.
+        n approximate roots, each with the number of the set to which it belongs.
 
     Returns
     -------
@@ -340,7 +349,7 @@ def _bound_rounding(polynomials: Polynomials, rows: Indices) -> Floats:
     """Return error bounds (n, k) of polynomial values at points with all |z| at most 1.
 
     The bounds cover the errors of the coefficients and the rounding of the sums. `rows`
-    (n,) are the choices of the given variables to which the points belong.
+    (n,) are the numbers of the sets of given values to which the points belong.
     """
     magnitudes = [
         np.abs(array).reshape(len(array), -1) for array in polynomials.coefficients
@@ -392,9 +401,9 @@ def _bound_changes(
     Parameters
     ----------
     polynomials
-        The k polynomials at m choices of the given variables.
+        The k polynomials for m sets of values of the given variables.
     roots
-        n approximate roots. `roots.row` is the choice of the given variables of each root.
+        n approximate roots. `roots.row` is the number of the set of each root.
     radius
         (n,) radius about each root, in z: largest change of each unknown.
     given_change
@@ -534,11 +543,12 @@ def enclose_roots(
     Parameters
     ----------
     polynomials
-        The polynomials at m choices of the given variables, the centres of the boxes.
+        The polynomials for m sets of values of the given variables, the centres of the
+        boxes.
     roots
         Approximate roots.
     input_boxes
-        The boxes of the inputs about each choice.
+        The boxes of the inputs about each of these sets.
     """
     count = roots.z.shape[1]
     half = input_boxes.half[roots.row]
@@ -612,11 +622,11 @@ def solve_one_unknown(polynomials: Polynomials) -> ChartRoots:
 
     The equation is a polynomial of z = e^(i angle) with coefficients c_0, ..., c_n. These
     depend on given variables (the inputs, and unknowns that were solved before), and are
-    stored for m choices of their values. The roots are the eigenvalues of the companion
+    stored for m sets of their values. The roots are the eigenvalues of the companion
     matrix: it has ones below the diagonal, and -c_k / c_n in the last column.
 
     If the leading coefficient c_n is 0, there are roots at infinity, and the approximations
-    of this choice may be wrong. The later proof of the roots fails then.
+    of this set may be wrong. The later proof of the roots fails then.
     """
     (coefficients,) = polynomials.coefficients  # of the only equation
     m, size = coefficients.shape
@@ -632,12 +642,12 @@ def solve_one_unknown(polynomials: Polynomials) -> ChartRoots:
 def are_distinct(roots: ChartRoots, radius: Floats, is_good: Bools, count: int) -> Bools:
     """Return for which rows all roots are good and proven different from each other.
 
-    A row is one choice of the given variables: the inputs of the mechanism, and unknowns
-    that were solved before. A coordinate e^(i angle) of a root is written as a fraction
-    a / b: as z / 1, or as 1 / z if the inverse is stored, in both cases with |z| <= 1. A
-    root at infinity has b = 0 and is like any other. The gap of two
-    coordinates a / b and c / d is |a d - b c|. Two roots differ if the gap of at least one
-    coordinate exceeds its largest change within the error radii.
+    A row is one set of values of the given variables: the inputs of the mechanism, and
+    unknowns that were solved before. A coordinate e^(i angle) of a root is written as a
+    fraction a / b: as z / 1, or as 1 / z if the inverse is stored, in both cases with
+    |z| <= 1. A root at infinity has b = 0 and is like any other. The gap of two coordinates
+    a / b and c / d is |a d - b c|. Two roots differ if the gap of at least one coordinate
+    exceeds its largest change within the error radii.
 
     Parameters
     ----------
