@@ -259,29 +259,36 @@ def continue_signs(
     evaluate_poles: Callable[[Indices], Iterable[Floats]],
     sign_continuation: SignContinuation,
 ) -> SignFunction:
-    """Return the function of the signs that are continuous along each assembly mode.
+    """Return a function that returns signs of pole directions at rows of a motion.
+
+    The direction of a pole is determined up to its sign. Multiplied by the signs, the
+    directions are continuous along each assembly mode.
 
     Parameters
     ----------
     motion
         A motion along a path of its inputs.
     poles
-        The poles whose signs are found. Their velocity coefficients, times the sense of the
-        input, are not negative before.
+        The poles whose signs are computed.
     rows_by_mode
         By index of the assembly mode, the rows at which directions are compared. Other rows
         have the sign of the last of these before them.
     evaluate_poles
         Returns at rows (k,) the directions of the poles, the angular velocities v of their
         second links relative to the first, and the derivatives of v by the input, each
-        (3, poles, k). v and its derivatives contain the sense of the input.
+        (3, poles, k). v and its derivatives contain the sense of the input. The scalar
+        products of v and these directions are not negative; the signs apply to them.
     sign_continuation
         Signs at the end of the previous block. It is updated.
     """
     signs = np.ones((len(poles), len(motion)), dtype=np.int8)
 
     def look_up_signs(directions: Floats, rows: Any, modes: Any) -> Array:
-        """Return the signs (poles, k) of rows (k,) as they are in `signs` by then."""
+        """Return the signs (poles, k) at rows (k,), which were computed for all rows.
+
+        The other arguments have no effect here; other functions of the type `SignFunction`
+        need them.
+        """
         return signs[:, rows]
 
     if not poles or not rows_by_mode:

@@ -11,7 +11,8 @@ v/|v|. The tilts act in three ways:
    engine measures these derivatives; `spread` is the sum of their sizes.
 2. The velocity equations have other coefficients. Their residual is m1 = sum of d_k x w_k
    over the tilts d_k of the links of a loop. The residual of the acceleration equations is
-   the derivative m2 of m1. Residuals change w and dw as open loops change orientations.
+   the derivative m2 of m1. A residual changes w and dw in the same way as an opening of the
+   loop changes orientations.
 3. The axes are tilted relative to the links whose motion is computed.
 
 An error of v turns u by the angle |error|/|v|. The acceleration coefficient is dv . u. This
@@ -78,16 +79,23 @@ class GeometryRounding:
 
     @cached_property
     def _bend(self) -> Floats:
-        """(n,) bound of the derivative of d x w, with w the difference of two links.
+        """(n,) bound of the derivative by the input of d x v, per rad of the tilt d.
 
-        d is a unit tilt that is fixed in a link, so it turns with this link.
+        Here v is the difference of the angular velocities of any two links. d is the
+        rotation vector of the tilt of an axis. It is fixed in one of the links and turns
+        with it.
         """
+        # The derivative is (w x d) x v + d x dv with the angular velocity w of that link.
+        # If W is the largest angular velocity of any link, ``|w| |v|`` is at most 2 W^2.
         squares = 0.5 * self._speed**2
         return 2.0 * np.max(norm_columns(self.dw), axis=0) + squares + self.profile_bend
 
     @cached_property
     def _turn(self) -> Floats:
-        """(links, n) angles of the links per unit opening, summed over all directions."""
+        """(links, n) angles by which links turn if loops open, per rad of opening.
+
+        They are summed over all directions in which loops can open.
+        """
         return np.sum(norm_columns(self.link_rotations), axis=0)
 
     @property

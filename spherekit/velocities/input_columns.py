@@ -446,10 +446,20 @@ class InputColumns:
         )
 
     def signed_part(self, columns: Floats) -> Floats:
-        """Return a view (components, poles, n) of the signed columns, from all columns.
+        """Return a view of the columns that change their sign with the direction of a pole.
 
-        The components are those of the quantities in `SIGNED_COMPONENTS`, in their order,
-        so the first three are the direction.
+        The sign of the direction can be chosen freely for some poles (`signed_poles`). It
+        is chosen after the evaluation of the columns.
+
+        Parameters
+        ----------
+        columns
+            (columns, n) all output columns of the kernel, at n configurations.
+
+        Returns
+        -------
+        (components, poles, n) the columns of all quantities in `SIGNED_COMPONENTS`, in
+        their order. The first three components are the direction.
         """
         signed = columns[self._signed_columns]
         component_count = sum(SIGNED_COMPONENTS.values())

@@ -125,7 +125,8 @@ def evaluate_unsigned(
         As for `evaluate`.
     order
         The order in which variables are eliminated from the velocity equations, for all
-        rows. By default the order that is regular at most rows. The remaining rows are
+        rows. By default an order is chosen that is regular at as many rows as possible,
+        which means that it does not nearly divide by zero there. The remaining rows are
         then computed with orders that suit them.
     """
     links = range(len(motion.mechanism.links))

@@ -513,7 +513,7 @@ def row_kernel(
 
 
 def choose_order(motion: Motion) -> EliminationOrder | None:
-    """Return the elimination order that is regular at most rows of a motion.
+    """Return an elimination order that is regular at as many rows of a motion as possible.
 
     The order says which variables are eliminated from the equations of which loop, one loop
     after another. It is regular at a row if no step divides by nearly zero. If equations of

@@ -121,8 +121,8 @@ class RowVelocities:
         engine
             What evaluates the expressions.
         order
-            The order in which variables are eliminated. By default the order that is
-            regular at most rows. Only then other rows can be `reordered`.
+            The order in which variables are eliminated. By default an order is chosen that
+            is regular at as many rows as possible. Only then other rows can be `reordered`.
         """
         self.motion = motion
         self.request = request
