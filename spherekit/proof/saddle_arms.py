@@ -95,10 +95,15 @@ class ArmRates:
 class DirectionRates:
     """Slopes of g and signs of rates for a direction (1, slope) from the saddle.
 
+    Near the saddle the configurations are the curves g(u, v) = 0 in two coordinates u and
+    v. The gradient of g is perpendicular to such a curve, so the curve has the tangent
+    (-g_v, g_u). Rates are derivatives of the variables of the mechanism along it.
+
     Attributes
     ----------
     gradient
-        Slopes of g by u and by v, two balls.
+        Slopes g_u and g_v of g by u and by v at the point (1, slope): two balls, numbers
+        with a bound of their error.
     signs
         (variables,) signs of the rates along (-g_v, g_u), 0 if not proven.
     """

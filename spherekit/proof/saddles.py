@@ -1,16 +1,20 @@
 """Saddles: positions where configuration curves cross, or narrowly miss each other.
 
 Near such a position the configurations are the zeros of a reduced equation g(u, v)
-(`spherekit.proof.reduced_equation`). Suppose that over a rectangle g is convex in u and
-concave in v, positive on the sides u = +-r, and negative at (0, +-s) with s a small part of
-the height. Its zeros are then four arms, one in each quadrant, which leave through the
-sides of constant v.
+(`spherekit.proof.reduced_equation`) in a rectangle. Suppose that g is convex in u and
+concave in v, positive on the sides u = +-r, and negative at (0, +-s), where s is a small
+part of the extent of the rectangle along v. The zeros are then four arms, one in each
+quadrant, which leave through the sides of constant v.
 
 How the arms are joined depends on the level c only, the largest value over v of the least
 value of g over u. If c is 0, two curves cross in one point. Otherwise they are two arcs
 that miss each other, and the sign of c says which arms they join. The value and the slopes
-of g at any one point enclose c: it exceeds that value by at most the slope by v times the
-rectangle, and falls below it by at most the slope by u times the rectangle.
+of g at any point of the rectangle enclose c:
+
+- c exceeds this value by at most the slope by v times the length of the rectangle along v,
+  because g is concave in v.
+- c is below this value by at most the slope by u times the length of the rectangle along u,
+  because g is convex in u.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,9 +1,12 @@
 """Stationary points of a variable along a chain of certified arcs.
 
-Each is proven to be the only one in its neighbourhood, and elsewhere there is none. Along
-an arc the rates are z' = t + N w with (F'N) w = -F't. Bounds of F' in the arc's box are
-therefore bounds of the rates of all variables, and bounds of F'' are bounds of the
-derivatives of the rates.
+Each is proven to be the only one in its neighbourhood, and elsewhere there is none.
+
+The variables z of a configuration solve the equations F(z) = 0 of the mechanism. An arc is
+z = z0 + t s + N y(s), with the tangent t and the normals N at its centre z0. Its rates, the
+derivatives by s, are z' = t + N y'. They satisfy F' z' = 0, so (F'N) y' = -F't. Bounds of
+F' in the arc's box therefore give bounds of the rates of all variables, and bounds of F''
+give bounds of the derivatives of the rates.
 
 Let a *stretch* be the part of a curve between two configurations. A rate that cannot vanish
 in a stretch has no zero there. A rate whose derivative cannot vanish has one zero if its

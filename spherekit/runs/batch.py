@@ -133,7 +133,10 @@ class Batch:
 
     @property
     def ddq(self) -> Floats:
-        """(n,) its acceleration, rad/s2; `SolveError` with several inputs."""
+        """(n,) acceleration of the driven pair, rad/s2.
+
+        With several inputs it raises `SolveError`.
+        """
         return _read_only(self._single(self._timing.ddq))
 
     @property
@@ -148,12 +151,18 @@ class Batch:
 
     @property
     def q_range(self) -> Range:
-        """Least and greatest q of the whole run, rad; `SolveError` with several inputs."""
+        """Least and greatest variable `q` of the driven pair in the whole run, rad.
+
+        With several inputs it raises `SolveError`.
+        """
         return self._range(0)
 
     @property
     def dq_range(self) -> Range:
-        """Least and greatest dq of the run, rad/s; `SolveError` with several inputs."""
+        """Least and greatest rate `dq` of the driven pair in the whole run, rad/s.
+
+        With several inputs it raises `SolveError`.
+        """
         self._check("time", "time")
         return self._range(1)
 

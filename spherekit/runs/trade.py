@@ -280,10 +280,14 @@ def _choose_sampling(
 
 
 def _choose_kernel_sampling(run_plan: RunPlan, study: Study) -> Sampling | None:
-    """Return the samples at which the ordinary setting is timed, None for those of errors.
+    """Return the samples at which the default setting is timed, None for no special ones.
 
-    If a kernel evaluates the rows of the run, it has to evaluate those of the measurement
-    too. There have to be enough successive samples.
+    A setting is one way to compute a run. With the default setting, long runs on a path use
+    a kernel: compiled functions for many rows. A row is a sample in one assembly mode. The
+    samples at which errors are measured are too few for a kernel. For a run with a kernel,
+    the first samples of the run are therefore returned, as many as give some times the
+    least number of rows of a kernel. For other runs the time at the samples at which errors
+    are measured is the right one.
     """
     sampling = run_plan.sampling
     total = len(sampling)

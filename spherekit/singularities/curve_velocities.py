@@ -273,11 +273,15 @@ class CurveMotion:
 
     def links_at(self, s: Floats) -> LinkMotion:
         """Return the velocities of all links at arc lengths s (n,); results are kept."""
-        # Arrays are no keys of a cache, their bytes are.
+        # An array cannot be a key of a cache, but its bytes can.
         return self._cached_links(s.tobytes())
 
     def _evaluate_links(self, s_bytes: bytes) -> LinkMotion:
-        """Return the velocities of all links at arc lengths, given as bytes of float64."""
+        """Return the velocities of all links at arc lengths s (rad).
+
+        `s_bytes` are the bytes of the float64 array s. They are a key of the cache of this
+        method, which the array itself cannot be.
+        """
         points = self.curve.at(np.frombuffer(s_bytes))
         return LinkMotion(
             self.position_analysis, points.values, points.tangents, points.bends

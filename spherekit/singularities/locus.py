@@ -78,10 +78,14 @@ class SingularityMeasure:
 
     @property
     def changes_sign(self) -> bool:
-        """Whether `value` changes its sign across the locus.
+        """Whether `value` changes its sign across the locus, the singular configurations.
 
-        Otherwise it touches zero there: E has more rows than there are motions, or the
-        sense of the basis is not fixed.
+        `value` is a determinant that is zero there. A configuration is singular if rates x
+        close the loops and satisfy E x = 0, where E x are the rates of the inputs (type II)
+        or of the output (type I). B is E applied to a basis of the rates that close the
+        loops. det B is used if B is square and the sense of the basis is fixed, because
+        det B would change its sign with that sense. Otherwise det(B^T B) is used, which is
+        never negative, so it only touches zero.
         """
         _, rows, columns = self.constraint_on_basis.shape
         return self.motion_space.has_fixed_sense and rows == columns
@@ -278,7 +282,10 @@ class SingularityLocus:
 
     @property
     def motion_dimension(self) -> int:
-        """The dimension k of the space of motions in which x is looked for."""
+        """The number k of independent motions among which a singular motion is sought.
+
+        They are all motions of the mechanism or, if `part` is given, those of this part.
+        """
         return self.degrees_of_freedom if self.part is None else len(self.part.driven)
 
     def tangent_space(

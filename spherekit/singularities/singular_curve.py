@@ -220,13 +220,18 @@ class SingularCurve:
             return no_points
 
         def side_of_motion(points: LocusPoints) -> Floats:
-            """Return the determinant (n,) of singular motion and tangent, 0 at a cusp."""
+            """Return a number (n,) for each point that changes its sign at a cusp.
+
+            Singular motion and tangent of the curve are combinations of the same two
+            independent rates of all variables. The result is the determinant of their
+            coordinates, which is zero if both are parallel.
+            """
             # (n, V, 2) motion and tangent, as rates of all V variables.
             rates = np.stack([points.motions, points.tangents[:, :, 0]], axis=2)
             # `basis` has two bases side by side. The first two columns are for changes of
             # the configuration. The last two are an orthonormal basis (n, V, 2) of the
-            # singular motions. The products are two coordinates of the motion, and two of
-            # the tangent. Their determinant is zero if both are parallel.
+            # singular motions. The products are the coordinates of the motion, and those of
+            # the tangent.
             motion_basis = points.basis[:, :, self.locus.degrees_of_freedom :]
             return np.linalg.det(np.swapaxes(motion_basis, 1, 2) @ rates)
 

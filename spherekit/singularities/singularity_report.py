@@ -171,7 +171,11 @@ class SingularityReport:
         return np.transpose([item.range for item in self.solver.mechanism.inputs])
 
     def inputs_in_range(self, values: Floats) -> Floats:
-        """Return the inputs (n, g) of configurations (n, V), as in `SingularPoints`."""
+        """Return the inputs (n, g), in rad, of configurations (n, V).
+
+        Configurations repeat after whole periods of the inputs. Each input is shifted by
+        whole periods into its declared range, or as near to it as possible.
+        """
         q = values[:, list(self.solver.driven)]
         low, high = self.ranges
         return into_range(q, low, high, self.solver.periods)

@@ -56,7 +56,7 @@ def subtract(a: Expr, b: Expr) -> Expr:
 
 
 def multiply(a: Expr, b: Expr) -> Expr:
-    """Return a * b; factors 0 and 1 are carried out, and a * (-x) becomes -(a * x)."""
+    """Return a * b; 0 * x becomes 0, 1 * x becomes x, and a * (-x) becomes -(a * x)."""
     for first, second in ((a, b), (b, a)):
         if first == 0.0:
             return 0.0
@@ -71,7 +71,7 @@ def multiply(a: Expr, b: Expr) -> Expr:
 
 
 def divide(a: Expr, b: Expr) -> Expr:
-    """Return a / b; a numerator 0 and a denominator 1 are carried out."""
+    """Return a / b; 0 / b becomes 0, and a / 1 becomes a."""
     if a == 0.0 or b == 1.0:
         return a
     return function("/", a, b)

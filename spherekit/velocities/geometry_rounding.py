@@ -11,8 +11,9 @@ v/|v|. The tilts act in three ways:
    engine measures these derivatives; `spread` is the sum of their sizes.
 2. The velocity equations have other coefficients. Their residual is m1 = sum of d_k x w_k
    over the tilts d_k of the links of a loop. The residual of the acceleration equations is
-   the derivative m2 of m1. A residual changes w and dw in the same way as an opening of the
-   loop changes orientations.
+   the derivative m2 of m1. m1 changes the angular velocities by the same factors by which
+   an opening of the loop turns the links (`link_rotations`), and m2 changes dw by them. m1
+   changes dw, too.
 3. The axes are tilted relative to the links whose motion is computed.
 
 An error of v turns u by the angle |error|/|v|. The acceleration coefficient is dv . u. This

@@ -92,7 +92,13 @@ class LoadState:
 
 
 def generalised_forces(load: Load, load_state: LoadState) -> list[Expr]:
-    """Return the power of a load per unit of the homogeneous rate of each coordinate."""
+    """Return the generalised forces of a load, multiplied by a determinant.
+
+    There is one for each coordinate, an input of the mechanism: the power of the load while
+    this input moves at the rate 1 and the others rest, times the determinant of the
+    velocity equations. It follows from rates that contain this factor, the homogeneous
+    rates, without a division by the determinant, which can vanish.
+    """
     return component_forces(load.components(load_state.mechanism), load_state)
 
 
