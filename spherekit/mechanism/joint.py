@@ -338,8 +338,14 @@ class Revolute(Joint):
 class Sliding(Joint):
     """A sliding contact of two profiles, whose tangents agree at the contact point.
 
-    A_first and A_second are the moving frames of the two curves. Each has its own arc
-    length as variable.
+    The variables are the arc lengths of the contact point along both profiles. The frame of
+    the pair in each link is the moving frame of its profile at this arc length: tangent,
+    normal and contact point. The links are placed so that both frames coincide.
+
+    Attributes
+    ----------
+    first, second
+        Profiles of the first and the second link, each in the axes of its link.
     """
 
     description = "sliding contact"
@@ -418,7 +424,7 @@ class Rolling(Joint):
     """A rolling contact of two profiles, whose tangents agree at the contact point.
 
     Its single variable is the arc length from `start` along both profiles. A rolling
-    contact is therefore a sliding contact whose two variables change at the same rate.
+    contact is therefore a sliding contact whose two arc lengths change at the same rate.
 
     Attributes
     ----------

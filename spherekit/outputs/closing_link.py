@@ -313,7 +313,22 @@ class DyadsWithClosingLink:
         """
 
         def newton_step(turns: Floats, rows: Indices) -> Floats:
-            """Return the steps (k, 1) from turns (k, 1) at the directions `rows` (k,)."""
+            """Return Newton's steps of the turns of the output, for the equation f = 0.
+
+            f is the residual of the closing link, and a turn is the angle of the output
+            link about its direction.
+
+            Parameters
+            ----------
+            turns
+                (k, 1) present turns (rad).
+            rows
+                (k,) indices of their directions in `directions`.
+
+            Returns
+            -------
+            (k, 1) steps (rad).
+            """
             row_directions = directions[:, rows]
             mode = self.place_dyads(row_directions, turns[:, 0], signs)
             step = -self.residual(mode) / self.slope(mode, row_directions)
@@ -336,9 +351,9 @@ class DyadsWithClosingLink:
         The turn is the angle of the output link about its direction. It determines all
         other links, and thereby the angle d between the axes of the two pairs of the
         closing link. This link has the arc a, so it closes if f = cos(d) - cos(a) is 0.
-        Roots of this residual are bracketed between equally spaced samples
-        of the turn, the turns at which a dyad gets out of reach, and the extrema of f.
-        Close pairs of roots can be missed.
+        Roots of this residual are bracketed between equally spaced samples of the turn, the
+        turns at which a dyad gets out of reach, and the extrema of f. Close pairs of roots
+        can be missed.
 
         Parameters
         ----------

@@ -278,9 +278,13 @@ class _GearedMode:
         self.kinematics = kinematics
         self.wheelless_mode = wheelless_mode
 
-    def cosine(self, one: int, other: int) -> Floats:
-        """Return the cosine (n,) between the axes of two pairs, numbered without wheels."""
-        return self.wheelless_mode.cosine(one, other)
+    def cosine(self, first_pair: int, second_pair: int) -> Floats:
+        """Return the cosine (n,) of the angle between the axes of two pairs.
+
+        The numbers of the pairs are those in the mechanism without its wheels, which is
+        another mechanism with fewer pairs (`GearedKinematics.carrying`).
+        """
+        return self.wheelless_mode.cosine(first_pair, second_pair)
 
     def angle(self, pair: int) -> Floats:
         """Return the variable (n,) of a pair of the whole mechanism in rad."""

@@ -162,12 +162,12 @@ class _MidPlaneMode:
         self.driven = kinematics.form.plane.driven
         self.normals, self.home_distance = self.form.normals_to(directions)
 
-    def cosine(self, one: int, other: int) -> Floats:
+    def cosine(self, first_pair: int, second_pair: int) -> Floats:
         """Return the cosine (n,) of the angle between the axes of two pairs."""
         elbows, _heights = self._elbows
-        one_axis = self.form.axis(one, self.normals, elbows)
-        other_axis = self.form.axis(other, self.normals, elbows)
-        return np.broadcast_to(np.vecdot(one_axis, other_axis), len(self.directions))
+        first_axis = self.form.axis(first_pair, self.normals, elbows)
+        second_axis = self.form.axis(second_pair, self.normals, elbows)
+        return np.broadcast_to(np.vecdot(first_axis, second_axis), len(self.directions))
 
     def angle(self, pair: int) -> Floats:
         """Return the variable (n,) of a pair in (-pi, pi] rad."""

@@ -34,15 +34,22 @@ class ModeAtPoses(Protocol):
     between the outer axes of a leg (`LegSpan`), and `type_1_square`.
     """
 
-    def cosine(self, one: int, other: int) -> Floats:
-        """Return the cosine (n,) of the angle between the axes of two pairs."""
+    def cosine(self, first_pair: int, second_pair: int) -> Floats:
+        """Return the cosine (n,) of the angle between the axes of two pairs.
+
+        The pairs are numbered as in the mechanism without wheels.
+        """
 
     def angle(self, pair: int) -> Floats:
         """Return the variable (n,) of a pair in (-pi, pi] rad."""
 
     @property
     def inputs(self) -> Floats:
-        """(n, inputs) rad in (-pi, pi]."""
+        """(n, inputs) values of the inputs, rad.
+
+        They are in (-pi, pi]. If wheels drive the mechanism, they can be outside, because
+        configurations do not repeat after one revolution of an input.
+        """
 
     @property
     def type_1(self) -> Floats:

@@ -707,12 +707,14 @@ class WorkingMode:
             axes[:, pair] = self._earliest_axis(pair).T
         return axes
 
-    def cosine(self, one: int, other: int) -> Floats:
+    def cosine(self, first_pair: int, second_pair: int) -> Floats:
         """Return the cosine (n,) of the angle between the axes of two pairs.
 
         NaN where an axis cannot be placed; it may be known where the mode does not close.
         """
-        cosine = dot_columns(self._earliest_axis(one), self._earliest_axis(other))
+        cosine = dot_columns(
+            self._earliest_axis(first_pair), self._earliest_axis(second_pair)
+        )
         return np.broadcast_to(cosine, len(self.status))
 
     def _earliest_axis(self, pair: int) -> Floats:

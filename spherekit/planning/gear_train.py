@@ -96,8 +96,10 @@ def find_gear_train(
 ) -> GearTrain | None:
     """Return the gear train by which wheels follow the inputs.
 
-    Wheels are assembled as in the reference pose. Without one, they are assembled so that
-    they have rolled least at inputs of zero.
+    A mechanism with wheels can be assembled in many ways, with different teeth in contact.
+    The train has the assembly of the reference pose. Without a reference pose, it has that
+    in which the sum of the absolute rolled lengths of all contacts is smallest at inputs of
+    zero.
 
     Parameters
     ----------
@@ -209,10 +211,14 @@ def _solve_train(
 ) -> GearTrain | None:
     """Return the train of contacts whose relations determine the angles of all followers.
 
-    Each contact makes a sum of pair variables with constant factors constant. Followers are
-    the pairs in these sums that are not driven. With the factors F of the followers and G
-    of the inputs, the derivatives of the follower angles by the inputs are -F^-1 G. Some
-    contacts may repeat others. They are assembled as the others require.
+    The relation of a contact is a sum of pair variables with constant factors, which keeps
+    its value while the wheels roll. Followers are the pairs in these sums that are not
+    driven. With the factors F of the followers and G of the inputs, the derivatives of the
+    follower angles by the inputs are -F^-1 G.
+
+    The relation of a contact may follow from those of other contacts. The angles of its
+    wheels are then known from the others, and the teeth that mesh in it are chosen to fit
+    to these angles.
 
     Parameters
     ----------
@@ -242,7 +248,8 @@ def _solve_train(
     length_ratios = -(first_slopes @ ratios + relations.first_factors[:, inputs])
     contact_numbers = [contact.mesh.contact for contact in contacts]
     rolled = np.full((len(contacts), 2), np.nan)
-    # The constants: from the reference pose, or so that wheels have rolled least.
+    # The constants follow from the reference pose, or from the assembly with the smallest
+    # rolled lengths.
     if reference is not None:
         reference_inputs, reference_angles, reference_lengths = (
             reference[[mechanism.variables_of(pair)[0] for pair in pairs]]

@@ -195,9 +195,10 @@ class AngleUnwrapping:
             Numbers of the variables whose revolutions are needed. Those of others may be
             returned as zero, which saves time.
         last
-            (variables,) the configuration that precedes `values[0]`, with angles over full
-            revolutions, which are continued. If None, revolutions are counted from the
-            anchor. With one input it is not used.
+            (variables,) the configuration before `values[0]`, such as the last one of the
+            previous block. Its angles include the revolutions that were counted so far,
+            which `values[0]` continues. If None, revolutions are counted from the anchor.
+            With one input it is not used.
 
         Returns
         -------

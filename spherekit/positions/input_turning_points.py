@@ -85,8 +85,11 @@ class InputTurningPoints(NamedTuple):
     def gap(self, step: float) -> float:
         """Return the width (rad) of the widest interval in which modes may be missed.
 
-        These are intervals between neighbouring inputs of ``probes(step)`` inside doubtful
-        ones. Zero if nothing is doubtful.
+        Modes meet at turning inputs. In a doubtful interval, such inputs may have been
+        missed, and a mode that exists only between two of them is not noticed unless a
+        probe is between them. The result is therefore the greatest distance of neighbouring
+        probes (``probes(step)``) in doubtful intervals. It is zero if no interval is
+        doubtful.
         """
         widths = np.diff(self.doubtful)
         widths = widths[widths > 0.0]

@@ -64,7 +64,11 @@ class Linearisation:
 
     @cached_property
     def states(self) -> PairStates:
-        """Frames of the pairs in their bodies, curvatures, and whether profiles end."""
+        """Frames of the pairs in their bodies, and the geometry of contacts.
+
+        At contacts, the states contain the curvatures of both profiles, and whether the
+        contact point is on both, not beyond their ends.
+        """
         states = evaluate_pair_states(self.joints, self.values)
         if self.body_from_links is None:
             return states

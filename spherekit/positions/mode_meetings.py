@@ -472,8 +472,9 @@ def _is_claimed_by_another(number: int, successors: Mapping[int, int]) -> bool:
 def _exists_between(mode: AssemblyMode, low: float, high: float) -> bool:
     """Return whether a mode has configurations at inputs between `low` and `high` (rad).
 
-    Only a mode with a `ModeCurve` can be limited to a part of the range. The result is True
-    for all others: modes of dyads continue each other one to one.
+    A mode with irreducible groups is a curve (`ModeCurve`), which can cover only a part of
+    the range, and begin or end at a crossing. The result is True for all other modes, those
+    of dyads: at a crossing each of them continues one other mode, so none begins there.
     """
     guide = mode.guide
     if not isinstance(guide, ModeCurve):

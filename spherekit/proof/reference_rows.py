@@ -459,7 +459,10 @@ def exact_field(reference: ExactRows, request: Request, field: PoleField) -> Pol
         dw = {link: reference.slopes[:, link] for link in field.dw}
 
     def status_of(codes: SmallIntegers) -> SmallIntegers:
-        """Return codes (n,), with that of the reference in rows without one."""
+        """Return status codes (n,) of the rows: the given ones where a reference exists.
+
+        Rows without a reference get the code of `reference.status`, which says why.
+        """
         has_reference = reference.status == Status.OK
         return np.where(has_reference, codes, reference.status).astype(np.int8)
 

@@ -113,15 +113,16 @@ def bound_rates(piece: CertifiedArc, half_length: float) -> RateBounds:
     Their derivatives follow from F'' (z', z') + F' z'' = 0 with z'' = N y''. So
     z'' = -N (F'N)^-1 F''(z', z'). The matrix Y is near the inverse of F'N at the centre.
 
-    Each equation is a trigonometric polynomial. Its derivative by some variables is at most
-    a bound C times the product of its degrees in these variables. `test.degrees` (k, v) are
-    bounds of the degrees along the frame of t and N, and `test.third_bound` (k,) is C.
-    `test.second_derivatives` (k, v, v) are Y F'' at the centre, along this frame.
+    Each equation is a trigonometric polynomial. Its derivative of any order is at most a
+    constant C times the degrees of the equation in the variables of the derivative: by the
+    variables 1 and 2 it is at most C d_1 d_2.
 
     Parameters
     ----------
     piece
-        The arc, with its bounds of Y F' and Y F''.
+        The arc. Its attribute `test` has bounds that were computed at the centre, along the
+        frame of t and N: the degrees `test.degrees` (k, v), the constants C as
+        `test.third_bound` (k,), and Y F'' as `test.second_derivatives` (k, v, v).
     half_length
         The bounds are valid for |s| up to this (rad).
     """

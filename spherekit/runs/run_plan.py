@@ -241,7 +241,10 @@ class RunPlan:
     def compute_tables(
         self, analysis: AbstractAnalysis, batch: Batch
     ) -> dict[str, TableData]:
-        """Return the checked tables of an analysis; `computed` lists the errors."""
+        """Return the tables of an analysis for a block, checked against its declaration.
+
+        Errors are those of `compute_checked_tables`.
+        """
         return compute_checked_tables(analysis, self.tables_of(analysis), batch)
 
     def join_tables(
