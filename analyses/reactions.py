@@ -310,7 +310,11 @@ class ReactionAnalysis(AbstractAnalysis):
 
 
 def _loads_with_bearings(mechanism: Mechanism) -> list[Bearings]:
-    """Return the loads of a mechanism that place bearings on the axes of pairs."""
+    """Return the loads of a mechanism that describe the bearings of R pairs.
+
+    They state the positions of the bearings and how these share the force along the axis.
+    Bearings are loads because they cause friction.
+    """
     return [load for load in mechanism.loads if isinstance(load, Bearings)]
 
 

@@ -118,15 +118,26 @@ class SensitivityResult:
 class SensitivityAnalysis(AbstractAnalysis):
     """Exact derivatives of quantities by sizes, and what deviating sizes do to them.
 
-    `of` lists quantities such as ``theta_41+velocity_coefficient_4_1``, by default the
-    angles of the outputs; `by` lists sizes by their keys in the file, such as
-    ``links.2.arc+links.3.arc``, or numbers of masses and loads, by default all arcs and
-    angles. `deviation` (degrees) is
-    the standard deviation of a ``normal`` `distribution`, or the largest one of a
-    ``uniform`` one, of every size; `deviations` has those of single numbers, such as
-    ``links.3.arc:0.02+mass.4.mass:0.01``, in degrees or in the unit of the number, and
-    masses and loads that it does not name are exact. In addition to the first order,
-    `draws` random mechanisms are computed at each row; 0 for none.
+    Attributes
+    ----------
+    of
+        Names of quantities, such as ``theta_41+velocity_coefficient_4_1``. By default the
+        angles of the outputs.
+    by
+        Sizes, or numbers of masses and loads, by their keys in the file, such as
+        ``links.2.arc+links.3.arc``. By default all arcs and angles.
+    deviation
+        Deviation (degrees) of every size: the standard deviation if it is distributed
+        normally, the largest deviation if it is distributed uniformly.
+    deviations
+        Deviations of single numbers by their keys, such as
+        ``links.3.arc:0.02+mass.4.mass:0.01``. They are in degrees for angles, otherwise in
+        the unit of the number. Masses and loads that are not listed are exact.
+    distribution
+        Distribution of the deviations: ``normal`` or ``uniform``.
+    draws
+        Number of mechanisms with random deviations that are computed at each row, in
+        addition to the tolerances to first order. 0 for none.
     """
 
     name = "sensitivity"

@@ -69,19 +69,34 @@ def _compare_positions(
 class SingularityAnalysis(AbstractAnalysis):
     """Singularities of types I, II and III, and the distance from them along the motion.
 
-    `near` (degrees) is the angle to a singularity below which a warning is given. Of type
-    II, where dyads place the output, their transmission angle also has to be below it. With
-    one input `output` lists the relative motions of interest, such as ``41`` or ``4/1``; by
-    default the outputs that the mechanism declares.
+    With two inputs, singular configurations are curves, with three inputs surfaces. They
+    are searched on slices, where all inputs but one are locked, or from random starts. An
+    aspect is a set of configurations that are connected without a singularity.
 
-    With several inputs the outputs are those declared. Singular curves of two inputs and
-    surfaces of three are looked for on `slices` values of each, 0 for none: by default 12
-    if there are two inputs and all groups are dyads, else from random starts, since each
-    slice then costs seconds to minutes. `mesh` is the length of the edges of surfaces
-    (degrees), 0 for none, by default a sixteenth of the narrowest range. Aspects are found
-    over `input_grid` values of each input, 0 for none, by default 11 of at most three
-    inputs, as an output of more can always rest. The searches end after `seconds` of
-    processor time with the results until then.
+    Attributes
+    ----------
+    output
+        Relative motions of interest with one input, such as ``41`` or ``4/1``. By default
+        the outputs that the mechanism declares. With several inputs these are always used.
+    near
+        Angle to a singularity (degrees) below which a warning is given. If dyads place the
+        output, a warning of type II also needs the transmission angle of one of them to be
+        below it.
+    slices
+        With several inputs, the number of values at which each input is locked. The default
+        is 12 if there are two inputs and all groups are dyads. Other mechanisms are
+        searched from random starts by default, since each slice takes seconds to minutes.
+        With 0, neither curves nor surfaces are searched.
+    mesh
+        Length of the edges of surfaces (degrees), by default a sixteenth of the narrowest
+        range. With 0, no surfaces are computed.
+    input_grid
+        With several inputs, the number of values of each for the search of aspects, 11 by
+        default. With 0, no aspects are searched. With more than three inputs, the output
+        can always rest while inputs move, so there are no aspects.
+    seconds
+        Processor time (s) after which the searches with several inputs end. The results
+        until then are returned.
     """
 
     name = "singularities"
@@ -147,7 +162,10 @@ class SingularityAnalysis(AbstractAnalysis):
         return tuple((link, 0) for link in dict.fromkeys(ground_neighbours or other_links))
 
     def merits(self, mechanism: Mechanism) -> tuple[FigureOfMerit, ...]:
-        """Return the transmission angle of each dyad that is nearest to type II."""
+        """Return a figure of merit for each dyad: how near it comes to type II.
+
+        This is the value of its transmission angle that is nearest to 0, over all rows.
+        """
         return tuple(
             FigureOfMerit(
                 f"{NEAREST_TRANSMISSION_WORD}_transmission_angle_{pair}",

@@ -266,9 +266,11 @@ class VariedMechanism:
     def make_expressions(self, closed_form: bool | None = None) -> DesignExpressions:
         """Return the quantities of the mechanism as expressions of the sizes of a design.
 
-        If contacts are replaced by links, the expressions are those of the equivalent
-        linkage of R pairs, and its angles that follow the variables are sizes. Otherwise
-        sizes are the variables that are sizes of R pairs or of directions of outputs.
+        The sizes depend on the kind of mechanism. If contacts are replaced by links, the
+        expressions are those of the equivalent linkage of R pairs. Its sizes are the
+        numbers of the linkage that change with the variables (`varied_contact_numbers`).
+        Otherwise the sizes are those variables that are sizes of R pairs, or of directions
+        of outputs.
 
         Parameters
         ----------
@@ -297,7 +299,7 @@ class VariedMechanism:
                     "place, and then directions of outputs cannot vary; vary either "
                     "outputs or contacts"
                 )
-            # Numbers of contacts are angles; each becomes a symbol.
+            # The angles and ratios that describe the replaced contacts become symbols.
             name_of_number = {k: f"turned_{k}" for k in self.varied_contact_numbers}
             return DesignExpressions(
                 linkage.mechanism,

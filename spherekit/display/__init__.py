@@ -1,8 +1,8 @@
-"""Recordings for the rerun viewer, and pictures of them; only here is it known.
+"""Recordings for the rerun viewer, and pictures of them.
 
-`RerunRecorder` takes a run's scenes, as in ``spherekit.run(..., recorder=recorder)``, which
-begin with a `RecordingHead`;
-`open_viewer` shows a recording, `screenshot` takes a picture of it.
+`RerunRecorder` takes the scenes of a run, as in ``spherekit.run(..., recorder=recorder)``.
+A recording begins with a `RecordingHead`. `open_viewer` shows a recording, and `screenshot`
+takes a picture of it. No other package of spherekit imports the rerun SDK.
 """
 
 import lazy_loader

@@ -1,8 +1,10 @@
 """Layout and expressions of an equation of motion, before it is compiled.
 
-The state consists of the pair variables, the momenta in units of a momentum chosen for each
-run, and the work of each load in the square of that unit. Quantities that are set for each
-run, such as joint limits, are parameters of the compiled integrator.
+The state consists of the pair variables, the momenta and the work of each load. A momentum
+is a rate times the square root of an inertia, such as p = sqrt(B) u with the kinetic energy
+p^2 / 2, so its square has the dimension of work. Each run has a unit P of momentum: momenta
+are divided by P and works by P^2. Quantities that are set for each run, such as P or joint
+limits, are parameters of the compiled integrator.
 `spherekit.dynamics.single_dof_equation` and `spherekit.dynamics.multi_dof_equation` derive
 the expressions, and `spherekit.dynamics.compiled_equation` compiles them.
 """

@@ -403,7 +403,10 @@ class StoredModel:
         is_angle = variable in {f"theta_{pair}" for pair in heading.angles}
 
         def evaluate_distance(x: Floats) -> tuple[Floats, Floats]:
-            """Return a function that vanishes at the value, and its derivative."""
+            """Return a number that is 0 where the variable has `value`, and its derivative.
+
+            Both are (k,) at coordinates x (k,). The derivative is by x.
+            """
             values, rates = series.evaluate(x)[:, columns].T
             half_difference = 0.5 * (values - value)
             if is_angle:

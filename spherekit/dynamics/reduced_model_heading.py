@@ -154,7 +154,11 @@ class StoredHeading:
 
     @property
     def _lower_triangle(self) -> list[tuple[str, str]]:
-        """The coordinates of the entries of a symmetric matrix, row by row."""
+        """Row and column of each entry of the inertia matrix up to its diagonal.
+
+        Rows and columns are named by the coordinates. The matrix is symmetric, so the other
+        entries are the same. The entries are listed row by row.
+        """
         return [(a, b) for i, a in enumerate(self.by) for b in self.by[: i + 1]]
 
     @property

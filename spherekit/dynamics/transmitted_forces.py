@@ -1,9 +1,9 @@
 """Moments and forces that pairs transmit, from the motion of the links and their loads.
 
-The Newton-Euler equations of all moving links about the centre O are solved for the parts
-of the pairs' moments about directions that their variables do not turn about and, if forces
-are asked for, for their forces through O. The force of a contact acts at its point. If its
-distance from O is known, its force follows from its moment.
+The Newton-Euler equations of all moving links about the centre O are solved for the
+reactions of the pairs. These are moments about directions about which the pair does not
+turn, and, if forces are asked for, forces through O. The force of a contact acts at its
+point. If its distance from O is known, its force follows from its moment.
 
 O is at rest. A link with inertia tensor I about O, mass m and centre of mass c needs
 

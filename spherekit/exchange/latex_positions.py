@@ -693,7 +693,14 @@ class PositionFormulas:
         return self._formula_list.write(self._tangent_symbol(link, pair), tangent)
 
     def _write_zero_direction(self, pair: int) -> Expr:
-        """Return the tangent of the second link of a pair when its variable is zero."""
+        """Write the zero direction of a pair, and return its symbol or expression.
+
+        A link has a reference arc at the pair, from the axis of the pair to the first other
+        axis of the link. The pair variable is counted from the first link. The zero
+        direction is the unit tangent of the reference arc of the second link when the
+        variable is zero: the tangent of the first link, rotated about the axis of the pair
+        by a constant angle.
+        """
         first_link, _ = self._mechanism.ends[pair]
         first_tangent = self._write_tangent(first_link, pair)
         return self._formula_list.write_indexed(

@@ -53,5 +53,8 @@ def shorten_axis(axis: Floats) -> list[float]:
 
 
 def shorten_vector(vector: Floats) -> list[float]:
-    """Return the components of a vector as short decimals, compared with the largest."""
+    """Return the components of a vector as short decimals.
+
+    Changes by rounding are small relative to the largest component.
+    """
     return [shorten(component, max_abs(vector)) for component in vector]

@@ -265,7 +265,11 @@ def through(points: ArrayLike, closed: bool = True) -> Curve:
 
 
 def spline_through(points: ArrayLike, closed: bool) -> tuple[SplinePath, ArcLength]:
-    """Return the spline of `through` and its arc length; the errors are the same."""
+    """Return the spline of the curve `through` points, and its arc length.
+
+    Unlike `through`, it does not refuse a closed curve that meets itself. All other errors
+    are the same.
+    """
     *_, last_fit = spline_fits(points, closed)
     return last_fit
 

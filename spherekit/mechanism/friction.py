@@ -265,7 +265,11 @@ class ContactFriction(BearingFriction):
 
 
 def sliding_rate_name(pair: str) -> str:
-    """Return the name, in magnitudes, of the rate at which a contact slides."""
+    """Return the name of the rate at which a contact slides.
+
+    It is used in the expression of the magnitude of a load. The rate is that of the second
+    link along the first (rad/s).
+    """
     return f"sliding_{pair}"
 
 
