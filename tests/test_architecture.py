@@ -17,12 +17,12 @@ import spherekit
 from spherekit.files.study import Study
 from spherekit.runs.execution import Execution
 
-LAYERS = """ library_warnings arrays errors status tolerances wording conventions escaping
-completeness version progress time_limit > type_descriptions type_checks argument_validation
-markup processor resources > numerics > geometry > mechanism > symbolic storage > files
-planning > tables positions > velocities > singularities proof > outputs > dynamics > scenes
-> runs > designs > exchange display.rerun display.figures > display.pages > display > api >
-plugin > cli
+LAYERS = """ library_warnings arrays errors status tolerances wording conventions
+escaping number_text completeness version progress time_limit > type_descriptions
+type_checks argument_validation markup processor resources > numerics > geometry >
+mechanism > symbolic storage > files planning > tables positions > velocities >
+singularities proof > outputs > dynamics > scenes > runs > designs > exchange
+display.rerun display.figures > display.pages > display > api > plugin > cli
 """
 """Each package may import only packages named before it, and itself."""
 
@@ -47,6 +47,7 @@ HOME_OF = {
     "numpy_quaddtype": {"numerics/quad_precision.py"},
     "matplotlib": {"display/figures/matplotlib_sdk.py"},
     "mujoco": {"exchange/mujoco_file.py"},
+    "rich": {"cli/screen_report.py", "cli/progress_bar.py"},
 }
 
 

@@ -163,8 +163,12 @@ class CommandParser(CommandLineParser):
             action="store_true",
             help="show the Python trace of an error",
         )
+        self.add_argument("-q", "--quiet", action="store_true", help="print errors only")
         self.add_argument(
-            "-q", "--quiet", action="store_true", help="say nothing but errors"
+            "-v",
+            "--verbose",
+            action="store_true",
+            help="also print how the results were computed",
         )
         module.add_arguments(self)
 

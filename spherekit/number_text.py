@@ -1,0 +1,48 @@
+"""Numbers as text for the screen: few digits, and 0 for a number below its error."""
+
+import math
+
+SCREEN_DIGITS = 6
+"""Significant digits of numbers on the screen. Tables in files have all digits."""
+
+LEAST_ANGLE_STEP_DEG = 1e-4
+"""Angles are rounded to this step (deg), which no drawing resolves.
+
+Without it, an angle of 0 that was computed with rounding errors would read ``4e-14``.
+"""
+
+
+def number_text(value: float, error: float = 0.0, digits: int = SCREEN_DIGITS) -> str:
+    """Return a number with few digits.
+
+    Parameters
+    ----------
+    value
+        The number.
+    error
+        Bound of its error. A number that is not larger than its error becomes ``0``.
+    digits
+        Number of significant digits.
+
+    Returns
+    -------
+    The number as text, ``0`` instead of ``-0``, and ``-`` if it is NaN.
+    """
+    if math.isnan(value):
+        return "-"
+    if abs(value) <= error:
+        return "0"
+    return f"{value + 0.0:.{digits}g}"
+
+
+def degrees_text(angle_rad: float) -> str:
+    """Return an angle (rad) as text in degrees, without the unit."""
+    degrees = math.degrees(angle_rad)
+    if not math.isfinite(degrees):
+        return number_text(degrees)
+    return number_text(round(degrees / LEAST_ANGLE_STEP_DEG) * LEAST_ANGLE_STEP_DEG)
+
+
+def degree_range_text(lowest_rad: float, highest_rad: float) -> str:
+    """Return a range of angles (rad) as text in degrees, such as ``-12.5 to 40``."""
+    return f"{degrees_text(lowest_rad)} to {degrees_text(highest_rad)}"

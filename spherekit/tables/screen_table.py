@@ -1,0 +1,52 @@
+"""A small table of results for the screen, whose cells are texts."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from spherekit.conventions import Names
+
+
+@dataclass(frozen=True)
+class ScreenColumn:
+    """A column of a `ScreenTable`.
+
+    Attributes
+    ----------
+    heading
+        Text above the column. It includes the unit, such as ``output 4/1 (deg)``.
+    align
+        ``"right"`` for numbers that are compared with each other.
+    """
+
+    heading: str
+    align: Literal["left", "right"] = "left"
+
+
+@dataclass(frozen=True)
+class ScreenTable:
+    """Results that a command prints in rows and columns.
+
+    Commands and analyses fill such tables. The screen aligns the columns.
+
+    Attributes
+    ----------
+    columns
+        The columns from left to right.
+    rows
+        For each row the text of each cell.
+    title
+        A line above the table; empty if the table needs none.
+    """
+
+    columns: tuple[ScreenColumn, ...]
+    rows: tuple[Names, ...]
+    title: str = ""
+
+    def __post_init__(self) -> None:
+        """Check that each row has one text for each column."""
+        for row in self.rows:
+            if len(row) != len(self.columns):
+                raise ValueError(
+                    f"the row {row} has {len(row)} cells, the table has "
+                    f"{len(self.columns)} columns"
+                )
