@@ -84,6 +84,7 @@ html_sidebars = {"**": ["sidebar-nav-bs"], "index": []}
 html_theme_options = {
     "logo": {"text": "spherekit"},
     "navbar_align": "left",
+    "header_links_before_dropdown": 6,
     "navigation_with_keys": False,
     "navigation_depth": 3,
     "secondary_sidebar_items": ["page-toc"],

@@ -7,28 +7,9 @@ from spherekit.runs.contract import AbstractAnalysis
 from spherekit.runs.parameter_text import describe_parameters
 from spherekit.runs.registry import analysis_names, load_analysis
 
-INDEX = """\
-# Tables of the analyses
-
-Parameters, tables and columns of every analysis; what they mean, and the formulas:
-[analyses](../../analyses.md).
-
-{shown}
-
-```{{toctree}}
-:hidden:
-
-{names}
-```
-"""
-
 
 def pages() -> Iterator[tuple[str, str]]:
-    """Yield a page for each analysis, and their index."""
-    shown = "\n".join(
-        f"- [{name}]({name}.md): {load_analysis(name).summary}" for name in analysis_names()
-    )
-    yield "analyses/index.md", INDEX.format(shown=shown, names="\n".join(analysis_names()))
+    """Yield a page for each analysis."""
     for name in analysis_names():
         yield f"analyses/{name}.md", "\n".join(_part(load_analysis(name)))
 
