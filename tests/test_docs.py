@@ -11,6 +11,7 @@ from contextlib import nullcontext
 from dataclasses import fields
 from pathlib import Path
 
+import numpy as np
 import pytest
 from helpers.public_packages import PUBLIC
 from helpers.scene_listener import SceneListener
@@ -288,17 +289,46 @@ def test_every_dependency_has_its_reason():
         assert re.search(rf"^\|.*\b{name}\b.*\|", PAGES["dependencies.md"], re.M), name
 
 
-def test_the_readme_shows_a_whole_file_and_its_picture_first():
+def test_the_readme_shows_a_picture_the_commands_and_a_short_file():
+    """The README fits on two screens, and its file is the joint of its picture."""
     text = PAGES["README.md"]
     (shown,) = blocks("README.md", "toml")
-    (name,) = re.findall(r'^name = "(\w+)"$', shown, re.M)
-    assert shown == (ROOT / "mechanisms" / f"{name}.toml").read_text("utf-8")
-    (picture, *_) = re.findall(r"!\[[^\]]+\]\((docs/images/\w+\.png)\)", text)
-    assert picture == f"docs/images/{name}.png"
+    (picture,) = re.findall(r"!\[[^\]]+\]\((docs/images/\w+\.png)\)", text)
     assert (ROOT / picture).stat().st_size < 400_000
-    order = [text.index(part) for part in ("```toml", picture, "```sh", "\n|")]
+    order = [text.index(part) for part in (picture, "```sh", "```toml", "\n|")]
     assert order == sorted(order)
-    assert f"spherekit run {name} " in blocks("README.md", "sh")[0]
+    assert f"spherekit run {Path(picture).stem} " in blocks("README.md", "sh")[0]
+    assert len(text.splitlines()) <= 90
+    assert len(shown.splitlines()) <= 20
+
+
+def test_the_file_of_the_readme_is_a_universal_joint(folder):
+    """The ratio of the shafts follows the formula of Hooke's joint.
+
+    The angle of the driver is zero where its yoke lies in the plane of both shafts.
+    """
+    angles = np.array([0.0, 0.4, 1.3])
+    results = sk.evaluate(sk.load("hooke.toml"), angles, assembly_mode=0)
+    shaft_angle = np.radians(35.0)
+    ratios = np.cos(shaft_angle) / (1.0 - (np.sin(shaft_angle) * np.cos(angles)) ** 2)
+    computed = results.velocity_coefficient("follower/frame").ravel()
+    assert np.allclose(computed, ratios, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_every_question_of_the_readme_is_answered(folder, capsys):
+    """Each command of the table of questions runs."""
+    commands = [
+        command
+        for line in PAGES["README.md"].splitlines()
+        if line.startswith("|")
+        for command in re.findall(r"`spherekit ([^`]+)`", line)
+    ]
+    assert len(commands) >= 5
+    for command in commands:
+        assert main(shlex.split(command)) == 0, command
+    assert (folder / "hooke.c").is_file()
+    assert (folder / "hooke.html").is_file()
 
 
 def page_tables(text):
