@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass
 
 REPORT_INTERVAL_S = 2.0
 """Time (s) after which a computation reports its progress, for the first time and again.
@@ -11,12 +12,51 @@ REPORT_INTERVAL_S = 2.0
 Larger: fewer reports. Smaller: short computations report too.
 """
 
-_listener: ContextVar[Callable[[str], None] | None] = ContextVar("listener", default=None)
+SECONDS_PER_MINUTE = 60.0
+SECONDS_PER_HOUR = 3600.0
+
+LARGEST_TIME_IN_SMALLER_UNIT = 2.0
+"""Times from this number of minutes (or hours) on are stated in minutes (or hours)."""
+
+
+@dataclass(frozen=True)
+class ProgressReport:
+    """How far a computation is.
+
+    Attributes
+    ----------
+    activity
+        The computation in words.
+    state
+        How far it is, in words, such as ``"120 of 361 samples"``; empty if this is unknown.
+    share
+        Finished share of the work, from 0 to 1; None if it is unknown.
+    remaining_seconds
+        Estimated time (s) that the rest takes; None if it is unknown.
+    """
+
+    activity: str
+    state: str = ""
+    share: float | None = None
+    remaining_seconds: float | None = None
+
+    @property
+    def text(self) -> str:
+        """The report in one line."""
+        text = f"{self.activity}: {self.state}" if self.state else self.activity
+        if self.remaining_seconds is None:
+            return text
+        return f"{text}, {remaining_time_text(self.remaining_seconds)}"
+
+
+ProgressListener = Callable[[ProgressReport], object]
+
+_listener: ContextVar[ProgressListener | None] = ContextVar("listener", default=None)
 
 
 @contextmanager
-def progress_listener(listener: Callable[[str], None] | None) -> Iterator[None]:
-    """Pass the progress reports within the block to a function, one text at a time.
+def progress_listener(listener: ProgressListener | None) -> Iterator[None]:
+    """Pass each `ProgressReport` that is made within the block to a function.
 
     With None, no reports are made.
     """
@@ -27,8 +67,21 @@ def progress_listener(listener: Callable[[str], None] | None) -> Iterator[None]:
         _listener.reset(token)
 
 
+def remaining_time_text(seconds: float) -> str:
+    """Return a remaining time as text, such as ``28 s left`` or ``3.5 min left``."""
+    if seconds >= LARGEST_TIME_IN_SMALLER_UNIT * SECONDS_PER_HOUR:
+        return f"{seconds / SECONDS_PER_HOUR:.2g} h left"
+    if seconds >= LARGEST_TIME_IN_SMALLER_UNIT * SECONDS_PER_MINUTE:
+        return f"{seconds / SECONDS_PER_MINUTE:.2g} min left"
+    return f"{seconds:.0f} s left"
+
+
 class ProgressReporter:
     """Reports the progress of one computation every few seconds.
+
+    If the computation states its progress in numbers, the reports also estimate the
+    remaining time. The estimate assumes the mean speed since the first numbers, so that
+    work which was finished before, such as the parts of a resumed run, does not count.
 
     Parameters
     ----------
@@ -40,26 +93,61 @@ class ProgressReporter:
         """Count the time to the first report from now on."""
         self.what = what
         self._last_report = time.monotonic()
+        # Time (s) and finished work when the first numbers were stated.
+        self._first_numbers: tuple[float, float] | None = None
 
-    def report_if_due(self, how_far: Callable[[], str]) -> bool:
+    def report_if_due(
+        self,
+        how_far: Callable[[], str],
+        done: float | None = None,
+        total: float | None = None,
+    ) -> bool:
         """Report the progress if the last report is old enough.
 
         Parameters
         ----------
         how_far
             Function that returns the progress in words. It is called only for a report.
+        done
+            Finished amount of work, in any unit; None if no number is known.
+        total
+            Whole amount of work in the same unit; None if it is not known.
 
         Returns
         -------
         Whether it was time for a report.
         """
-        if time.monotonic() - self._last_report < REPORT_INTERVAL_S:
+        now = time.monotonic()
+        if done is not None and self._first_numbers is None:
+            self._first_numbers = (now, done)
+        if now - self._last_report < REPORT_INTERVAL_S:
             return False
-        self._last_report = time.monotonic()
+        self._last_report = now
         listener = _listener.get()
         if listener is not None:
-            listener(f"{self.what}: {how_far()}")
+            share = done / total if done is not None and total else None
+            remaining_seconds = self._estimate_remaining_time(now, done, total)
+            listener(ProgressReport(self.what, how_far(), share, remaining_seconds))
         return True
+
+    def _estimate_remaining_time(
+        self, now: float, done: float | None, total: float | None
+    ) -> float | None:
+        """Return the time (s) that the rest will take, or None if it cannot be estimated.
+
+        Parameters
+        ----------
+        now
+            Present time (s).
+        done, total
+            Finished and whole amount of work, or None.
+        """
+        if done is None or total is None or self._first_numbers is None:
+            return None
+        first_time, first_done = self._first_numbers
+        if done <= first_done:
+            return None
+        return (now - first_time) / (done - first_done) * max(total - done, 0.0)
 
 
 def announce(what: str, expected_seconds: float) -> None:
@@ -74,4 +162,4 @@ def announce(what: str, expected_seconds: float) -> None:
     """
     listener = _listener.get()
     if listener is not None and expected_seconds >= REPORT_INTERVAL_S:
-        listener(what)
+        listener(ProgressReport(what))

@@ -14,6 +14,7 @@ from helpers.refusals import TABLES, check_fragments
 from oracles.lecture_table import LECTURE_TABLE
 
 import spherekit as sk
+from spherekit import progress
 from spherekit.cli import run_report
 from spherekit.cli.main import main
 from spherekit.cli.run_report import duration
@@ -225,14 +226,23 @@ def test_an_output_without_legs_says_so(tmp_path):
 
 
 def test_progress_says_how_long_the_rest_will_take(monkeypatch):
-    clock, said = iter([0.0, 10.0, 14.0, 30.0]), []
-    monkeypatch.setattr(
-        run_report.ProgressReporter,
-        "report_if_due",
-        lambda _, how_far: said.append(how_far()),
-    )
-    monkeypatch.setattr(run_report.time, "monotonic", lambda: next(clock))
-    show = run_report.progress()  # which asks for the time once
-    for done in (200, 300, 1000):  # 200 were done before: 100 samples took 4 s
-        show(done, 1000)
-    assert said == ["300 of 1000 samples, 28 s left"]
+    """A resumed run had 200 samples before it began; then 100 samples take 4 s."""
+    clock = iter([0.0, 10.0, 14.0, 42.0])
+    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
+    reports = []
+    with progress.progress_listener(reports.append):
+        show = run_report.progress()  # reads the clock once
+        for done in (200, 300, 1000):
+            show(done, 1000)
+    assert [report.text for report in reports] == [
+        "computing: 200 of 1000 samples",
+        "computing: 300 of 1000 samples, 28 s left",
+        "computing: 1000 of 1000 samples, 0 s left",
+    ]
+    assert [report.share for report in reports] == [0.2, 0.3, 1.0]
+
+
+def test_remaining_times_have_units_that_suit_them():
+    assert progress.remaining_time_text(119.0) == "119 s left"
+    assert progress.remaining_time_text(210.0) == "3.5 min left"
+    assert progress.remaining_time_text(9000.0) == "2.5 h left"

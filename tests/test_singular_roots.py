@@ -322,7 +322,7 @@ def test_a_search_without_time_says_so():
 def test_a_search_tells_what_it_does(monkeypatch):
     monkeypatch.setattr(progress, "REPORT_INTERVAL_S", 0.0)
     told = []
-    with progress.progress_listener(told.append):
+    with progress.progress_listener(lambda report: told.append(report.text)):
         singular_curves(sk.load("five_bar"), "II", slices_of_each=1)
     assert "search: slice 1 of 1" in told[0]
     assert any("curve 1 of type II" in words for words in told)

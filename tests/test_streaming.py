@@ -68,9 +68,9 @@ def test_a_long_simulation_reports_the_time_that_it_has_reached(monkeypatch):
     messages = []
     with progress.progress_listener(messages.append):
         run_simulation("numpy", duration=2.0)
-    reports = [text for text in messages if text.startswith("simulating")]
-    assert all(text.endswith(" of 2 s") for text in reports)
-    reached_s = [float(text.split()[1]) for text in reports if ": " in text]
+    reports = [message for message in messages if message.activity == "simulating"]
+    assert all(report.state.endswith(" of 2 s") for report in reports)
+    reached_s = [float(report.state.split()[0]) for report in reports]
     assert len(reached_s) > 5
     assert reached_s[0] < 0.5
     assert 2.0 in reached_s

@@ -264,7 +264,7 @@ def test_waiting_for_workers_is_reported_every_minute_with_a_way_out(
     """
     messages = []
     client = WorkerlessClient(monkeypatch, wait_seconds)
-    with progress_listener(messages.append):
+    with progress_listener(lambda report: messages.append(report.text)):
         dask_cluster._await_workers(client, "tcp://here:1")
     # On the simulated clock of the client, workers have appeared by now.
     assert client.now >= client.until
@@ -288,7 +288,8 @@ def test_a_sweep_waits_for_workers_that_come_late(machines, tmp_path, expected_t
     machines.start_scheduler()
     messages = []
 
-    def start_worker_when_missed(text):
+    def start_worker_when_missed(report):
+        text = report.text
         messages.append(text)
         if "no workers" in text:
             machines.start_worker()
@@ -321,7 +322,7 @@ def test_a_result_that_is_lost_with_its_worker_is_waited_for(monkeypatch, wait):
     """The part is computed again by the next worker, and the wait is reported."""
     said = []
     client = WorkerlessClient(monkeypatch, wait)
-    with progress_listener(said.append):
+    with progress_listener(lambda report: said.append(report.text)):
         result = dask_cluster._fetch_result(FinishedFuture(client), client, "tcp://here:1")
     assert result == "the result"
     assert bool(said) == (wait > 2.0)
@@ -364,10 +365,10 @@ def test_after_the_loss_of_all_workers_another_one_computes_the_parts(
     machines.start_scheduler()
     killed_workers = [machines.start_worker(SLOW), machines.start_worker(SLOW)]
 
-    def start_worker_when_missed(text):
+    def start_worker_when_missed(report):
         """Start a worker when the sweep reports "the scheduler has no workers"."""
         # The exit code of a killed process is not 0; of a living one it is None.
-        if "no workers" in text and all(worker.poll() for worker in killed_workers):
+        if "no workers" in report.text and all(worker.poll() for worker in killed_workers):
             machines.start_worker()
 
     taken_parts = 0

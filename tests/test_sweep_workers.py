@@ -323,7 +323,7 @@ def test_a_part_whose_process_is_ended_is_computed_by_another(
     # A folder with a file for each process that ended.
     mark = end_processes(mode, number, signal_name)
     messages = []
-    with progress_listener(messages.append):
+    with progress_listener(lambda report: messages.append(report.text)):
         result = sweep_with_tables(tmp_path / "designs")
     death_count = {"once": 1, "twice": 2}[mode]
     assert len(list(mark.iterdir())) == death_count

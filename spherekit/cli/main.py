@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from spherekit.cli.interrupts import interrupt_number, raise_on_interrupt
+from spherekit.cli.progress_bar import hide_progress, progress_on_screen
 from spherekit.escaping import json_text, terminal_text
 
 BAD_INPUT = 1
@@ -82,7 +83,6 @@ def _run_command(words: list[str]) -> int:
     from spherekit.cli.command_line import USAGE_ERROR, build_parser, command_parsers
     from spherekit.errors import SpherekitError
     from spherekit.library_warnings import warnings_as_sentences
-    from spherekit.progress import progress_listener
     from spherekit.resources import need_space
 
     parser = build_parser()
@@ -109,7 +109,7 @@ def _run_command(words: list[str]) -> int:
         # With less address space the libraries would end the process without an error.
         need_space(MIN_ADDRESS_SPACE_BYTES, "numerical libraries need")
         with (
-            progress_listener(None if options.quiet else say),
+            progress_on_screen(options),
             warnings_as_sentences(say, options.traceback),
         ):
             return int(options.execute(options))
@@ -172,6 +172,7 @@ def _system_message(error: Exception) -> str:
 
 def note(options: Namespace, *texts: str) -> None:
     """Print the texts that are not empty to stderr, unless ``--quiet`` is given."""
+    hide_progress()
     for text in texts:
         if text and not options.quiet:
             print(terminal_text(text), file=sys.stderr)
@@ -179,11 +180,13 @@ def note(options: Namespace, *texts: str) -> None:
 
 def print_json(data: Any) -> None:
     """Print data as JSON to stdout, for programs."""
+    hide_progress()
     print(json_text(data, indent=2))
 
 
 def say(text: str) -> None:
     """Print a message to stderr."""
+    hide_progress()
     print(f"spherekit: {terminal_text(text)}", file=sys.stderr, flush=True)
 
 

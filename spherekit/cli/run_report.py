@@ -1,6 +1,5 @@
 """The summary of a run as text, and the progress that is printed during a run."""
 
-import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -280,25 +279,12 @@ def progress() -> Callable[[int, int], None]:
     """Return a function that prints progress from time to time.
 
     The returned function is called with the number of samples done and the number of all
-    samples. From its second call on, it estimates the remaining time by the speed since the
-    first call.
+    samples.
     """
     reporter = ProgressReporter("computing")
-    first_call: tuple[float, int] | None = None  # time (s) and samples done
 
     def print_progress(done: int, total: int) -> None:
         """Print how many samples of the total are done, and how long the rest takes."""
-        nonlocal first_call
-        now = time.monotonic()
-        if first_call is None:
-            first_call = (now, done)
-        first_time, first_done = first_call
-        if first_done < done < total:
-            seconds_per_sample = (now - first_time) / (done - first_done)
-            remaining = duration(seconds_per_sample * (total - done))
-            text = f"{done} of {total} samples, {remaining} s left"
-            reporter.report_if_due(
-                lambda: text
-            )  # called only if the last message is old enough
+        reporter.report_if_due(lambda: f"{done} of {total} samples", done, total)
 
     return print_progress

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from spherekit.cli.progress_bar import hide_progress
 from spherekit.escaping import terminal_text
 from spherekit.tables.screen_table import ScreenTable
 
@@ -114,6 +115,7 @@ def _console() -> "Console":
     """Return the console of standard output; without a terminal it breaks no line."""
     from rich.console import Console
 
+    hide_progress()
     width = None if sys.stdout.isatty() else PLAIN_WIDTH
     return Console(width=width, highlight=False, markup=False, emoji=False)
 

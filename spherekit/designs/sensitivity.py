@@ -522,7 +522,9 @@ class Sensitivity:
             # The loop variable therefore still has its present value, and the warning B023
             # of the linter does not apply.
             progress.report_if_due(
-                lambda: f"configuration {start + 1} of {len(samples)}"  # noqa: B023
+                lambda: f"configuration {start + 1} of {len(samples)}",  # noqa: B023
+                done=start,
+                total=len(samples),
             )
             block = slice(start, start + block_size)
             parts.append(self._close_draws(samples[block], values[block], sizes, profiles))

@@ -391,7 +391,11 @@ class _Progress:
                     )
                     self.computed += 1
                     self._need_disk()
-                    reporter.report_if_due(self._describe_progress)
+                    reporter.report_if_due(
+                        self._describe_progress,
+                        done=self._finished_design_count,
+                        total=sweep.space.count,
+                    )
             except KeyboardInterrupt as interrupt:
                 all_parts = counted(sweep.part_count, "part")
                 interrupt.add_note(
@@ -460,8 +464,12 @@ class _Progress:
                 advice=DISK_FULL_ADVICE,
             )
 
+    @property
+    def _finished_design_count(self) -> int:
+        """The number of designs in finished parts."""
+        return min(len(self._done_parts) * self.sweep.part_size, self.sweep.space.count)
+
     def _describe_progress(self) -> str:
         """Return how many designs are finished, such as ``"512 of 1000 designs"``."""
-        space = self.sweep.space
-        designs = min(len(self._done_parts) * self.sweep.part_size, space.count)
-        return f"{designs} of {counted(space.count, 'design')}"
+        all_designs = counted(self.sweep.space.count, "design")
+        return f"{self._finished_design_count} of {all_designs}"

@@ -340,7 +340,12 @@ def _explore_designs(
         # `report_if_due` calls the function before it returns, and only for a report. The
         # loop variable therefore still has its present value, and the warning B023 of the
         # linter does not apply.
-        progress.report_if_due(lambda: f"{design_count} designs looked at")  # noqa: B023
+        all_designs = counted(sweep.space.count, "design")
+        progress.report_if_due(
+            lambda: f"{design_count} of {all_designs} evaluated",  # noqa: B023
+            done=design_count,
+            total=sweep.space.count,
+        )
     if not feasible_count:
         raise DesignError(
             f"{sweep.mechanism.name}: none of {counted(sweep.space.count, 'design')} meets "

@@ -291,7 +291,9 @@ class Collocation:
         self._progress_times.append((t, self.seconds + time.perf_counter() - started))
         # The text is only formed if a report is due.
         is_due = self._progress.report_if_due(
-            lambda: f"{t:.4g} of {self.problem.until:.6g} s"
+            lambda: f"{t:.4g} of {self.problem.until:.6g} s",
+            done=t,
+            total=self.problem.until,
         )
         if is_due and self.end is None and self.problem.on_progress:
             # The motion so far. Its reason for the choice of this engine is a placeholder:

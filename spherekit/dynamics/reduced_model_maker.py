@@ -133,7 +133,7 @@ def reduced_model(
         return f"{functions_fitted} of {len(scales)}"
 
     for group, labels in enumerate(labels_of_group):
-        progress.report_if_due(describe_progress)
+        progress.report_if_due(describe_progress, done=functions_fitted, total=len(scales))
         # The scales of all groups are in one array, group after group.
         group_scales = scales[functions_fitted : functions_fitted + len(labels)]
         functions_fitted += len(labels)

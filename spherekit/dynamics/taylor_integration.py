@@ -388,7 +388,9 @@ class TaylorIntegration:
                     steps += steps_tried
                     # The text is only formed if it is shown.
                     progress.report_if_due(
-                        lambda: f"{self.time:.4g} of {targets[-1]:.6g} s"
+                        lambda: f"{self.time:.4g} of {targets[-1]:.6g} s",
+                        done=self.time,
+                        total=targets[-1],
                     )
                     if end is None and steps >= MAX_TAYLOR_STEPS:
                         end = "too_many"

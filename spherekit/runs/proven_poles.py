@@ -285,7 +285,11 @@ def _enclose_run_poles(
         # (n, pairs) angles. The factors convert arc lengths of sliding contacts to angles.
         values = np.stack([factor * motion[name] for name, factor in columns], 1)
         for done, row in enumerate(rows):
-            progress.report_if_due(lambda: f"{done} of {len(rows)} configurations")  # noqa: B023
+            progress.report_if_due(
+                lambda: f"{done} of {len(rows)} configurations",  # noqa: B023
+                done=done,
+                total=len(rows),
+            )
             # Unknown angles, then inputs, then angles that follow from the inputs.
             run_values = values[row]
             exact_inputs = [

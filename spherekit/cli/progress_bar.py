@@ -1,0 +1,129 @@
+"""Progress of long computations on the screen: a bar in a terminal, otherwise lines.
+
+Progress is written to stderr, so that results on stdout can be redirected.
+"""
+
+import sys
+import time
+from argparse import Namespace
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from spherekit.escaping import terminal_text
+from spherekit.progress import ProgressReport, remaining_time_text
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, Task
+
+    from spherekit.progress import ProgressListener
+
+BAR_WIDTH = 30
+"""Width of the bar in characters, which leaves most of a line to the text."""
+
+
+class ProgressBar:
+    """One line on stderr that shows the activity, a bar and the remaining time.
+
+    The line appears with the first report, which comes a few seconds after the beginning,
+    and is erased by `hide`. A report without a state is a message, such as that a process
+    has ended. It is printed as a line of its own and remains on the screen.
+    """
+
+    def __init__(self) -> None:
+        """Show nothing until the first report."""
+        self._progress: Progress | None = None
+
+    def show(self, report: ProgressReport) -> None:
+        """Show a report in the line, in place of the report before."""
+        if not report.state:
+            was_shown = self._progress is not None
+            self.hide()
+            print_progress_line(report)
+            if was_shown:
+                self._start()
+            return
+        progress = self._progress or self._start()
+        finish_time = None
+        if report.remaining_seconds is not None:
+            finish_time = time.monotonic() + report.remaining_seconds
+        # A task without a total is drawn as a bar that moves to and fro.
+        total = None if report.share is None else 1.0
+        for task_id in progress.task_ids:
+            progress.update(
+                task_id,
+                description=terminal_text(f"{report.activity}: {report.state}"),
+                total=total,
+                completed=report.share or 0.0,
+                finish_time=finish_time,
+                visible=True,
+            )
+
+    def hide(self) -> None:
+        """Erase the line."""
+        if self._progress is not None:
+            self._progress.stop()
+            self._progress = None
+
+    def _start(self) -> "Progress":
+        """Make the line, which is invisible until the first report, and return it."""
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn
+        from rich.text import Text
+
+        class RemainingTime(ProgressColumn):
+            """The estimated remaining time, which decreases between reports."""
+
+            def render(self, task: "Task") -> Text:
+                """Return the text of the column."""
+                finish_time = task.fields.get("finish_time")
+                if finish_time is None:
+                    return Text("")
+                remaining_seconds = max(finish_time - time.monotonic(), 0.0)
+                return Text(remaining_time_text(remaining_seconds))
+
+        self._progress = Progress(
+            TextColumn("{task.description}", markup=False),
+            BarColumn(bar_width=BAR_WIDTH),
+            RemainingTime(),
+            console=Console(stderr=True, markup=False, emoji=False, highlight=False),
+            transient=True,
+            # Results go to stdout, which may be a file.
+            redirect_stdout=False,
+            redirect_stderr=False,
+        )
+        self._progress.add_task("", total=None, visible=False)
+        self._progress.start()
+        return self._progress
+
+
+_bar = ProgressBar()
+
+
+def hide_progress() -> None:
+    """Erase the progress bar, if there is one, before something else is printed."""
+    _bar.hide()
+
+
+def print_progress_line(report: ProgressReport) -> None:
+    """Print a report as a line of stderr."""
+    print(f"spherekit: {terminal_text(report.text)}", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def progress_on_screen(options: Namespace) -> Iterator[None]:
+    """Show the progress of computations within the block, unless ``--quiet`` is given."""
+    from spherekit.progress import progress_listener
+
+    listener: ProgressListener | None
+    if options.quiet:
+        listener = None
+    elif sys.stderr.isatty():
+        listener = _bar.show
+    else:
+        listener = print_progress_line
+    try:
+        with progress_listener(listener):
+            yield
+    finally:
+        _bar.hide()

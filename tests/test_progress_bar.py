@@ -1,0 +1,71 @@
+"""Progress on the screen: a bar in a terminal, lines without one, nothing with -q."""
+
+import io
+from argparse import Namespace
+
+import pytest
+
+from spherekit import progress
+from spherekit.cli.main import note
+from spherekit.cli.progress_bar import progress_on_screen
+
+
+class Terminal(io.StringIO):
+    """A stream that says that it is a terminal."""
+
+    def isatty(self):
+        return True
+
+
+@pytest.fixture
+def terminal(monkeypatch, capsys):
+    """Let stderr be a terminal, and let every report be due."""
+    monkeypatch.setattr(progress, "REPORT_INTERVAL_S", 0.0)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "120")
+    stream = Terminal()
+    monkeypatch.setattr("sys.stderr", stream)
+    return stream
+
+
+def report_three_times():
+    reporter = progress.ProgressReporter("computing")
+    for done in (0, 40, 60):
+        reporter.report_if_due(lambda done=done: f"{done} of 100 samples", done, 100)
+
+
+def test_a_terminal_shows_a_bar_that_is_erased_before_other_output(terminal, capsys):
+    with progress_on_screen(Namespace(quiet=False)):
+        report_three_times()
+        note(Namespace(quiet=False), "finished")
+    text = terminal.getvalue()
+    bar, _, end = text.rpartition("finished")
+    assert "computing: 60 of 100 samples" in bar
+    assert "s left" in bar
+    assert "\x1b[2K" in bar.rpartition("60 of 100")[2]  # the line is erased
+    assert end == "\n"
+    assert capsys.readouterr().out == ""
+
+
+def test_messages_stay_on_the_terminal(terminal):
+    with progress_on_screen(Namespace(quiet=False)):
+        report_three_times()
+        progress.announce("a process has ended", expected_seconds=2.0)
+        report_three_times()
+    assert "spherekit: a process has ended\n" in terminal.getvalue()
+
+
+def test_without_a_terminal_progress_is_plain_lines(monkeypatch, capsys):
+    monkeypatch.setattr(progress, "REPORT_INTERVAL_S", 0.0)
+    with progress_on_screen(Namespace(quiet=False)):
+        report_three_times()
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "spherekit: computing: 0 of 100 samples"
+    assert lines[2].startswith("spherekit: computing: 60 of 100 samples, ")
+    assert lines[2].endswith(" s left")
+
+
+def test_quiet_commands_show_no_progress(terminal):
+    with progress_on_screen(Namespace(quiet=True)):
+        report_three_times()
+    assert terminal.getvalue() == ""
