@@ -3,8 +3,6 @@
 import io
 from argparse import Namespace
 
-import pytest
-
 from spherekit import progress
 from spherekit.cli.main import note
 from spherekit.cli.progress_bar import progress_on_screen
@@ -17,9 +15,11 @@ class Terminal(io.StringIO):
         return True
 
 
-@pytest.fixture
-def terminal(monkeypatch, capsys):
-    """Let stderr be a terminal, and let every report be due."""
+def open_terminal(monkeypatch):
+    """Let stderr be a terminal, and let every report be due.
+
+    Tests call this themselves: pytest replaces stderr again after its fixtures.
+    """
     monkeypatch.setattr(progress, "REPORT_INTERVAL_S", 0.0)
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("COLUMNS", "120")
@@ -34,7 +34,8 @@ def report_three_times():
         reporter.report_if_due(lambda done=done: f"{done} of 100 samples", done, 100)
 
 
-def test_a_terminal_shows_a_bar_that_is_erased_before_other_output(terminal, capsys):
+def test_a_terminal_shows_a_bar_that_is_erased_before_other_output(monkeypatch, capsys):
+    terminal = open_terminal(monkeypatch)
     with progress_on_screen(Namespace(quiet=False)):
         report_three_times()
         note(Namespace(quiet=False), "finished")
@@ -47,7 +48,8 @@ def test_a_terminal_shows_a_bar_that_is_erased_before_other_output(terminal, cap
     assert capsys.readouterr().out == ""
 
 
-def test_messages_stay_on_the_terminal(terminal):
+def test_messages_stay_on_the_terminal(monkeypatch):
+    terminal = open_terminal(monkeypatch)
     with progress_on_screen(Namespace(quiet=False)):
         report_three_times()
         progress.announce("a process has ended", expected_seconds=2.0)
@@ -65,7 +67,8 @@ def test_without_a_terminal_progress_is_plain_lines(monkeypatch, capsys):
     assert lines[2].endswith(" s left")
 
 
-def test_quiet_commands_show_no_progress(terminal):
+def test_quiet_commands_show_no_progress(monkeypatch):
+    terminal = open_terminal(monkeypatch)
     with progress_on_screen(Namespace(quiet=True)):
         report_three_times()
     assert terminal.getvalue() == ""
