@@ -11,6 +11,7 @@ from pathlib import Path
 
 from benchmarks import extremes
 from benchmarks.harness import current_commit, describe_machine, format_section
+from benchmarks.page import read_record, record_sections, write_record
 
 NAMES = (
     "planning",
@@ -30,19 +31,6 @@ NAMES = (
     "extremes",
 )
 """Modules of this package, each with a function `run(quick)` that returns sections."""
-
-INTRODUCTION = """\
-# Benchmarks
-
-Repeat with `python -m benchmarks > docs/benchmarks.md` in the root of the
-repository, after `pip install -e '.[test]'`; single ones by their names
-({names}), a short run with `--quick`, the
-figures as JSON with `--json FILE`.
-
-Every time is the median of several repetitions. Where figures are compared, the jobs
-alternate within one run, and a ratio is the median of the ratios of the rounds: ratios
-hold from machine to machine and under load, single times do not."""
-"""Text before the first section."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -70,10 +58,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if unknown_cases and "proof" not in options.names:
         parser.error(f"no case is named {unknown_cases[0]}; see --list")
     machine = describe_machine()
-    print(INTRODUCTION.format(names=", ".join(f"`{name}`" for name in NAMES)))
-    print("\nMachine: " + "; ".join(f"{key} {value}" for key, value in machine.items()))
+    print("# Benchmarks\n")
+    print("Machine: " + "; ".join(f"{key} {value}" for key, value in machine.items()))
     commit = current_commit()
     sections_by_name = {}
+    record_path = Path(options.add) if options.add else None
     for name in options.names or NAMES:
         started = time.perf_counter()
         module = import_module(f"benchmarks.{name}")
@@ -87,6 +76,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sections_by_name[name] = [asdict(section) for section in sections]
         for section in sections:
             print("\n" + format_section(section, commit), flush=True)
+        if record_path is not None:
+            # Written after each benchmark, so that an interruption loses only one of them.
+            record = read_record(record_path)
+            try:
+                record_sections(record, name, sections, machine, commit)
+            except ValueError as error:
+                parser.error(f"{record_path}: {error}")
+            write_record(record, record_path)
     if options.json:
         content = {"commit": commit, "machine": machine, "benchmarks": sections_by_name}
         text = json.dumps(content, indent=1, default=float)
@@ -116,7 +113,14 @@ def _make_parser() -> argparse.ArgumentParser:
         metavar="CASE",
         help="of extremes this case, in full; of proof this group or mechanism",
     )
-    parser.add_argument("--json", metavar="FILE", help="write the figures here too")
+    parser.add_argument(
+        "--json", metavar="FILE", help="also write the results to this file"
+    )
+    parser.add_argument(
+        "--add",
+        metavar="FILE",
+        help="put the results into this record, from which the page is made",
+    )
     return parser
 
 

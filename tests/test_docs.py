@@ -192,12 +192,14 @@ def test_figures_of_the_extremes_are_those_of_their_record():
     assert re.search(r"^Taken at commit [0-9a-f]{8}", made, re.M)
 
 
-def test_figures_of_benchmarks_name_their_commit():
-    _, *sections = re.split(r"^## ", PAGES["benchmarks.md"], flags=re.M)
+def test_the_page_of_benchmarks_is_made_from_its_record():
+    made = runpy.run_path(str(DOCS / "make_benchmarks.py"))["page"]()
+    assert made == PAGES["benchmarks.md"], "run: python docs/make_benchmarks.py"
+    record = json.loads((DOCS / "benchmarks.json").read_text(encoding="utf-8"))
+    sections = [section for own in record["benchmarks"].values() for section in own]
     assert len(sections) > 15
     for section in sections:
-        named = re.search(r"^Taken at commit [0-9a-f]{8,}\.$", section, re.M)
-        assert named or "\n|" not in section, section[:60]
+        assert re.fullmatch(r"[0-9a-f]{8,}", section["commit"]), section["title"]
 
 
 def test_the_plugin_of_the_tutorial_is_installed_and_computes_its_ratio(folder):
