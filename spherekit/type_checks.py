@@ -75,7 +75,8 @@ def type_fault(name: str, value: Any, annotation: Any) -> str:
     allowed = describe_type(annotation)
     if isinstance(value, str | os.PathLike) and "Mechanism" in allowed:
         allowed += "; spherekit.load reads it by its name or path"
-    return f"{name} is {shown_value} ({type(value).__name__}), it has to be {allowed}"
+    hints = "".join(f". {hint}" for hint in _argument_hints(annotation))
+    return f"{name} is {shown_value} ({type(value).__name__}), it has to be {allowed}{hints}"
 
 
 def has_type(value: Any, annotation: Any) -> bool:
@@ -173,6 +174,19 @@ def _may_implement(value: Any, protocol: Any) -> bool:
     attributes = {*dir(type(value)), *getattr(value, "__dict__", ())}
     protocol_names = {name for name in dir(protocol) if not name.startswith("_")}
     return "__getattr__" in attributes or not attributes.isdisjoint(protocol_names)
+
+
+@functools.cache
+def _argument_hints(annotation: Any) -> list[str]:
+    """Return the sentences on classes of a type that say what to write.
+
+    A class states its sentence as its attribute `argument_hint`.
+    """
+    if get_origin(annotation) in (Union, UnionType):
+        members = union_members(get_args(annotation))
+    else:
+        members = [annotation]
+    return [cls.argument_hint for cls in members if hasattr(cls, "argument_hint")]
 
 
 @functools.cache

@@ -36,8 +36,9 @@ def closed_form_mode(kinematics, arcs):
     """
     gaps = []
     for mode in (0, 1):
-        (angle,) = four_bar_angles(kinematics.q[:1], arcs, mode)
-        gap = math.remainder(kinematics.variable("41")[0] - angle, 2.0 * math.pi)
+        (angle,) = four_bar_angles(np.atleast_1d(kinematics.q)[:1], arcs, mode)
+        first_angle = np.atleast_1d(kinematics.variable("41"))[0]
+        gap = math.remainder(first_angle - angle, 2.0 * math.pi)
         gaps.append(abs(gap))
     assert min(gaps) < 1e-12 < max(gaps)
     return int(np.argmin(gaps))
@@ -129,21 +130,21 @@ def test_one_input_alone_has_the_values_of_its_row_among_many(name):
     many = sk.evaluate(mechanism, q)
     for row, mode in enumerate(many.assembly_mode.tolist()):
         alone = sk.evaluate(mechanism, many.q[row], assembly_mode=mode)
-        assert alone.status[0] == many.status[row]
-        assert alone.inputs[0] == many.inputs[row]
-        assert alone.assembly_mode[0] == mode
+        assert alone.status == many.status[row]
+        assert alone.inputs == many.inputs[row]
+        assert alone.assembly_mode == mode
         for link in mechanism.links:
             for method in ("rotation", "angular_velocity", "angular_velocity_dq"):
-                value = getattr(alone, method)(link)[0]
+                value = getattr(alone, method)(link)
                 expected = getattr(many, method)(link)[row]
                 assert value == pytest.approx(expected, abs=1e-12, nan_ok=True)
         for pole in many.poles:
-            cosine = many.direction(pole)[row] @ alone.direction(pole)[0]
+            cosine = many.direction(pole)[row] @ alone.direction(pole)
             assert abs(cosine) == pytest.approx(1.0, abs=1e-12, nan_ok=True)
             sign = -1.0 if cosine < 0.0 else 1.0
             assert sign > 0.0 or many.sample[row] > 0
             for method in ("velocity_coefficient", "acceleration_coefficient"):
-                value = getattr(alone, method)(pole)[0]
+                value = getattr(alone, method)(pole)
                 expected = getattr(many, method)(pole)[row]
                 assert value * sign == pytest.approx(expected, abs=1e-11, nan_ok=True)
 
@@ -161,9 +162,57 @@ def test_a_single_configuration_is_evaluated_without_the_plan_of_poles(name, mon
     with_care = sk.evaluate(mechanism, [q, q + 0.1], **asked)
     monkeypatch.delattr("spherekit.api.kinematics.evaluate_poles")
     alone = pickle.loads(pickle.dumps(sk.evaluate(mechanism, q, **asked)))
-    assert alone.direction("31")[0] == pytest.approx(
+    assert alone.direction("31") == pytest.approx(
         with_care.direction("31")[0], abs=1e-12
     )
+
+
+def test_a_single_configuration_has_no_axis_of_rows():
+    """One input in one assembly mode gives numbers, (3,) directions and (3, 3) rotations.
+
+    The axis of rows remains if all modes are asked for, or if the input is an array (1,).
+    """
+    alone = sk.evaluate("four_bar", 0.7, assembly_mode=0)
+    rows = sk.evaluate("four_bar", [0.7], assembly_mode=0)
+    modes = sk.evaluate("four_bar", 0.7)
+    assert (len(alone), len(rows), len(modes)) == (1, 1, 2)
+    values = {
+        "q": lambda at: at.q,
+        "inputs": lambda at: at.inputs,
+        "sample": lambda at: at.sample,
+        "assembly_mode": lambda at: at.assembly_mode,
+        "status": lambda at: at.status,
+        "residual": lambda at: at.residual,
+        "configuration_error": lambda at: at.configuration_error,
+        "variable": lambda at: at.variable("41"),
+        "variable_coefficient": lambda at: at.variable_coefficient("41"),
+        "rotation": lambda at: at.rotation("3"),
+        "angular_velocity": lambda at: at.angular_velocity("3"),
+        "angular_velocity_dq": lambda at: at.angular_velocity_dq("3"),
+        "direction": lambda at: at.direction("3/1"),
+        "direction_dq": lambda at: at.direction_dq("3/1"),
+        "velocity_coefficient": lambda at: at.velocity_coefficient("3/1"),
+        "acceleration_coefficient": lambda at: at.acceleration_coefficient("1/3"),
+        "error_bound": lambda at: at.error_bound("3/1"),
+        "velocity_coefficient_error_bound": (
+            lambda at: at.velocity_coefficient_error_bound("3/1")
+        ),
+        "acceleration_coefficient_error_bound": (
+            lambda at: at.acceleration_coefficient_error_bound("3/1")
+        ),
+        "direction_dq_error_bound": lambda at: at.direction_dq_error_bound("3/1"),
+    }
+    public = {name for name in vars(sk.Kinematics) if not name.startswith("_")}
+    assert public - {"frame", "input_pairs", "search"} == set(values)
+    for name, value in values.items():
+        assert np.shape(value(rows)) == (1, *np.shape(value(alone))), name
+        assert np.shape(value(modes)) == (2, *np.shape(value(alone))), name
+        assert value(alone) == pytest.approx(value(rows)[0], abs=1e-12), name
+    assert np.ndim(alone.velocity_coefficient("3/1")) == 0
+    assert alone.frame().shape == rows.frame().shape
+    both = sk.evaluate("five_bar", [0.7, 0.2], assembly_mode=0)
+    assert both.inputs.shape == (2,) and both.direction("3/1", "21").shape == (3,)
+    assert sk.evaluate("five_bar", [[0.7, 0.2]], assembly_mode=0).inputs.shape == (1, 2)
 
 
 def test_several_inputs_move_one_at_a_time():

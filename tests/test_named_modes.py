@@ -49,7 +49,7 @@ def test_a_name_chooses_the_mode(tmp_path):
     assert by_name.frame().equals(by_number.frame())
     assert by_name.summary["assembly_modes"][0]["name"] == "p0"
     here = sk.evaluate("four_bar", 1.0, assembly_mode="p0")
-    assert here.assembly_mode.tolist() == [1]
+    assert here.assembly_mode == 1
     study = tmp_path / "named.study.toml"
     study.write_text(
         'format = 1\nmechanism = "four_bar"\nangle_unit = "deg"\nsamples = 3\n'

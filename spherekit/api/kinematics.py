@@ -90,7 +90,11 @@ TABLE = Table(
 class Kinematics:
     """Configurations of a mechanism at given inputs, with poles and coefficients.
 
-    Rows are ordered by assembly mode, and within a mode by input.
+    Rows are ordered by assembly mode, and within a mode by input. The shapes below have n
+    rows as their first axis. The result for one input in one assembly mode, such as
+    ``sk.evaluate("four_bar", 0.7, assembly_mode=0)``, is a single configuration: its
+    arrays do not have this axis, so that a coefficient is a number, a direction has the
+    shape (3,) and a rotation (3, 3).
 
     Poles are named by two links, ``"3/1"``. Coefficients are per unit rate of the input
     `moving`, while the other inputs are locked; with one input `moving` may be left out.
@@ -111,6 +115,7 @@ class Kinematics:
     poles: Names
     _read: Callable[[], Batch] = field(repr=False)
     search: str = ""
+    _is_single: bool = field(default=False, repr=False)
 
     @cached_property
     def _batch(self) -> Batch:
@@ -123,11 +128,15 @@ class Kinematics:
     def _motion(self) -> Motion:
         return self._batch.motion
 
+    def _rows(self, values: Any) -> Any:
+        """Return an array without its axis of rows if this is a single configuration."""
+        return values[0] if self._is_single else values
+
     def __len__(self) -> int:
         return len(self._batch)
 
     def __repr__(self) -> str:
-        modes = len(set(self.assembly_mode))
+        modes = len(set(self._batch.assembly_mode))
         return (
             f"<Kinematics of {self.mechanism.name}: {counted(len(self), 'row')} in "
             f"{counted(modes, 'assembly mode')}, {np.sum(self._motion.failed)} failed; "
@@ -143,32 +152,32 @@ class Kinematics:
     @property
     def q(self) -> Floats:
         """(n,) rad, the only input; `SolveError` if there are several, see `inputs`."""
-        return self._batch.q
+        return self._rows(self._batch.q)
 
     @property
     def inputs(self) -> Floats:
         """(n, inputs) rad, the inputs as they were given."""
-        return self._batch.inputs
+        return self._rows(self._batch.inputs)
 
     @property
     def sample(self) -> Integers:
         """(n,) numbers of the inputs, from 0."""
-        return self._batch.sample
+        return self._rows(self._batch.sample)
 
     @property
     def assembly_mode(self) -> Integers:
         """(n,) numbers of the assembly modes."""
-        return self._batch.assembly_mode
+        return self._rows(self._batch.assembly_mode)
 
     @property
     def status(self) -> SmallIntegers:
         """(n,) codes of `spherekit.Status`."""
-        return self._batch.status
+        return self._rows(self._batch.status)
 
     @property
     def residual(self) -> Floats:
         """(n,) rad, the closure residual of the loops."""
-        return self._batch.residual
+        return self._rows(self._batch.residual)
 
     @checked(SolveError)
     def variable(self, name: str) -> Floats:
@@ -184,7 +193,7 @@ class Kinematics:
             variable = names.index(name)
         else:
             variable = self._variable_of_pair(name)
-        return self._motion.values[:, variable]
+        return self._rows(self._motion.values[:, variable])
 
     @checked(SolveError)
     def variable_coefficient(self, pair: str, moving: str | None = None) -> Floats:
@@ -196,27 +205,29 @@ class Kinematics:
             If there is no such pair or input, or the pair has two variables.
         """
         self._variable_of_pair(pair)  # raises an error if there is not one
-        return self._batch.pair_rate(pair, self._moving(moving))
+        return self._rows(self._batch.pair_rate(pair, self._moving(moving)))
 
     @checked(SolveError)
     def rotation(self, link: str) -> Floats:
         """Return (n, 3, 3) the rotations from link axes to ground axes."""
-        return self._batch.rotation(self._link(link))
+        return self._rows(self._batch.rotation(self._link(link)))
 
     @checked(SolveError)
     def angular_velocity(self, link: str, moving: str | None = None) -> Floats:
         """Return (n, 3) that of a link against the ground, per unit rate of the input."""
-        return self._batch.angular_velocity(self._link(link), self._moving(moving))
+        velocity = self._batch.angular_velocity(self._link(link), self._moving(moving))
+        return self._rows(velocity)
 
     @checked(SolveError)
     def angular_velocity_dq(self, link: str, moving: str | None = None) -> Floats:
         """Return (n, 3) the derivative of `angular_velocity` by the input, 1/rad."""
-        return self._batch.angular_velocity_dq(self._link(link), self._moving(moving))
+        velocity = self._batch.angular_velocity_dq(self._link(link), self._moving(moving))
+        return self._rows(velocity)
 
     @checked(SolveError)
     def direction(self, pole: str, moving: str | None = None) -> Floats:
         """Return (n, 3) unit vectors along the pole axis of two links."""
-        return self._batch.direction(*self._pole(pole), self._moving(moving))
+        return self._rows(self._batch.direction(*self._pole(pole), self._moving(moving)))
 
     @checked(SolveError)
     def velocity_coefficient(self, pole: str, moving: str | None = None) -> Floats:
@@ -242,17 +253,17 @@ class Kinematics:
 
         NaN where the velocity coefficient is so small that less than six digits are known.
         """
-        return self._batch.direction_dq(*self._pole(pole), self._moving(moving))
+        return self._rows(self._batch.direction_dq(*self._pole(pole), self._moving(moving)))
 
     @property
     def configuration_error(self) -> Floats:
         """(n,) rad, a bound of the error of all pair variables; infinite where unknown."""
-        return self._motion.configuration_error
+        return self._rows(self._motion.configuration_error)
 
     @checked(SolveError)
     def error_bound(self, pole: str, moving: str | None = None) -> Floats:
         """Return (n,) a bound of the error of `direction`, rad."""
-        return self._batch.error_bound(*self._pole(pole), self._moving(moving))
+        return self._rows(self._batch.error_bound(*self._pole(pole), self._moving(moving)))
 
     @checked(SolveError)
     def velocity_coefficient_error_bound(
@@ -260,7 +271,9 @@ class Kinematics:
     ) -> Floats:
         """Return (n,) a bound of the error of `velocity_coefficient`."""
         links = self._pole(pole)
-        return self._batch.velocity_coefficient_error_bound(*links, self._moving(moving))
+        return self._rows(
+            self._batch.velocity_coefficient_error_bound(*links, self._moving(moving))
+        )
 
     @checked(SolveError)
     def acceleration_coefficient_error_bound(
@@ -268,9 +281,10 @@ class Kinematics:
     ) -> Floats:
         """Return (n,) a bound of the error of `acceleration_coefficient`, 1/rad."""
         links = self._pole(pole)
-        return self._batch.acceleration_coefficient_error_bound(
+        bounds = self._batch.acceleration_coefficient_error_bound(
             *links, self._moving(moving)
         )
+        return self._rows(bounds)
 
     @checked(SolveError)
     def direction_dq_error_bound(self, pole: str, moving: str | None = None) -> Floats:
@@ -279,7 +293,9 @@ class Kinematics:
         It bounds the length of the error vector.
         """
         links = self._pole(pole)
-        return self._batch.direction_dq_error_bound(*links, self._moving(moving))
+        return self._rows(
+            self._batch.direction_dq_error_bound(*links, self._moving(moving))
+        )
 
     @checked(SolveError)
     def frame(self, degrees: bool = False) -> Any:
@@ -307,7 +323,7 @@ class Kinematics:
                 # None: a bound is one number, and has no components as a vector has.
                 data[column.name] = make_column(column.name, None)
         # All poles of a configuration have the same inputs, so each value is repeated.
-        for name, values in input_columns(self.mechanism, self.inputs).items():
+        for name, values in input_columns(self.mechanism, batch.inputs).items():
             data[name] = batch.interleaved([values] * len(requested))
         table = TABLE.of(self.mechanism)
         columns = {column.name: data[column.name] for column in table.columns}
@@ -355,7 +371,7 @@ class Kinematics:
         """
         first, second = ordered_pole(self.mechanism, text)
         # -0.0 would be printed with a sign.
-        return values if first > second else 0.0 - values
+        return self._rows(values if first > second else 0.0 - values)
 
     def _moving(self, name: str | None) -> int:
         """Return the number of the moving input; the only one needs no name."""
@@ -381,6 +397,11 @@ def evaluate(
     crossings: Crossings = "end",
 ) -> Kinematics:
     """Return a mechanism's configurations, pole axes and coefficients at given inputs.
+
+    The arrays of the result have a row for each input in each assembly mode. If `inputs` is
+    one number (with several inputs, one number for each) and `assembly_mode` is given, the
+    result is a single configuration and its arrays have no axis of rows: a coefficient is
+    a number. An array of one input, ``[0.7]``, keeps the axis.
 
     Parameters
     ----------
@@ -414,8 +435,8 @@ def evaluate(
     >>> import numpy as np
     >>> import spherekit as sk
     >>> here = sk.evaluate("four_bar", 0.7, poles=["4/1"], assembly_mode=0)
-    >>> here.velocity_coefficient("4/1").shape
-    (1,)
+    >>> round(float(here.velocity_coefficient("4/1")), 4), here.direction("3/1").shape
+    (-0.7657, (3,))
     >>> turn = sk.evaluate("four_bar", np.linspace(0.0, 2.0 * np.pi, 50), assembly_mode=0)
     >>> turn.q.shape, turn.direction("3/1").shape, len(turn.frame()) == 50 * 6
     ((50,), (50, 3), True)
@@ -505,13 +526,15 @@ def _prepare_evaluation(
             Inputs (rad). With one input, a number or (n,) values. With several, (inputs,)
             values or (n, inputs).
         """
+        # One number for each input, and one mode: a single configuration.
+        is_single = assembly_mode is not None and q.ndim == (len(mechanism.inputs) > 1)
         # The fast function returns None if float64 may give too few digits at this input.
-        is_single = q.size == 1 and q.ndim < 2
-        if range_analysis is not None and evaluate_row is not None and is_single:
+        has_one_row = q.size == 1 and q.ndim < 2
+        if range_analysis is not None and evaluate_row is not None and has_one_row:
             read_batch = evaluate_row(q.item())
             if read_batch is not None:
                 search = range_analysis.search
-                return Kinematics(mechanism, pole_names, read_batch, search)
+                return Kinematics(mechanism, pole_names, read_batch, search, is_single)
         # Otherwise compute the configurations of all modes at all inputs, and keep the rows
         # of the requested mode. With several inputs, the modes are searched at the inputs q
         # of this call.
@@ -548,7 +571,8 @@ def _prepare_evaluation(
             motion,
             tuple(evaluate_poles(motion, request) for request in requests),
         )
-        return Kinematics(mechanism, pole_names, read_batch, position_analysis.search)
+        search = position_analysis.search
+        return Kinematics(mechanism, pole_names, read_batch, search, is_single)
 
     return evaluate_inputs
 

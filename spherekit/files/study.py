@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -45,6 +45,12 @@ class Start:
 
     q: float | Numbers
     dq: float | Numbers = 0.0
+
+    argument_hint: ClassVar[str] = (
+        "A start is the variable q (rad) and the rate dq (rad/s) of the input at t = 0; "
+        'write spherekit.Start(q=0.3, dq=0.0) or {"q": 0.3, "dq": 0.0}'
+    )
+    """What to write, for messages about an argument that is no start."""
 
     def __post_init__(self) -> None:
         # Lists become tuples, so that starts with the same numbers are equal.

@@ -298,8 +298,14 @@ def parse_pole(mechanism: Mechanism, text: str) -> Pole:
         return poles.pop()
     possible_texts = ["/".join(links) for links in combinations(mechanism.links[::-1], 2)]
     reason = "could be several poles" if poles else "is not a pole"
+    suggestion = nearest(text, possible_texts)
+    ground = mechanism.links[0]
+    if text in number and text != ground:
+        # A single link most likely means its motion relative to the ground.
+        reason = "is one link, and a pole needs two"
+        suggestion = f'; did you mean "{text}/{ground}"?'
     raise PlanError(
-        f'{mechanism.name}: "{text}" {reason}{nearest(text, possible_texts) or "."} Write '
+        f'{mechanism.name}: "{text}" {reason}{suggestion or "."} Write '
         f"LINK/LINK with two of the links {', '.join(mechanism.links)}"
     )
 
