@@ -76,7 +76,9 @@ def type_fault(name: str, value: Any, annotation: Any) -> str:
     if isinstance(value, str | os.PathLike) and "Mechanism" in allowed:
         allowed += "; spherekit.load reads it by its name or path"
     hints = "".join(f". {hint}" for hint in _argument_hints(annotation))
-    return f"{name} is {shown_value} ({type(value).__name__}), it has to be {allowed}{hints}"
+    return (
+        f"{name} is {shown_value} ({type(value).__name__}), it has to be {allowed}{hints}"
+    )
 
 
 def has_type(value: Any, annotation: Any) -> bool:
@@ -182,10 +184,8 @@ def _argument_hints(annotation: Any) -> list[str]:
 
     A class states its sentence as its attribute `argument_hint`.
     """
-    if get_origin(annotation) in (Union, UnionType):
-        members = union_members(get_args(annotation))
-    else:
-        members = [annotation]
+    is_union = get_origin(annotation) in (Union, UnionType)
+    members = union_members(get_args(annotation)) if is_union else (annotation,)
     return [cls.argument_hint for cls in members if hasattr(cls, "argument_hint")]
 
 

@@ -8,6 +8,7 @@ from typing import ClassVar
 from xml.etree import ElementTree
 
 import numpy as np
+import pandas as pd
 import pytest
 from helpers.minimal_analysis import MinimalAnalysis, with_row_columns
 
@@ -16,7 +17,9 @@ pytest.importorskip("matplotlib")
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.display.figures import style
+from spherekit.display.figures.column_plots import draw_columns
 from spherekit.display.figures.contents import plan_figures
+from spherekit.display.figures.sheet import Sheet
 from spherekit.display.figures.sphere_projection import (
     EQUAL_AREA,
     STEREOGRAPHIC,
@@ -410,6 +413,95 @@ def test_an_unknown_figure_is_refused_with_those_there_are(four_bar):
     with pytest.raises(AnalysisError, match="several figures are meant by 'poles'"):
         four_bar.plot("poles")
     assert "velocity coefficients" in repr(four_bar.plot())
+
+
+def test_two_columns_of_a_table_are_drawn_with_a_curve_for_each_mode(four_bar):
+    """`plot(x, y)` draws the numbers of the frame, with names and units on the axes."""
+    figure = four_bar.plot("q", "theta_41")
+    frame = four_bar.frame("motion", degrees=True)
+    (panel,) = figure.axes
+    assert (panel.get_xlabel(), figure.get_supylabel()) == ("q, deg", "theta_41, deg")
+    curves = curves_by_mode(panel)
+    assert sorted(curves) == [0, 1]
+    for mode, points in curves.items():
+        rows = frame[frame["assembly_mode"] == mode]
+        assert points == pytest.approx(rows[["q", "theta_41"]].to_numpy())
+    assert list(legend_of(figure)) == ["mode 0 (+, p1)", "mode 1 (−, p0)"]
+    (panel,) = four_bar.plot("q", "theta_41", degrees=False).axes
+    assert panel.get_xlabel() == "q, rad"
+    assert panel.get_xlim() == pytest.approx((0.0, 2.0 * np.pi))
+
+
+def test_rows_of_several_subjects_have_a_panel_each_unless_where_chooses_one(four_bar):
+    titles = {axes.get_title() for axes in four_bar.plot("q", "velocity_coefficient").axes}
+    assert titles == {
+        f"link {link}, relative to {reference}"
+        for link, reference in ("21", "31", "41", "32", "42", "43")
+    }
+    rocker = {"link": "4", "relative_to": "1"}
+    figure = four_bar.plot("q", "velocity_coefficient", where=rocker)
+    (panel,) = figure.axes
+    frame = four_bar.frame("poles")
+    is_rocker = (frame["link"] == "4") & (frame["relative_to"] == "1")
+    for mode, points in curves_by_mode(panel).items():
+        rows = frame[is_rocker & (frame["assembly_mode"] == mode)]
+        assert points[:, 1] == pytest.approx(rows["velocity_coefficient"].to_numpy())
+
+
+def test_rows_that_do_not_follow_each_other_are_points(four_bar):
+    """No line joins the rows of a table without samples, or those of a grid of inputs."""
+    points = four_bar.plot("q", "x", table="singularities")
+    grid = sk.run("five_bar", samples=(3, 4)).plot("q_21", "theta_43")
+    for figure, count in ((points, 4), (grid, 24)):
+        (panel,) = figure.axes
+        drawn = [line.get_xydata() for line in panel.lines if line.get_marker() == "."]
+        assert 0 < sum(map(len, drawn)) <= count
+        for line in panel.lines:
+            if line.get_marker() == "None" and len(line.get_xdata()) > 2:
+                finite = np.isfinite(line.get_ydata().astype(float))
+                assert not np.any(finite[1:] & finite[:-1])
+
+
+def test_an_angle_that_jumps_by_a_turn_interrupts_its_curve():
+    """No line leads back across the figure where an angle on the axis x jumps by a turn."""
+    columns = (SAMPLE, ASSEMBLY_MODE, Column("azimuth", "rad", "an angle"), INPUT)
+    azimuths = [170.0, 175.0, -180.0, -175.0]
+    data = {"sample": range(4), "assembly_mode": 0, "azimuth": azimuths, "q": azimuths}
+    figure = draw_columns(
+        Table("directions", "rows of samples", columns),
+        pd.DataFrame(data),
+        "azimuth",
+        "sample",
+        degrees=True,
+        sheet=Sheet(1, {}),
+    )
+    (points,) = curves_by_mode(figure.axes[0]).values()
+    assert np.isnan(points[2, 0]) and np.nanmax(np.abs(np.diff(points[:, 0]))) == 5.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "message"),
+    [
+        (("q", "theta41"), {}, r'no column is named "theta41"; did you mean "theta_41"\?'),
+        (
+            ("q", "status"),
+            {},
+            r'"status" of the table poles has no numbers; use it in where',
+        ),
+        (
+            ("sigma", "ux"),
+            {},
+            r'no table has both columns: "sigma" is in relation; "ux" is',
+        ),
+        (("q", "ux"), {"where": {"link": "5"}}, r"no row has link = '5'; Values: 2, 3, 4"),
+        (("q", "ux"), {"where": {"lnk": "4"}}, r'no column "lnk"; did you mean "link"\?'),
+        (("q", "ux"), {"table": "polse"}, r'no table "polse"; did you mean "poles'),
+        (("q",), {"where": {"link": "4"}}, r"give the columns x and y"),
+    ],
+)
+def test_a_figure_of_unknown_columns_is_refused(four_bar, arguments, options, message):
+    with pytest.raises(AnalysisError, match=message):
+        four_bar.plot(*arguments, **options)
 
 
 def test_run_draws_figures_into_its_folder(tmp_path, capsys):

@@ -162,9 +162,7 @@ def test_a_single_configuration_is_evaluated_without_the_plan_of_poles(name, mon
     with_care = sk.evaluate(mechanism, [q, q + 0.1], **asked)
     monkeypatch.delattr("spherekit.api.kinematics.evaluate_poles")
     alone = pickle.loads(pickle.dumps(sk.evaluate(mechanism, q, **asked)))
-    assert alone.direction("31") == pytest.approx(
-        with_care.direction("31")[0], abs=1e-12
-    )
+    assert alone.direction("31") == pytest.approx(with_care.direction("31")[0], abs=1e-12)
 
 
 def test_a_single_configuration_has_no_axis_of_rows():

@@ -10,8 +10,10 @@ from spherekit.conventions import Facts
 from spherekit.display.figures.collector import Collector
 from spherekit.runs import runner
 from spherekit.runs.run_result import Columns, RunResult
+from spherekit.tables.table import Table
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.figure import Figure
 
     from spherekit.runs.recording_session import Recorder
@@ -88,6 +90,37 @@ class _RunViews:
 
         scenes = self._collector.scenes()
         return plan_figures(scenes, self._collector.titles, degrees, columns)
+
+    def column_figure(
+        self,
+        table: Table,
+        frame: "pd.DataFrame",
+        x: str,
+        y: str,
+        titles: Mapping[int, str],
+        degrees: bool,
+        columns: Columns,
+    ) -> "Figure":
+        """Return a figure of one column of a table against another one.
+
+        Parameters
+        ----------
+        table, frame
+            Declaration and rows of the table.
+        x, y
+            Names of the columns.
+        titles
+            Titles of the assembly modes by number.
+        degrees
+            Whether angles of the frame are in degrees.
+        columns
+            Width of the figure in columns of a journal.
+        """
+        from spherekit.display.figures.column_plots import draw_columns
+        from spherekit.display.figures.sheet import Sheet
+
+        sheet = Sheet(columns, titles)
+        return draw_columns(table, frame, x, y, degrees=degrees, sheet=sheet)
 
     @cached_property
     def _collector(self) -> Collector:

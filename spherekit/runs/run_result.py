@@ -4,6 +4,7 @@ import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
 
@@ -48,6 +49,9 @@ NOTEBOOK_ROWS = 5
 
 TEXT_CODE_TYPE = np.int32
 """Type of the numbers that stand for texts in memory, by which their size is estimated."""
+
+MAX_LISTED_COLUMNS = 20
+"""Number of columns of a table that messages list."""
 
 Columns = Literal[1, 2]
 """Number of columns of a journal over which a figure extends."""
@@ -231,29 +235,60 @@ class RunResult:
 
     @overload
     def plot(
-        self, subject: None = None, degrees: bool = True, columns: Columns = 2
+        self, x: None = None, y: None = None, *, degrees: bool = True, columns: Columns = 2
     ) -> Mapping[str, "Figure"]: ...
 
     @overload
     def plot(
-        self, subject: str, degrees: bool = True, columns: Columns = 2
+        self,
+        x: str,
+        y: str | None = None,
+        *,
+        where: Mapping[str, Any] | None = None,
+        table: str | None = None,
+        degrees: bool = True,
+        columns: Columns = 2,
     ) -> "Figure": ...
 
     @checked(AnalysisError)
     def plot(
-        self, subject: str | None = None, degrees: bool = True, columns: Columns = 2
+        self,
+        x: str | None = None,
+        y: str | None = None,
+        *,
+        where: Mapping[str, Any] | None = None,
+        table: str | None = None,
+        degrees: bool = True,
+        columns: Columns = 2,
     ) -> "Mapping[str, Figure] | Figure":
-        """Return figures for a paper, drawn by matplotlib from the scenes of the analyses.
+        """Return a figure of two columns of a table, a named figure, or all named figures.
 
-        Tables do not contain the scenes. The first call therefore repeats the run. The
-        scenes are stored for further figures, `show` and `save`.
+        - ``plot("q", "theta_41")`` draws one column of a table against another one, with a
+          curve for each assembly mode. If the table has several rows for each sample and
+          mode, such as one for each pair of links, each subject has a panel.
+        - ``plot("velocity coefficients")`` returns a figure that an analysis has prepared.
+        - ``plot()`` returns all prepared figures, as a mapping by name.
+
+        Tables do not contain what prepared figures show. The first call for such a figure
+        therefore repeats the run. The scenes are stored for further figures, `show` and
+        `save`.
 
         Parameters
         ----------
-        subject
-            Name of a figure, such as ``"poles/velocity coefficients"``. The name of the
+        x
+            Name of the column on the horizontal axis if `y` is given. Otherwise the name of
+            a prepared figure, such as ``"poles/velocity coefficients"``. The name of the
             analysis before the slash can be omitted, and so can the rest if the analysis
-            has one figure. By default all figures are returned, as a mapping by name.
+            has one figure.
+        y
+            Name of the column on the vertical axis.
+        where
+            With `y`: the rows to draw, by column and value, such as
+            ``{"link": "4", "relative_to": "1"}``. By default all rows are drawn.
+        table
+            With `y`: the table that has both columns, by its name or as
+            ``"analysis/table"``. By default it is the first one that has them, where tables
+            with rows of samples come before others.
         degrees
             Whether angles are in degrees instead of rad.
         columns
@@ -262,7 +297,7 @@ class RunResult:
         Raises
         ------
         AnalysisError
-            If there is no such figure.
+            If there is no such figure or column. The message suggests a similar name.
         OutputError
             If matplotlib is not installed.
 
@@ -271,9 +306,106 @@ class RunResult:
         >>> import spherekit as sk
         >>> result = sk.run("four_bar", "poles", samples=91)
         >>> result.plot("velocity coefficients").savefig("coefficients.pdf")
+        >>> figure = result.plot("q", "theta_41")
+        >>> rocker = {"link": "4", "relative_to": "1"}
+        >>> figure = result.plot("q", "velocity_coefficient", where=rocker)
         """
-        figures: Mapping[str, Figure] = self._check_views("plot").figures(degrees, columns)
-        return figures if subject is None else figures[subject]
+        views = self._check_views("plot")
+        if x is not None and y is not None:
+            name, shown_table = self._find_table([x, y], table)
+            frame = _select_rows(
+                self.frame(name, shown_table.name, degrees), shown_table, where or {}
+            )
+            titles = _mode_titles(self.summary)
+            column_figure: Figure = views.column_figure(
+                shown_table, frame, x, y, titles, degrees, columns
+            )
+            return column_figure
+        if where or table or y is not None:
+            raise AnalysisError(
+                "plot: y, where and table are for a figure of two columns; give the "
+                'columns x and y, such as plot("q", "theta_41")'
+            )
+        figures: Mapping[str, Figure] = views.figures(degrees, columns)
+        return figures if x is None else figures[x]
+
+    def _find_table(
+        self, columns: Sequence[str], table_name: str | None
+    ) -> tuple[str, Table]:
+        """Return the first table that has the columns, with the name of its analysis.
+
+        Parameters
+        ----------
+        columns
+            Names of the columns.
+        table_name
+            Name of the table, or ``"analysis/table"``; None for any.
+
+        Raises
+        ------
+        AnalysisError
+            If a column is unknown or has no numbers, or no table has all columns.
+        """
+        candidates = [
+            (name, declared)
+            for name, result in self.results.items()
+            for declared in result.tables
+            if table_name in (None, declared.name, f"{name}/{declared.name}")
+        ]
+        # Tables with rows of samples give curves and come first. Among these the
+        # configurations come last, since a column of an analysis is more likely meant.
+        candidates.sort(
+            key=lambda candidate: (
+                not candidate[1].in_assembly_modes,
+                candidate[0] == MOTION,
+            )
+        )
+        if not candidates:
+            table_names = [
+                f"{name}/{declared.name}"
+                for name, result in self.results.items()
+                for declared in result.tables
+            ]
+            raise AnalysisError(
+                f'plot: this run has no table "{table_name}"'
+                f"{choices(table_name, table_names, 'Tables')}"
+            )
+        kinds_by_table = [
+            {column.name: column.kind for column in declared.columns}
+            for _, declared in candidates
+        ]
+        known_columns = list(dict.fromkeys(chain.from_iterable(kinds_by_table)))
+        for name in columns:
+            if name not in known_columns:
+                raise AnalysisError(
+                    f'plot: no column is named "{name}"'
+                    f"{choices(name, known_columns, 'Columns', MAX_LISTED_COLUMNS)}"
+                )
+        for (name, declared), kinds in zip(candidates, kinds_by_table, strict=True):
+            if all(column in kinds for column in columns):
+                for column in columns:
+                    if kinds[column] not in ("number", "integer"):
+                        raise AnalysisError(
+                            f'plot: the column "{column}" of the table {declared.name} has '
+                            "no numbers; use it in where, to choose rows"
+                        )
+                return name, declared
+        owners_by_column = {
+            column: [
+                declared.name
+                for (_, declared), kinds in zip(candidates, kinds_by_table, strict=True)
+                if column in kinds
+            ]
+            for column in columns
+        }
+        places = "; ".join(
+            f'"{column}" is in {listing(owners)}'
+            for column, owners in owners_by_column.items()
+        )
+        raise AnalysisError(
+            f"plot: no table has both columns: {places}. Join the frames of both tables by "
+            "sample and assembly_mode, and draw them with matplotlib"
+        )
 
     def _check_views(self, method: str) -> Any:
         """Return the views; an `OutputError` names the method if there are none."""
@@ -326,6 +458,44 @@ class RunResult:
                 run_folder, declared, chunks_by_stem, self.summary, degrees, formats
             )
             return paths
+
+
+def _mode_titles(summary: Facts) -> dict[int, str]:
+    """Return the titles of assembly modes by number, from the summary of a run."""
+    titles: dict[int, str] = {}
+    for mode in summary.get("assembly_modes", ()):
+        words = [word for word in (mode["mode"], mode.get("name")) if word]
+        suffix = f" ({', '.join(words)})" if words else ""
+        titles[mode["number"]] = f"Mode {mode['number']}{suffix}"
+    return titles
+
+
+def _select_rows(
+    frame: "pd.DataFrame", table: Table, where: Mapping[str, Any]
+) -> "pd.DataFrame":
+    """Return the rows of a frame in which columns have the values of `where`.
+
+    Raises
+    ------
+    AnalysisError
+        If a column is unknown, or no row is left.
+    """
+    names = [column.name for column in table.columns]
+    for name, value in where.items():
+        if name not in names:
+            raise AnalysisError(
+                f'plot: where: the table {table.name} has no column "{name}"'
+                f"{choices(name, names, 'Columns', MAX_LISTED_COLUMNS)}"
+            )
+        rows = frame[frame[name] == value]
+        if not len(rows):
+            values = list(map(str, frame[name].unique()))
+            raise AnalysisError(
+                f"plot: where: no row has {name} = {value!r}"
+                f"{choices(value, values, 'Values')}"
+            )
+        frame = rows
+    return frame
 
 
 def _first_rows_html(analysis: str, table: Table, data: TableArrays) -> str:

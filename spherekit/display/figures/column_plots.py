@@ -1,0 +1,149 @@
+"""Figures of one column of a table against another one."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.display.figures.curve_plots import Curve, draw_curves
+from spherekit.display.figures.input_maps import find_grid
+from spherekit.display.figures.matplotlib_sdk import Figure
+from spherekit.display.figures.sheet import Sheet
+from spherekit.errors import AnalysisError
+from spherekit.scenes.plot_layout import PLOT_MARGIN, TURN_BY_UNIT
+from spherekit.scenes.scene import Axis, Page, Scene, Series
+from spherekit.tables.table import ASSEMBLY_MODE, MODE_NAME, SAMPLE, Table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def draw_columns(
+    table: Table,
+    frame: "pd.DataFrame",
+    x: str,
+    y: str,
+    *,
+    degrees: bool,
+    sheet: Sheet,
+) -> Figure:
+    """Return a figure of one column of a table against another one.
+
+    A table with rows of samples has a curve for each assembly mode. If its text columns
+    tell several subjects apart, such as pairs of links, each subject has a panel. The rows
+    of a table without samples, and those on a grid of several inputs, do not follow each
+    other. They are drawn as points.
+
+    Parameters
+    ----------
+    table
+        Declaration of the table.
+    frame
+        Its rows, with angles in the unit that `degrees` says.
+    x, y
+        Names of the columns on the axes.
+    degrees
+        Whether angles are in degrees, otherwise in rad.
+    sheet
+        Size of the figure, and titles of modes.
+
+    Raises
+    ------
+    AnalysisError
+        If no row has a number in both columns.
+    """
+    column_by_name = {column.name: column for column in table.columns}
+    x_unit = column_by_name[x].unit_in(degrees)
+    y_unit = column_by_name[y].unit_in(degrees)
+    are_curves = table.in_assembly_modes and not _is_on_grid(table, frame)
+    # All panels have the same range on the axis x, that of the points that are drawn.
+    has_point = np.isfinite(frame[x].to_numpy(float)) & np.isfinite(
+        frame[y].to_numpy(float)
+    )
+    if not has_point.any():
+        raise AnalysisError(
+            f"no row of the table {table.name} has a number in both columns {x} and {y}"
+        )
+    shown_x = frame[x].to_numpy(float)[has_point]
+    span = (float(np.min(shown_x)), float(np.max(shown_x)))
+    groups = list(_subjects(table, frame))
+    is_monotonic = all(rows[x].is_monotonic_increasing for _, _, rows in groups)
+    if not (are_curves and is_monotonic):
+        # Points and closed curves would be cut in half by the frame.
+        margin = PLOT_MARGIN * (span[1] - span[0])
+        span = (span[0] - margin, span[1] + margin)
+    curves: list[Curve] = []
+    for page, label, rows in groups:
+        x_values = rows[x].to_numpy(float)
+        y_values = rows[y].to_numpy(float)
+        if not np.any(np.isfinite(x_values) & np.isfinite(y_values)):
+            continue
+        if are_curves:
+            x_values, y_values = _interrupt(x_values, y_values, TURN_BY_UNIT.get(x_unit))
+        else:
+            # Rows of NaN between the points: no line joins them, and each is a dot.
+            x_values = np.repeat(x_values, 2)
+            y_values = np.repeat(y_values, 2)
+            y_values[1::2] = np.nan
+        axis = Axis(x, x_unit, x_values, span)
+        series = Series(f"{table.name}/{label}", label, y, y_values, y_unit)
+        curves.append((Scene(page, (series,), (axis,)), series))
+    return draw_curves([], curves, sheet)
+
+
+def _is_on_grid(table: Table, frame: "pd.DataFrame") -> bool:
+    """Return whether the samples of a table are a grid of several inputs."""
+    names = [column.name for column in table.columns if column.name.startswith("q_")]
+    if len(names) < 2:
+        return False
+    samples = frame.drop_duplicates(SAMPLE.name)
+    axes = [Axis(name, "", samples[name].to_numpy(float)) for name in names]
+    return find_grid(axes) is not None
+
+
+def _subjects(
+    table: Table, frame: "pd.DataFrame"
+) -> Iterator[tuple[Page, str, "pd.DataFrame"]]:
+    """Yield the rows of each subject in each assembly mode, with its page and its label.
+
+    All rows of a table without samples in assembly modes belong to one subject without a
+    name.
+    """
+    if not table.in_assembly_modes:
+        yield "", "", frame
+        return
+    names = [
+        column.name
+        for column in table.columns
+        if column.kind == "text" and column != MODE_NAME
+    ]
+    # Columns with one value for all rows do not tell subjects apart.
+    names = [name for name in names if frame[name].nunique() > 1]
+    keys = [*names, ASSEMBLY_MODE.name]
+    for key, rows in frame.groupby(keys, observed=True, sort=False):
+        *values, mode = key
+        label = ", ".join(
+            f"{name.replace('_', ' ')} {value}"
+            for name, value in zip(names, values, strict=True)
+        )
+        yield int(str(mode)), label, rows
+
+
+def _interrupt(x: Floats, y: Floats, turn: float | None) -> tuple[Floats, Floats]:
+    """Return the points of a curve with a row of NaN where an angle on x jumps.
+
+    An angle jumps if it changes by half a turn or more between two rows. The axis y is
+    interrupted by `draw_curves`.
+
+    Parameters
+    ----------
+    x, y
+        (n,) the points.
+    turn
+        A whole turn in the unit of x, None if x is not an angle.
+    """
+    if turn is None:
+        return x, y
+    jumps = np.flatnonzero(np.abs(np.diff(x)) >= 0.5 * turn) + 1
+    return np.insert(x, jumps, np.nan), np.insert(y, jumps, np.nan)
