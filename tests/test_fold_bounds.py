@@ -11,6 +11,7 @@ from mechanism_examples.folding_mechanisms import folding_mechanism, inputs_besi
 from oracles.exact_configurations import deviations, deviations_with_free_inputs
 
 from spherekit.errors import SpherekitError
+from spherekit.positions.fold_bounds import bound_by_newton
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 from spherekit.tolerances import MAX_SINGULAR_ANGLE_ERROR_RAD
@@ -100,3 +101,41 @@ def test_rows_of_a_chain_of_sixty_links_are_ok_within_their_bounds(seed):
     assert len(rows) == 2
     assert np.all(rows.configuration_error < 1e-9)
     assert np.all(deviations(rows) <= rows.configuration_error)
+
+
+@pytest.mark.parametrize("loop_count", [1, 2, 6])
+def test_newton_bounds_hold_if_all_loops_are_open_in_the_weakest_direction(loop_count):
+    """Linear equations whose residuals are all g, in the direction of the least s.
+
+    Their norm is sqrt(3 L) g, so that the solution is sqrt(3 L) g / s away. The Frobenius
+    norm of the inverse is hardly more than 1 / s.
+    """
+    count = 3 * loop_count
+    least = 1e-3
+    gap = 1e-12
+    direction = np.full(count, 1.0 / np.sqrt(count))
+    jacobian = np.eye(count) - (1.0 - least) * np.outer(direction, direction)
+    distance = np.linalg.norm(np.linalg.solve(jacobian, np.full(count, gap)))
+    assert distance == pytest.approx(np.sqrt(count) * gap / least)
+    sensitivity = np.linalg.norm(np.linalg.inv(jacobian))
+    bound = bound_by_newton(
+        np.array([sensitivity]), np.array([gap]), np.zeros(1), loop_count
+    )
+    assert distance <= bound[0] <= 1.01 * distance
+
+
+@pytest.mark.parametrize("loop_count", [2, 6])
+def test_newton_bounds_are_infinite_if_loops_together_may_have_no_solution(loop_count):
+    """Each loop opens by x - k x^2 / 2 - g of one shared variable, each with the same k.
+
+    All loops are alike, so that one of them decides: it closes for g up to 1 / (2 k). The
+    bound must be infinite for larger gaps, and may be so for smaller ones.
+    """
+    curvature = 0.1
+    gaps = np.array([0.01, 0.5, 1.0, 1.01]) / (2.0 * curvature)
+    sensitivity = np.full(len(gaps), 1.0 / np.sqrt(loop_count))
+    bounds = bound_by_newton(sensitivity, gaps, np.full(len(gaps), curvature), loop_count)
+    roots = (1.0 - np.sqrt(np.maximum(1.0 - 2.0 * curvature * gaps, 0.0))) / curvature
+    assert np.isfinite(bounds[0])
+    assert np.isinf(bounds[-1])
+    assert np.all(roots[:-1] <= bounds[:-1])

@@ -45,16 +45,19 @@ MAX_FOLD_NEWTON_STEPS = 4
 """Steps to the root of the quadratic model. Each gains as many digits as there are."""
 
 
-def bound_by_newton(sensitivity: Floats, gap: Floats, curvature: Floats) -> Floats:
+def bound_by_newton(
+    sensitivity: Floats, gap: Floats, curvature: Floats, loop_count: int
+) -> Floats:
     """Return bounds (n,) in rad of the errors of variables by Kantorovich's theorem.
 
-    J is the derivative of the loop residuals by the variables that are not inputs. With
-    sensitivity b, gap g and curvature k of J, the first step of Newton's method is assumed
-    to be at most b g. This is an estimate, because g bounds each component and not the
-    Euclidean norm of the residuals. If k b^2 g is at most 1/2, the solution is not farther
-    away than 2 b g / (1 + sqrt(1 - 2 k b^2 g)), which is at most twice the first step.
-    Otherwise the theorem does not apply, and the bound is infinite. The rounding of the
-    variables themselves, 2 `EPS`, is added.
+    J is the derivative of the loop residuals by the variables that are not inputs. All
+    norms are Euclidean. Each of L loops has three residuals of at most g, so that their norm
+    is at most sqrt(3 L) g, and the first step of Newton's method at most
+    e = b sqrt(3 L) g, with the sensitivity b. If each loop changes its rows of J by at most
+    k per radian, J changes by at most K = k sqrt(L). If K b e is at most 1/2, the solution
+    is not farther away than 2 e / (1 + sqrt(1 - 2 K b e)), which is at most twice the first
+    step. Otherwise the theorem does not apply, and the bound is infinite. The rounding of
+    the variables themselves, 2 `EPS`, is added.
 
     Parameters
     ----------
@@ -63,17 +66,25 @@ def bound_by_newton(sensitivity: Floats, gap: Floats, curvature: Floats) -> Floa
     gap
         (n,) bound (rad) of each component by which loops are open.
     curvature
-        (n,) bound of the change of J per radian of all variables.
+        (n,) bound of the change of the rows of J of one loop, per radian of all variables.
+    loop_count
+        Number of loops.
     """
     with np.errstate(invalid="ignore", over="ignore"):
-        kantorovich_number = curvature * sensitivity**2 * gap
+        first_step = sensitivity * np.sqrt(3.0 * loop_count) * gap
+        kantorovich_number = np.sqrt(loop_count) * curvature * sensitivity * first_step
         root = np.sqrt(np.maximum(1.0 - 2.0 * kantorovich_number, 0.0))
-        distance = sensitivity * gap * 2.0 / (1.0 + root)
+        distance = 2.0 * first_step / (1.0 + root)
         return np.where(kantorovich_number <= 0.5, 2.0 * EPS + distance, np.inf)
 
 
 def curvature_bound(linearisation: Linearisation) -> Floats:
-    """Return bounds (n,) of the change of J when all variables move by one radian."""
+    """Return bounds (n,) of the change of J in each loop, per radian of all variables.
+
+    If variable j moves, the axis of variable i changes by the vector product of both axes.
+    For a loop of m variables that move by x, and rates y, the sum of these changes is at
+    most m times the largest product, |x| and |y|, by Cauchy's inequality.
+    """
     vectors = linearisation.vectors
     apart = np.max(np.linalg.norm(cross(vectors[:, :1], vectors), axis=2), axis=1)
     # Nearly parallel axes hardly turn each other.
@@ -174,7 +185,12 @@ def place_at_folds(
     # Error bound by Newton's method, where its theorem applies. `gap` bounds each component
     # (rad) by which the loops may be open.
     gap = linearisation.closure_residual + rounding_of_loops(linearisation)
-    newton_error = bound_by_newton(fold.sensitivity, gap, curvature_bound(linearisation))
+    newton_error = bound_by_newton(
+        fold.sensitivity,
+        gap,
+        curvature_bound(linearisation),
+        loop_count=len(closure.tree.chords),
+    )
     # Otherwise by the quadratic function. At a fold the rounding of the inputs matters, and
     # opens the loops by `input_gap`.
     input_rounding = INPUT_ROUNDING * np.maximum(1.0, max_abs(improved[:, driven], axis=1))

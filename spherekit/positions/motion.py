@@ -227,7 +227,10 @@ class Motion(ArrayRows):
         if np.all(np.isnan(self.residual)):
             return nans(len(self))
         error = bound_by_newton(
-            self.sensitivity, self.residual_bound, self._curvature_bound
+            self.sensitivity,
+            self.residual_bound,
+            self._curvature_bound,
+            loop_count=len(self.linearisation.tree.chords),
         )
         return np.where(self.failed, np.nan, error)
 
