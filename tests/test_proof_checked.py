@@ -4,8 +4,8 @@ import copy
 import random
 
 import pytest
-from helpers.refusals import decimal_mechanism
-from oracles.proof_checker import check, recorded, refuse
+from helpers.refusals import decimal_mechanism, mechanism_text
+from oracles.proof_checker import Sizes, check, recorded, refuse
 
 import spherekit as sk
 from spherekit.proof.balls import working_precision
@@ -56,6 +56,19 @@ def map_of_five_bar():
     certificate = recorded(map_certificate(input_map))
     check(certificate)
     return certificate
+
+
+@pytest.mark.parametrize("link", ["2", "4"])
+def test_the_checker_widens_radii_of_all_circles_by_the_tolerance(link):
+    """The centre of the circle on link 4 is on the axis of a pair, that of link 2 is not."""
+    text = mechanism_text("pinned_roller").replace("roller = 12.0", "radius = 12.0")
+    tolerance = 1e-6
+    _, exact = Sizes(text, 0.0, wheels=True).circle("touch", link)
+    _, radius = Sizes(text, tolerance, wheels=True).circle("touch", link)
+    assert radius.contains(exact)
+    for sign in (1, -1):
+        assert radius.contains(exact + sign * 0.999 * tolerance)
+        assert not radius.contains(exact + sign * 1.001 * tolerance)
 
 
 @pytest.mark.parametrize("name", ["bevel_pair", "planetary_bevel", "bevel_differential"])
