@@ -19,6 +19,8 @@ from sympy.parsing.latex import parse_latex
 
 import spherekit as sk
 from spherekit.exchange.latex import latex
+from spherekit.exchange.latex_text import latex_of
+from spherekit.symbolic.expression_graph import function, symbols, vector_product
 
 ALIGNED = re.compile(r"\\begin\{align\}\n(.*?)\n\\end\{align\}", re.DOTALL)
 CONTINUED = " \\nonumber \\\\\n&\\quad {}"
@@ -518,3 +520,23 @@ def test_sizes_that_vary_stay_symbols():
 def test_what_has_no_formula_is_refused_by_name(made, quantities, told):
     with pytest.raises(sk.SpherekitError, match=told):
         latex(made, quantities)
+
+
+def test_brackets_follow_from_what_an_expression_is():
+    """Exponents belong to the whole base, and vector products are bracketed as factors."""
+    a, b, c, u, v, w = symbols(
+        ["a", "b", "c^{(1)}", r"\mathbf{u}", r"\mathbf{v}", r"\mathbf{w}"]
+    )
+    sine = function("sin", a)
+    scaled = vector_product("cross", u, a * v)
+    texts = {
+        r"a^{2}": a * a,
+        r"\left(c^{(1)}\right)^{2}": c * c,
+        r"\left(\sin a\right)^{2}": sine * sine,
+        r"\left(\frac{a}{b}\right)^{2}": (a / b) * (a / b),
+        r"\sin\left(\frac{a}{b}\right)": function("sin", a / b),
+        r"a - 2 \, b": a + -2.0 * b,
+        r"b \, \left(\mathbf{u} \times \left(a \, \mathbf{v}\right)\right)": b * scaled,
+    }
+    assert {latex_of(expression): expression for expression in texts.values()} == texts
+    assert latex_of(w * b) == r"b \, \mathbf{w}"

@@ -4,6 +4,7 @@ The names of vectors begin with ``\mathbf``. Factors are separated by a thin spa
 so that the printed formula can be read back by a program.
 """
 
+import math
 from collections.abc import Mapping
 from enum import IntEnum
 from typing import NamedTuple
@@ -73,11 +74,24 @@ class LatexText(NamedTuple):
         brackets as a factor of a product, for example.
     rank
         Its position among the factors of a product: numbers first, vectors last.
+    is_variable
+        Whether it is the name of a variable.
+    has_exponent
+        Whether it ends with an exponent, such as a square or the name ``c^{(1)}``. LaTeX
+        refuses two exponents on one symbol.
+    is_negative
+        Whether the text begins with a minus sign.
+    is_spaced_product
+        Whether it is a product whose factors are separated by thin spaces.
     """
 
     text: str
     binding: Binding
     rank: int = FactorRank.SCALAR
+    is_variable: bool = False
+    has_exponent: bool = False
+    is_negative: bool = False
+    is_spaced_product: bool = False
 
     def bracketed_beyond(self, loosest: Binding) -> str:
         """Return the text, in brackets if its binding is looser than `loosest`.
@@ -105,7 +119,9 @@ def number(value: float) -> str:
 def _print_number(value: float) -> LatexText:
     """Return a number as LaTeX; a negative one is bracketed like a sum."""
     text = r"\frac{1}{2}" if value == 0.5 else number(value)
-    return LatexText(text, Binding.SUM if value < 0.0 else Binding.SYMBOL)
+    binding = Binding.SUM if value < 0.0 else Binding.SYMBOL
+    # A zero can be negative, too.
+    return LatexText(text, binding, is_negative=math.copysign(1.0, value) < 0.0)
 
 
 def _print_operation(node: ExpressionNode, arguments: list[LatexText]) -> LatexText:
@@ -132,7 +148,7 @@ def _print_operation(node: ExpressionNode, arguments: list[LatexText]) -> LatexT
         rank = arguments[0].rank if operation == "/" else FactorRank.SCALAR
         template = _TEMPLATE_BY_OPERATION[operation]
         text = template.format(*(argument.text for argument in arguments))
-        return LatexText(text, Binding.SYMBOL, rank)
+        return LatexText(text, Binding.SYMBOL, rank, has_exponent=operation == "**")
     if operation in _SIGN_BY_VECTOR_PRODUCT:
         # All factors but symbols get brackets.
         a, b = (argument.bracketed_beyond(Binding.SYMBOL) for argument in arguments)
@@ -147,25 +163,27 @@ def _print_operation(node: ExpressionNode, arguments: list[LatexText]) -> LatexT
 
 
 def _print_symbol(name: str) -> LatexText:
-    """Return a variable, with the rank that its name shows."""
-    for mark, rank in _RANK_BY_MARK:
+    """Return a variable, with the rank that its name shows.
+
+    A name is LaTeX, and all that is known about a variable. It is therefore the only text
+    that is examined.
+    """
+    rank = FactorRank.SCALAR
+    for mark, rank_of_mark in _RANK_BY_MARK:
         if mark in name:
-            return LatexText(name, Binding.SYMBOL, rank)
-    return LatexText(name, Binding.SYMBOL)
+            rank = rank_of_mark
+            break
+    return LatexText(name, Binding.SYMBOL, rank, is_variable=True, has_exponent="^" in name)
 
 
 def _print_function(name: str, arguments: list[LatexText]) -> LatexText:
-    """Return a function of arguments; a sine or cosine of a symbol has no brackets."""
+    """Return a function of arguments; a sine or cosine of a variable has no brackets."""
     command = _COMMAND_BY_FUNCTION.get(name, f"\\{name}")
     inside = ", ".join(argument.text for argument in arguments)
-    is_sine_of_symbol = (
-        name in ("sin", "cos")
-        and arguments[0].binding == Binding.SYMBOL
-        and "frac" not in inside
-    )
-    text = (
-        f"{command} {inside}" if is_sine_of_symbol else rf"{command}\left({inside}\right)"
-    )
+    if name in ("sin", "cos") and arguments[0].is_variable:
+        text = f"{command} {inside}"
+    else:
+        text = rf"{command}\left({inside}\right)"
     return LatexText(text, Binding.SYMBOL, FactorRank.FUNCTION)
 
 
@@ -189,35 +207,43 @@ def _print_product(node: ExpressionNode, arguments: list[LatexText]) -> LatexTex
     if first_argument == -1.0:
         # `bracketed_beyond` adds brackets to what binds more loosely than a product.
         negative = "-" + second_text.bracketed_beyond(Binding.PRODUCT)
-        return LatexText(negative, Binding.SUM, second_text.rank)
+        return LatexText(negative, Binding.SUM, second_text.rank, is_negative=True)
     if first_argument is second_argument:
-        base = first_text.bracketed_beyond(Binding.SYMBOL)
-        if "^" in first_text.text:  # LaTeX refuses two exponents on one symbol
-            base = rf"\left({first_text.text}\right)"
+        # The exponent of anything but a variable would seem to belong to its last part.
+        base = first_text.text
+        if not first_text.is_variable or first_text.has_exponent:
+            base = rf"\left({base}\right)"
         # A square is a scalar, and has its place among the first factors.
-        return LatexText(f"{base}^{{2}}", Binding.SYMBOL, FactorRank.SCALAR)
+        return LatexText(f"{base}^{{2}}", Binding.SYMBOL, has_exponent=True)
     factors = sorted(arguments, key=lambda factor: factor.rank)
     factor_texts: list[str] = []
     for factor in factors:
         # A factor can be a product itself. Such a product needs no brackets if its factors
         # are separated by thin spaces. A vector product, such as "a \times b", needs them.
-        is_spaced_product = r" \, " in factor.text
-        loosest = Binding.PRODUCT if is_spaced_product else Binding.SYMBOL
+        loosest = Binding.PRODUCT if factor.is_spaced_product else Binding.SYMBOL
         factor_texts.append(factor.bracketed_beyond(loosest))
     if isinstance(first_argument, float):
         # A number comes first, also after sorting, because it has the smallest rank. It
         # needs no brackets there even if it is negative.
         factor_texts[0] = factors[0].text
-    binding = Binding.SUM if factor_texts[0].startswith("-") else Binding.PRODUCT
+    # All other negative factors are in brackets.
+    is_negative = isinstance(first_argument, float) and factors[0].is_negative
     # The product has the rank of its last factor: a scalar times a vector is a vector.
-    return LatexText(r" \, ".join(factor_texts), binding, factors[1].rank)
+    return LatexText(
+        r" \, ".join(factor_texts),
+        Binding.SUM if is_negative else Binding.PRODUCT,
+        factors[1].rank,
+        is_negative=is_negative,
+        is_spaced_product=not is_negative,
+    )
 
 
 def _print_sum(operation: str, a: LatexText, b: LatexText) -> LatexText:
     """Return the sum ("+") or difference ("-") of two expressions as LaTeX."""
-    if operation == "+" and b.text.startswith("-"):
-        return LatexText(f"{a.text} - {b.text[1:]}", Binding.SUM, a.rank)
-    # a - (b + c) needs its brackets, a + (b + c) does not.
-    loosest = Binding.PRODUCT if operation == "-" else Binding.SUM
-    text = f"{a.text} {operation} {b.bracketed_beyond(loosest)}"
-    return LatexText(text, Binding.SUM, a.rank)
+    if operation == "+" and b.is_negative:
+        text = f"{a.text} - {b.text.removeprefix('-')}"
+    else:
+        # a - (b + c) needs its brackets, a + (b + c) does not.
+        loosest = Binding.PRODUCT if operation == "-" else Binding.SUM
+        text = f"{a.text} {operation} {b.bracketed_beyond(loosest)}"
+    return LatexText(text, Binding.SUM, a.rank, is_negative=a.is_negative)

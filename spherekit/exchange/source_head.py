@@ -7,6 +7,7 @@ import numpy as np
 
 from spherekit.escaping import one_line
 from spherekit.exchange.formula_expressions import Mode
+from spherekit.exchange.mode_table import UNKNOWN_AT_CROSSING_RAD
 from spherekit.exchange.source_printer import Source
 from spherekit.exchange.source_text import LINE_WIDTH
 from spherekit.version import __version__
@@ -193,10 +194,10 @@ def _smooth_mode_sentences(source: Source) -> str:
             "pass no crossing, where Newton's method may go on along either curve."
         )
     else:
-        # The distance is `mode_table.UNKNOWN_AT_CROSSING_RAD`.
         use = (
             f"{source.smooth_function} gives the sides of the dyads of a mode at an input. "
-            "They change at crossings, and are NaN within 1e-6 rad of these."
+            "They change at crossings, and are NaN within "
+            f"{UNKNOWN_AT_CROSSING_RAD:g} rad of these."
         )
     if np.isfinite(smooth_modes.period):
         use += (
