@@ -263,15 +263,16 @@ def _find_smallest_block(
         if pebble_game is None:
             part_by_pole[pole] = set(empty_plan.bodies)
         elif pole not in part_by_pole:
-            # If counting finds that the two bodies cannot move relative to each other,
-            # `find_rigid_part` returns the smallest rigid part with both, which is used.
-            # Otherwise four pebbles are free on the two bodies: three for the motion of the
-            # whole, and one for their relative motion. `reachable_bodies` adds all bodies
-            # to which constraints point from the two, directly or in several steps. No
-            # other pebble in this set is free, and their constraints point to bodies of the
-            # set. So it is the smallest set with both bodies and one degree of freedom.
+            # `find_rigid_part` gathers pebbles on the two bodies. Rigid parts were merged to
+            # one body each before, so that it finds none. Four pebbles are then free on the
+            # two bodies: three for the motion of the whole, and one for their relative
+            # motion. `reachable_bodies` adds all bodies to which constraints point from the
+            # two, directly or in several steps. No other pebble in this set is free, and
+            # their constraints point to bodies of the set. So it is the smallest set with
+            # both bodies and one degree of freedom.
             rigid_part = pebble_game.find_rigid_part(*pole)
-            part_by_pole[pole] = rigid_part or pebble_game.reachable_bodies(pole)
+            assert rigid_part is None, "rigid parts are merged before"
+            part_by_pole[pole] = pebble_game.reachable_bodies(pole)
     part = min((part_by_pole[pole] for pole in unknown_poles), key=len)
     # The pairs between different bodies of the part. A locked input joins two links of one
     # body (a = b), so it is not one of these pairs.
