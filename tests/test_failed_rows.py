@@ -189,3 +189,17 @@ def test_the_maximum_of_a_design_is_infinite_if_a_row_overflows():
     frame = sk.sweep(mechanism, {"links.2.arc": [20.0]}, reduce, samples=9).frame()
     assert len(frame) == 2  # assembly modes
     assert np.isposinf(frame[["kernel", "table"]].to_numpy()).all()
+
+
+@pytest.mark.parametrize("name, samples", [("five_bar", (5, 4)), ("three_rrr", (2, 2, 2))])
+def test_rows_of_open_configurations_are_no_failures_in_whatever_order(name, samples):
+    """The table of relations has all samples of the first input, then all of the next."""
+    run = sk.run(name, "singularities", samples=samples)
+    relation = run.frame("singularities", "relation")
+    motion = run.frame("motion")
+    assert "OUT_OF_REACH" in set(relation["status"].astype(str))
+    same_rows = ["sample", "assembly_mode"]
+    both = relation.merge(motion[[*same_rows, "status"]], on=same_rows, suffixes=("", "_q"))
+    assert (both["status"].astype(str) == both["status_q"].astype(str)).all()
+    (analysis,) = run.summary["analyses"]
+    assert analysis["failed_rows"] == {}

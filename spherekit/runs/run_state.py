@@ -8,7 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from spherekit.arrays import Array, Floats, SmallIntegers
+from spherekit.arrays import Array, Floats, Indices, SmallIntegers
 from spherekit.conventions import Facts, Names
 from spherekit.numerics.lazy_columns import Interleaved
 from spherekit.positions.angle_unwrapping import LastAngles
@@ -20,7 +20,7 @@ from spherekit.runs.contract import Analyses, Findings
 from spherekit.runs.kernel_columns import LazyField, largest_errors
 from spherekit.status import STATUS_MEANING, Status
 from spherekit.storage.json_data import as_json
-from spherekit.tables.table import Table, TableData, row_count
+from spherekit.tables.table import ASSEMBLY_MODE, SAMPLE, Table, TableData, row_count
 from spherekit.velocities.direction_signs import SignContinuation
 
 StatusCounts = dict[str, int]
@@ -322,14 +322,15 @@ class RunState:
             parts = values.parts if isinstance(values, Interleaved) else (values,)
             arrays = (np.asarray(part) for part in parts)
             for codes, part_count in _count_shared_arrays(arrays):
-                # The rows of a sample are successive. If the number of rows is a multiple
-                # of the number of samples, all samples are assumed to have equally many. A
-                # row whose status equals that of its configuration is then left out.
-                # Otherwise the sample of a row is unknown, and all rows are counted.
-                has_equal_shares = len(batch) > 0 and len(codes) % len(batch) == 0
-                if has_sample_rows and has_equal_shares:
-                    sample_codes = codes.reshape(len(batch), -1)
-                    codes = sample_codes[sample_codes != batch.status[:, None]]
+                # A row whose status equals that of its configuration is left out. The array
+                # of a pole has one row for each configuration, in the order of the batch.
+                # Other columns can have any number of rows in any order.
+                if has_sample_rows and not isinstance(values, Interleaved):
+                    failed = np.flatnonzero(codes != Status.OK)
+                    batch_status = _find_batch_status(batch, data, failed)
+                    codes = codes[failed][codes[failed] != batch_status]
+                elif has_sample_rows and len(codes) == len(batch):
+                    codes = codes[codes != batch.status]
                 key = (FAILED, analysis_name, table.name)
                 self._count_statuses(key, codes, part_count, ignored)
 
@@ -392,6 +393,39 @@ class RunState:
             fractions["fraction_by_velocity_equations"] = by_equations / evaluated
             fractions["fraction_by_kernel"] = self.counts[BY_KERNEL,] / evaluated
         return errors | fractions
+
+
+def _find_batch_status(batch: Batch, data: TableData, rows: Indices) -> SmallIntegers:
+    """Return the status (k,) of the configuration of each of some rows of a table.
+
+    Parameters
+    ----------
+    batch
+        The configurations. Each one has a different sample or assembly mode.
+    data
+        Columns of the table, with those of the sample and the assembly mode.
+    rows
+        (k,) numbers of rows of the table.
+
+    Returns
+    -------
+    Status codes, -1 for rows whose sample or assembly mode is not in the batch.
+    """
+    status = np.full(len(rows), -1, dtype=np.int8)
+    if not len(rows) or not len(batch):
+        return status
+    samples = np.asarray(data[SAMPLE.name])[rows]
+    modes = np.asarray(data[ASSEMBLY_MODE.name])[rows]
+    # Each pair of a sample and an assembly mode becomes one number.
+    mode_count = 1 + max(np.max(modes), np.max(batch.assembly_mode))
+    wanted = samples * mode_count + modes
+    numbers = batch.sample * mode_count + batch.assembly_mode
+    order = np.argsort(numbers)
+    places = np.minimum(np.searchsorted(numbers[order], wanted), len(batch) - 1)
+    positions = order[places]
+    is_in_batch = numbers[positions] == wanted
+    status[is_in_batch] = batch.status[positions[is_in_batch]]
+    return status
 
 
 def _count_shared_arrays(arrays: Iterable[Array]) -> list[tuple[Array, int]]:
