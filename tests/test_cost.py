@@ -18,7 +18,7 @@ from spherekit.files.mechanism_reader import loads
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.planning.submechanism import moving_pairs
 from spherekit.runs import expected_size
-from spherekit.runs.analysis_requests import collect_needs, plan_requests
+from spherekit.runs.analysis_requests import plan_requests, unite_needs
 from spherekit.runs.registry import create_analysis
 from spherekit.runs.run_cost import count_evaluations
 from spherekit.velocities.pole_evaluation import evaluate
@@ -35,7 +35,7 @@ def twelve_bar():
 
 
 def request_of(mechanism, text):
-    (wanted,) = plan_requests(mechanism, collect_needs(mechanism, [create_analysis(text)]))
+    (wanted,) = plan_requests(mechanism, unite_needs(mechanism, [create_analysis(text)]))
     return wanted
 
 
@@ -59,7 +59,7 @@ def test_no_derivatives_are_evaluated_if_none_are_needed(twelve_bar):
     By default, each evaluated pole has a derivative of its axis. The pole needs fewer than
     20 of all 66 poles. Its rates are the same with and without derivatives.
     """
-    needs = collect_needs(twelve_bar, [create_analysis(ONE_POLE)])
+    needs = unite_needs(twelve_bar, [create_analysis(ONE_POLE)])
     (request,) = plan_requests(twelve_bar, replace(needs, derivatives=False))
     without_derivatives = count_evaluations(request)
     assert without_derivatives["axis_derivatives"] == 0

@@ -60,7 +60,7 @@ def map_of_five_bar():
 
 @pytest.mark.parametrize("link", ["2", "4"])
 def test_the_checker_widens_radii_of_all_circles_by_the_tolerance(link):
-    """The centre of the circle on link 4 is on the axis of a pair, that of link 2 is not."""
+    """The centre of the circle on link 4 is on the axis of a pair, the other is not."""
     text = mechanism_text("pinned_roller").replace("roller = 12.0", "radius = 12.0")
     tolerance = 1e-6
     _, exact = Sizes(text, 0.0, wheels=True).circle("touch", link)

@@ -1,5 +1,6 @@
 """The site builds without a network and a warning; its links, formulas and search work."""
 
+import importlib
 import json
 import re
 import subprocess
@@ -11,6 +12,8 @@ from urllib.parse import unquote, urlsplit
 import pytest
 from filelock import FileLock
 from helpers.public_packages import PUBLIC
+
+import spherekit as sk
 
 ROOT = Path(__file__).parent.parent
 SOME_MECHANISMS = ("four_bar", "bevel_differential")
@@ -282,3 +285,23 @@ def test_mechanisms_move_in_their_pages(site, browser):
         tab.wait_for_timeout(200)
         assert sphere.screenshot() != before, page
         tab.close()
+
+
+def test_a_mechanism_of_four_inputs_has_a_page(monkeypatch):
+    """The samples of a page follow from the number of inputs, whatever it is."""
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    mechanisms = importlib.import_module("site_pages.mechanisms")
+    links = {"0": {"axes": ["p1"]}, "4": {"axes": ["p4"]}}
+    for k in (1, 2, 3):
+        links[str(k)] = {"axes": [f"p{k}", f"p{k + 1}"], "arcs": [50.0]}
+    pairs = {f"p{k}": [str(k - 1), str(k)] for k in (1, 2, 3, 4)}
+    mechanism = sk.build(
+        "four_joints",
+        angle_unit="deg",
+        ground="0",
+        links=links,
+        pairs=pairs,
+        inputs=list(pairs),
+    )
+    page = mechanisms._page(mechanism, file="")
+    assert page.startswith("# four_joints")

@@ -7,6 +7,7 @@ Parquet files and can be computed by several processes.
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -37,6 +38,7 @@ from spherekit.errors import ModelError, OutputError
 from spherekit.files.library import find
 from spherekit.files.number_change import document_of
 from spherekit.files.study import Study
+from spherekit.runs.reductions import REDUCTION_BY_NAME
 
 SAMPLES = 25
 
@@ -720,3 +722,12 @@ def test_a_torque_table_that_is_too_short_for_the_range_is_refused():
     two_turns = mechanism.with_inputs(ranges={"drive": (0, 720)}, angle_unit="deg")
     with pytest.raises(ModelError, match="but the table has"):
         sk.sweep(two_turns, {"links.crank.arc": [20.0]}, HIGH_AND_LOW)
+
+
+def test_the_help_lists_all_reductions(capsys):
+    """The help repeats the names, because it loads no module that defines reductions."""
+    with pytest.raises(SystemExit):
+        main(["sweep", "--help"])
+    text = " ".join(capsys.readouterr().out.split())
+    (names,) = re.findall(r"a figure of merit: how \(([^)]*)\)", text)
+    assert names.split(", ") == list(REDUCTION_BY_NAME)

@@ -15,8 +15,10 @@ from spherekit.escaping import markdown_text
 from spherekit.files.library import shipped
 
 FOLDER = "generated/mechanisms"
-SAMPLES = {1: 91, 2: (7, 7), 3: (4, 4, 4)}
-"""Samples that a page's numbers are taken from, by the number of inputs."""
+SAMPLES_PER_INPUT = {1: 91, 2: 7, 3: 4}
+"""Samples of each input that a page's numbers are taken from, by the number of inputs."""
+LEAST_SAMPLES_PER_INPUT = 3
+"""The same for more inputs. Larger: the number of configurations grows as its power."""
 KINDS = ("Four and six bars", "Wrists", "Cams, cones and gears", "Eight bars and more")
 """The groups of the index."""
 
@@ -192,9 +194,8 @@ def _page(mechanism: sk.Mechanism, file: str) -> str:
     assumed = source.assumed if source else ""
     inputs = len(mechanism.inputs)
     asked = _kind(mechanism) == KINDS[0]  # a search of a second; of others up to twenty
-    result = sk.run(
-        mechanism, ["singularities"] if asked else ["poles"], samples=SAMPLES[inputs]
-    )
+    samples = (SAMPLES_PER_INPUT.get(inputs, LEAST_SAMPLES_PER_INPUT),) * inputs
+    result = sk.run(mechanism, ["singularities"] if asked else ["poles"], samples=samples)
     return PAGE.format(
         name=mechanism.name,
         citation=markdown_text(source.citation.rstrip(".")) if source else "",

@@ -119,7 +119,7 @@ def _describe_run(study: "Study", analyses: "list[AbstractAnalysis]") -> Facts:
         assembly_by_count_or_rank,
         is_mobile_by_rank_only,
     )
-    from spherekit.runs.analysis_requests import collect_needs, plan_requests
+    from spherekit.runs.analysis_requests import plan_requests, unite_needs
     from spherekit.runs.expected_size import predict_run
     from spherekit.runs.resource_checks import evaluation_memory
     from spherekit.runs.run_cost import count_evaluations
@@ -130,7 +130,7 @@ def _describe_run(study: "Study", analyses: "list[AbstractAnalysis]") -> Facts:
     is_overconstrained = is_mobile_by_rank_only(mechanism)
     # One request for each input that moves while the others are locked.
     requests = plan_requests(
-        mechanism, collect_needs(mechanism, analyses), is_overconstrained
+        mechanism, unite_needs(mechanism, analyses), is_overconstrained
     )
     pole_count = sum(len(request.poles) for request in requests)
     return {

@@ -263,9 +263,9 @@ def _find_smallest_block(
         if pebble_game is None:
             part_by_pole[pole] = set(empty_plan.bodies)
         elif pole not in part_by_pole:
-            # `find_rigid_part` gathers pebbles on the two bodies. Rigid parts were merged to
-            # one body each before, so that it finds none. Four pebbles are then free on the
-            # two bodies: three for the motion of the whole, and one for their relative
+            # `find_rigid_part` gathers pebbles on the two bodies. Rigid parts were merged
+            # to one body each before, so that it finds none. Four pebbles are then free on
+            # the two bodies: three for the motion of the whole, and one for their relative
             # motion. `reachable_bodies` adds all bodies to which constraints point from the
             # two, directly or in several steps. No other pebble in this set is free, and
             # their constraints point to bodies of the set. So it is the smallest set with

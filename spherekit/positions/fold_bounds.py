@@ -51,8 +51,8 @@ def bound_by_newton(
     """Return bounds (n,) in rad of the errors of variables by Kantorovich's theorem.
 
     J is the derivative of the loop residuals by the variables that are not inputs. All
-    norms are Euclidean. Each of L loops has three residuals of at most g, so that their norm
-    is at most sqrt(3 L) g, and the first step of Newton's method at most
+    norms are Euclidean. Each of L loops has three residuals of at most g, so that their
+    norm is at most sqrt(3 L) g, and the first step of Newton's method at most
     e = b sqrt(3 L) g, with the sensitivity b. If each loop changes its rows of J by at most
     k per radian, J changes by at most K = k sqrt(L). If K b e is at most 1/2, the solution
     is not farther away than 2 e / (1 + sqrt(1 - 2 K b e)), which is at most twice the first

@@ -10,7 +10,7 @@ from spherekit.runs.needs import Needs
 from spherekit.velocities.pole_request import Request, request
 
 
-def collect_needs(mechanism: Mechanism, analyses: Analyses) -> Needs:
+def unite_needs(mechanism: Mechanism, analyses: Analyses) -> Needs:
     """Return what several analyses need together; for errors see `check_needs`."""
     needs = [check_needs(analysis, mechanism) for analysis in analyses]
     return reduce(Needs.union, needs, Needs())
