@@ -40,7 +40,7 @@ from spherekit.proof.decimal_mechanism import DecimalMechanism
 from spherekit.proof.root_ball import bound_zero_distance
 from spherekit.proof.saddle_arms import Quadrant
 from spherekit.proof.saddles import Saddle, find_saddle
-from spherekit.proof.tubes import CertifiedArc, OrientedBox
+from spherekit.proof.tubes import ROUND_UP, CertifiedArc, OrientedBox
 
 GIVEN_VALUE_TOLERANCE_RAD = 1e-9
 """Largest distance (rad) of a variable from a value that it is tried with.
@@ -460,10 +460,15 @@ class Crossings:
                 )
                 if balls is not None:
                     # The two planar angles are half a turn apart, so the other one is not
-                    # near the centre and need not be tried. The configuration is in the
-                    # balls, whose radius is known. Twice this radius is required as the
-                    # distance from the border of the box.
-                    return piece.contains(centre_floats(balls), 2.0 * SOLUTION_RADIUS_RAD)
+                    # near the centre and need not be tried.
+                    #
+                    # The configuration is in the balls, which bound its distance from their
+                    # centres in each variable. The sides of the box have any directions,
+                    # so that they need a bound of the Euclidean distance.
+                    centres = centre_floats(balls)
+                    distances = list(map(upper_magnitude, balls - exact_balls(centres)))
+                    error = float(np.linalg.norm(distances)) * ROUND_UP
+                    return piece.contains(centres, error)
         return False
 
     def _contains_proven_crossing(self, box: OrientedBox) -> bool:
@@ -478,10 +483,11 @@ class Crossings:
         a planar loop is searched near the centre. Both slopes of g are zero there, because
         F' loses a rank. The saddle point is then itself a zero, so that curves cross there.
         """
-        # Largest distance (rad) of the crossing from the centre. It is a small part of half
-        # the shortest side of the box (`limits` are half sides), so that the crossing is
-        # surely inside. Larger: crossings nearer to the border are accepted. Smaller: the
-        # box must be centred more accurately.
+        # Largest distance (rad) of the crossing from the centre in each variable. The
+        # Euclidean distance of v variables is at most sqrt(v) times as large. It is a small
+        # part of half the shortest side of the box (`limits` are half sides), so that the
+        # crossing is surely inside for all v below a million. Larger: crossings nearer to
+        # the border are accepted. Smaller: the box must be centred more accurately.
         max_distance = 1e-3 * np.min(box.limits)
         centre = exact_balls(box.centre)
         for loop in self.loops:
