@@ -17,6 +17,7 @@ version = release = __version__
 extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.mathjax",
+    "sphinx.ext.viewcode",
     "sphinx-mathjax-offline",
     "numpydoc",
     "myst_nb",
@@ -74,6 +75,7 @@ copybutton_exclude = ".linenos, .gp, .go"
 html_theme = "pydata_sphinx_theme"
 html_title = "spherekit"
 html_logo = html_favicon = "_static/logo.svg"
+templates_path = ["_templates"]
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_js_files = ["site.js"]
@@ -82,7 +84,7 @@ html_copy_source = False
 html_show_sourcelink = False
 html_sidebars = {"**": ["sidebar-nav-bs"], "index": []}
 html_theme_options = {
-    "logo": {"text": "spherekit"},
+    "logo": {"text": f"spherekit {version}"},
     "navbar_align": "left",
     "header_links_before_dropdown": 6,
     "navigation_with_keys": False,
@@ -90,5 +92,6 @@ html_theme_options = {
     "secondary_sidebar_items": ["page-toc"],
     "show_prev_next": True,
     "footer_start": ["copyright"],
-    "footer_end": [],
+    "navbar_end": ["source-code", "theme-switcher"],
+    "footer_end": ["source-code"],
 }

@@ -9,6 +9,7 @@ import matplotlib
 from site_pages import (
     analyses,
     api,
+    commands,
     mechanisms,
     messages,
     moving,
@@ -25,7 +26,7 @@ def begin(app: Any, config: Any) -> None:
     home = Path(app.srcdir)
     (home / moving.HOME).mkdir(parents=True, exist_ok=True)
     app.site_mechanisms = mechanisms.pages(home, config.site_mechanisms, app.parallel)
-    for part in (analyses, api, messages, root_pages):
+    for part in (analyses, api, commands, messages, root_pages):
         _write(home, part.pages())
     _write(home, shown_files.pages(home))
 
