@@ -4,7 +4,6 @@ import argparse
 from collections.abc import Iterator
 
 from spherekit.cli.command_line import (
-    COMMANDS,
     CommandParser,
     build_parser,
     command_parsers,
