@@ -178,6 +178,38 @@ def anchors(text):
     return {re.sub(r"[^\w\- ]", "", head).lower().replace(" ", "-") for head in headings}
 
 
+def test_each_public_name_has_one_place_in_the_tables_of_the_api(monkeypatch):
+    """Making the tables fails if a name is missing. A name links to its page."""
+    monkeypatch.syspath_prepend(str(DOCS))
+    pytest.importorskip("sphinx")
+    from site_pages.api import USER_PURPOSES, pages, sections
+
+    made = dict(pages())
+    index = made["api/index.md"]
+    for name in sk.__all__:
+        assert f"`{name}`" in index, name
+    assert "[`load`](spherekit.load.rst)" in index
+    assert "autofunction:: load" in made["api/spherekit.load.rst"]
+    lower_names = [path.lower() for path in made]
+    assert len(set(lower_names)) == len(lower_names), "files that differ in case alone"
+
+    incomplete = dict(USER_PURPOSES)
+    incomplete.pop("Loads")
+    with pytest.raises(ValueError, match=r"missing: .*'Spring'"):
+        list(sections("spherekit", incomplete))
+
+
+def test_each_command_has_a_page_with_all_its_options(monkeypatch):
+    monkeypatch.syspath_prepend(str(DOCS))
+    pytest.importorskip("sphinx")
+    from site_pages.commands import pages
+
+    made = dict(pages())
+    assert set(made) == {f"commands/{name}.md" for name in COMMANDS}
+    assert "`--samples N[xM...]`" in made["commands/run.md"]
+    assert "spherekit run four_bar" in made["commands/run.md"]
+
+
 def test_key_reference_is_current():
     made = runpy.run_path(str(DOCS / "make_reference.py"))["page"]()
     assert made == PAGES["reference.md"], "run: python docs/make_reference.py"
@@ -386,7 +418,7 @@ NAMING = ("column", "table", "key", "parameter", "quantity")
 OTHERS = {"framequat", "mj_rnePostConstraint", "float128", "q_left", "q_right"}
 """Names of other programs, and columns of a mechanism that only a page describes."""
 
-OF_OTHER_PROGRAMS = ("--editable", "--dist", "--extra", "--keep-going")
+OF_OTHER_PROGRAMS = ("--editable", "--dist", "--extra", "--keep-going", "--no-deps")
 
 
 def is_declared(name, names):

@@ -173,6 +173,7 @@ def random_mechanism(seed):
         joint_limits=(JointLimit(input_pair, *sorted((random_angle(), random_angle()))),),
         source=Source("A, 'B \"C\"', 2024", "nothing\nmuch") if seed % 3 else None,
         user=USER_DATA if seed % 5 == 0 else {},
+        description='Its "links" turn.\nAn example.' if seed % 2 else "",
     )
 
 
@@ -193,6 +194,7 @@ def test_random_mechanisms_read_back_exactly_as_written(seed, unit, tmp_path):
     from_file = load(path)
     assert from_file == mechanism
     assert from_file.links == mechanism.links
+    assert from_file.description == mechanism.description
     assert dumps(from_file, unit) == path.read_text(encoding="utf-8")
     assert tomllib.loads(dumps(mechanism, unit))["angle_unit"] == unit
 

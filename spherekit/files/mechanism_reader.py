@@ -271,6 +271,7 @@ class _MechanismReader:
             source=construct_element(Source, data["source"]) if "source" in data else None,
             # Free data of the user, in which numbers become ordinary floats.
             user=_plain(data.get("user", {})),
+            description=data.get("description", ""),
         )
         # Some wheels have a phase in the file: angles of their shafts at which they mesh.
         # The model needs the start of their contact instead: the arc lengths along both

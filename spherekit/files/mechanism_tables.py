@@ -39,6 +39,7 @@ def build(
     modes: Tables | None = None,
     source: Tables | None = None,
     user: Tables | None = None,
+    description: str | None = None,
 ) -> Mechanism:
     """Return a mechanism from data in code, in the tables and keys of mechanism files.
 
@@ -64,6 +65,8 @@ def build(
         variable. By default the first R pair, through one turn.
     outputs, mass, loads, joint_limits, modes, source, user
         Tables by name, as in files.
+    description
+        What the mechanism is and what it is used for.
 
     Raises
     ------
@@ -128,6 +131,7 @@ def build(
         "modes": modes,
         "source": source,
         "user": user,
+        "description": description,
     }
     tables = {key: table for key, table in data.items() if table is not None}
     return read(Document(name, None, _to_file_types(name, (), tables)))

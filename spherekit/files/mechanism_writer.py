@@ -99,6 +99,8 @@ def _lines(mechanism: Mechanism, unit: AngleUnit) -> Iterator[str]:
     yield assignment_text("name", mechanism.name)
     yield assignment_text("angle_unit", unit)
     yield assignment_text("ground", mechanism.ground)
+    if mechanism.description:
+        yield assignment_text("description", mechanism.description)
     for name, table in convert_to_file(_tables(mechanism), unit).items():
         yield from table_lines((name,), table)
 

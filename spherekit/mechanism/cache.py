@@ -12,7 +12,7 @@ Result = TypeVar("Result")
 class MechanismCache:
     """Results by the content of a mechanism and a request.
 
-    The content is a text of everything but its source and the data of the user. Mechanisms
+    The content is a text of everything but source, description and user data. Mechanisms
     of equal content share their results.
 
     Parameters

@@ -43,6 +43,9 @@ from spherekit.wording import choices, counted, listing
 ONE_TURN_RAD = 2.0 * math.pi
 """Range of an input that is driven without a range."""
 
+UNCOMPARED = ("source", "user", "description")
+"""Fields on which no result depends; mechanisms that differ in them alone are equal."""
+
 _FIELD_KINDS: Mapping[type, Mapping[str, str]] = {
     Pair: {"links": "links", "profiles": "profiles"},
     Input: {"pair": "pair"},
@@ -104,6 +107,8 @@ class Mechanism:
         Publication from which the mechanism is taken.
     user
         Data of the user, which spherekit does not read.
+    description
+        What the mechanism is and what it is used for; empty if the file does not say.
 
     Raises
     ------
@@ -124,6 +129,7 @@ class Mechanism:
     modes: Mapping[str, Angles] = field(default_factory=dict)
     source: Source | None = None
     user: Mapping[str, Any] = field(default_factory=dict)
+    description: str = ""
 
     def __post_init__(self) -> None:
         """Put the ground first, check everything, and fill in the default input."""
@@ -151,9 +157,10 @@ class Mechanism:
 
     @cached_property
     def content(self) -> str:
-        """Text of all fields except `source` and `user`; mechanisms are equal if it is."""
+        """Text of all fields except `UNCOMPARED`; mechanisms are equal if it is."""
+        compared = [part.name for part in fields(self) if part.name not in UNCOMPARED]
         with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
-            return repr([getattr(self, part.name) for part in fields(self)[:-2]])
+            return repr([getattr(self, name) for name in compared])
 
     @property
     def input_pairs(self) -> Names:
