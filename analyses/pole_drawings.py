@@ -18,11 +18,12 @@ from spherekit.plugin import (
     Scene,
     Text,
     Trace,
-    link_axes,
     link_bodies,
     quaternion,
 )
 from spherekit.plugin.motion import BlockPoles, LinePole, PrimaryPole, describe
+
+from .gnomonic_chart import ChartAxis, chart_axes
 
 CHART_RANGE = 2.5
 """The chart shows tan xi and tan zeta up to this size. Larger: axes far from the centre are
@@ -48,15 +49,14 @@ def draw_chart(
     normals: Floats,
     step_texts: Sequence[str] = (),
     moving_input: str = "",
+    chart: ChartAxis = "yes",
 ) -> Diagram:
     """Return the gnomonic chart of pole axes and great circles.
 
     The chart is the projection of the sphere from its centre onto the plane that touches it
     at the end of the axis x. An axis (x, y, z) is drawn as the point
     (y/x, z/x) = (tan xi, tan zeta), a great circle as a straight line (R. Di Gregorio,
-    lecture 2, Barcelona 2019). The chart uses as x the coordinate axis of the ground that
-    is nearest to the middle of the ground's pair axes, and as y and z the two coordinate
-    axes that follow cyclically.
+    lecture 2, Barcelona 2019).
 
     Parameters
     ----------
@@ -72,13 +72,10 @@ def draw_chart(
         A text for each of the n samples, if they are steps of a construction.
     moving_input
         Name of the input that moves while others are locked; empty for a single input.
+    chart
+        The ground axis at whose end the chart touches the sphere.
     """
-    ground_axes = link_axes(mechanism)[mechanism.links[0]]
-    # The zero vector makes the sum a vector if contacts alone join links to the ground.
-    middle = np.sum([*ground_axes.values(), np.zeros(3)], axis=0)
-    x = int(np.argmax(np.abs(middle)))
-    y = (x + 1) % 3
-    z = (x + 2) % 3
+    x, y, z = chart_axes(mechanism, chart)
     with np.errstate(divide="ignore", invalid="ignore"):
         points = directions[..., [y, z]] / directions[..., [x]]
     points = np.where(np.isfinite(points), points, np.nan)
@@ -193,7 +190,7 @@ def _list_construction_steps(batch: Batch) -> list[ConstructionStep]:
     return construction
 
 
-def draw_construction(batch: Batch, row: int) -> Scene:
+def draw_construction(batch: Batch, row: int, chart: ChartAxis = "yes") -> Scene:
     """Return a page that shows how the pole axes are constructed at one configuration.
 
     A pole axis is the axis about which two links turn relative to each other. The page has
@@ -206,6 +203,8 @@ def draw_construction(batch: Batch, row: int) -> Scene:
         The batch, with directions and great circles of all poles.
     row
         Its row with the configuration.
+    chart
+        The ground axis at whose end the gnomonic chart touches the sphere.
     """
     mechanism = batch.mechanism
     steps = _list_construction_steps(batch)
@@ -240,7 +239,7 @@ def draw_construction(batch: Batch, row: int) -> Scene:
     for number in (0, 1):
         label = f"great circle {number + 1}"
         parts.append(GreatCircle(f"circle_{number}", label, normals[:, number]))
-    parts.append(draw_chart(mechanism, poles, directions, normals, texts))
+    parts.append(draw_chart(mechanism, poles, directions, normals, texts, chart=chart))
     listed_steps = "\n".join(f"{k:3d}  {text}" for k, text in enumerate(texts))
     parts.append(Text("steps", "Steps", f"```\n{listed_steps}\n```"))
     step_axis = Axis("step", "", np.arange(float(len(steps))))

@@ -1,6 +1,6 @@
 """Pole axes and velocity coefficients of links relative to each other."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,7 @@ from spherekit.plugin import (
     Batch,
     Column,
     FigureOfMerit,
+    Floats,
     GreatCircle,
     Mechanism,
     Needs,
@@ -32,11 +33,28 @@ from spherekit.plugin import (
     pole_of,
 )
 
+from .gnomonic_chart import (
+    ChartAxis,
+    chart_axes,
+    chart_coordinates,
+    circle_coordinates,
+)
 from .pole_drawings import draw_axodes, draw_chart, draw_construction, short_name
 
 MAX_POLES_SHOWN_FIRST = 6
 """With more poles than this, only poles to the ground and the one with great circles are
 visible at first. Larger: drawings of large mechanisms are crowded."""
+
+
+CHART_MEANINGS = {
+    "xi": "pseudo-Cartesian coordinate of the pole, arctan(y/x) in the axes of the chart",
+    "zeta": "pseudo-Cartesian coordinate of the pole, arctan(z/x) in the axes of the chart",
+    "circle_1_epsilon": "slope in the chart of the first great circle through the pole",
+    "circle_1_theta": "angle of this circle in its pencil of meridians",
+    "circle_2_epsilon": "slope in the chart of the second great circle through the pole",
+    "circle_2_theta": "angle of this circle in its pencil of meridians",
+}
+"""Meanings of the columns of the gnomonic chart. Axes of pairs have no great circles."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +65,10 @@ class Poles(AbstractAnalysis):
     moves and the others are locked; the motion of all is their sum (superposition).
     `only` lists the poles wanted, such as ``31+42``; all by default. `circles` is the pole
     whose two great circles are drawn; by default the first secondary one. `axodes` lists
-    the poles whose axodes are drawn: the cones that roll on each other.
+    the poles whose axodes are drawn: the cones that roll on each other. `chart` adds the
+    coordinates of the gnomonic chart to the table. It names the ground axis at whose end
+    the chart touches the sphere: ``x``, ``y``, ``z``, or ``yes`` for the axis that the
+    drawn chart uses, which is the one nearest to the middle of the ground's pair axes.
     """
 
     name = "poles"
@@ -134,6 +155,17 @@ class Poles(AbstractAnalysis):
                 RESIDUAL,
                 STATUS,
                 Column("moving", "", "the moving input, the others locked", "text"),
+                *(
+                    Column(
+                        name,
+                        "rad",
+                        f"{meaning} (with the parameter chart)",
+                        scale="none",
+                        turns="otherwise",
+                        on_request="chart",
+                    )
+                    for name, meaning in CHART_MEANINGS.items()
+                ),
             ),
         ),
     )
@@ -141,6 +173,7 @@ class Poles(AbstractAnalysis):
     only: tuple[str, ...] = ()
     circles: str = ""
     axodes: tuple[str, ...] = ()
+    chart: ChartAxis = "no"
 
     def poles(self, mechanism: Mechanism) -> tuple[Pole, ...]:
         """Return the poles of interest as pairs of link numbers."""
@@ -209,8 +242,9 @@ class Poles(AbstractAnalysis):
         if pole_with_circles is not None:
             planes = frozenset([pole_with_circles])
         rotations = {mechanism.links[link] for pole in axode_poles for link in pole}
-        if self._draws_construction(mechanism):
+        if self._draws_construction(mechanism) or self.chart != "no":
             planes |= poles - set(mechanism.pole_pairs)
+        if self._draws_construction(mechanism):
             rotations = set(mechanism.links)
         return Needs(
             directions=poles,
@@ -271,8 +305,38 @@ class Poles(AbstractAnalysis):
             "direction_dq_error_bound",
         ):
             columns[name] = column_of(name, None)
-        (table,) = self.tables
+        if self.chart != "no":
+            columns |= self._chart_columns(batch, moving_poles)
+        (table,) = self.requested_tables()
         return {"poles": {column.name: columns[column.name] for column in table.columns}}
+
+    def _chart_columns(
+        self, batch: Batch, moving_poles: Sequence[tuple[int, int, int]]
+    ) -> dict[str, Any]:
+        """Return the coordinates of poles and of their great circles in the chart, by name.
+
+        Parameters
+        ----------
+        batch
+            The batch, with the great circles of all poles that are no axes of pairs.
+        moving_poles
+            For each pole the numbers of two links, and the number of the moving input.
+        """
+        mechanism = batch.mechanism
+        axes = list(chart_axes(mechanism, self.chart))
+        values_by_name: dict[str, list[Floats]] = {name: [] for name in CHART_MEANINGS}
+        for first_link, second_link, input_number in moving_poles:
+            directions = batch.direction(first_link, second_link, input_number)
+            coordinates = [*chart_coordinates(directions[:, axes])]
+            if (first_link, second_link) in mechanism.pole_pairs:
+                coordinates += [np.full(len(batch), np.nan)] * 4
+            else:
+                normals = batch.planes(first_link, second_link, input_number)
+                for circle in (0, 1):
+                    coordinates += circle_coordinates(normals[:, circle][:, axes])
+            for name, values in zip(CHART_MEANINGS, coordinates, strict=True):
+                values_by_name[name].append(values)
+        return {name: batch.interleaved(values) for name, values in values_by_name.items()}
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return a page for each assembly mode, and one for the construction of the poles.
@@ -299,7 +363,7 @@ class Poles(AbstractAnalysis):
             rows_of_first_mode = good_rows[modes == modes[0]]
             # Any row of the first mode would do. It is a third of the way along.
             row = rows_of_first_mode[len(rows_of_first_mode) // 3]
-            pages.append(draw_construction(batch, int(row)))
+            pages.append(draw_construction(batch, int(row), self.chart))
         return tuple(pages)
 
     def _draw_mode(
@@ -353,6 +417,7 @@ class Poles(AbstractAnalysis):
             directions,
             normals,
             moving_input=pair if has_several_inputs else "",
+            chart=self.chart,
         )
 
         # 3. The great circles on the sphere.

@@ -605,7 +605,10 @@ def _column_units(merit: FigureOfMerit, analyses: Analyses, study: Study) -> Uni
         )
     (chosen,) = (candidate for candidate in analyses if candidate.name == analysis)
     # The columns of a table can depend on the inputs of the mechanism: one for each input.
-    tables = {candidate.name: candidate.of(study.mechanism) for candidate in chosen.tables}
+    tables = {
+        candidate.name: candidate.of(study.mechanism)
+        for candidate in chosen.requested_tables()
+    }
     if table not in tables:
         raise DesignError(
             f'{merit.name}: {analysis} has no table "{table}"'

@@ -7,7 +7,7 @@ that, block by block or for all samples at once, and returns its declared tables
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, Literal
 
 from spherekit.conventions import Names
@@ -126,6 +126,26 @@ class AbstractAnalysis(ABC):
     """
     trades: ClassVar[tuple[Sweep, ...]] = ()
     """Parameters that trade speed for accuracy, if not the samples take the time."""
+
+    def requested_tables(self) -> tuple[Table, ...]:
+        """Return the tables with the columns that the parameters request.
+
+        A column that is declared `on_request` is left out if its parameter has the default
+        value.
+        """
+        defaults = {item.name: item.default for item in fields(self)}  # type: ignore[arg-type]
+        return tuple(
+            replace(
+                table,
+                columns=tuple(
+                    column
+                    for column in table.columns
+                    if not column.on_request
+                    or getattr(self, column.on_request) != defaults[column.on_request]
+                ),
+            )
+            for table in self.tables
+        )
 
     @property
     def at_once(self) -> bool:

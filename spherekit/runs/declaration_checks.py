@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import is_dataclass
+from dataclasses import fields, is_dataclass
 from itertools import groupby
 from typing import Any, get_args, get_type_hints
 
@@ -72,6 +72,15 @@ def _find_class_faults(cls: Any) -> Iterator[str]:
     except Exception as problem:
         yield f"the types of its parameters cannot be read: {describe_exception(problem)}"
     yield from _find_table_faults(cls.tables)
+    parameters = [item.name for item in fields(cls)]
+    for table in cls.tables:
+        for column in table.columns:
+            if column.on_request and column.on_request not in parameters:
+                yield (
+                    f"table {table.name}: column {column.name}: on_request is "
+                    f"{column.on_request!r}, which is no parameter; parameters: "
+                    f"{listing(parameters) or 'none'}"
+                )
 
 
 def _find_table_faults(tables: Sequence[Table]) -> Iterator[str]:

@@ -354,8 +354,12 @@ class RunPlan:
         }
 
     def tables_of(self, analysis: AbstractAnalysis) -> tuple[Table, ...]:
-        """Return the declared tables of an analysis, with a column for each input."""
-        return tuple(table.of(self.mechanism) for table in analysis.tables)
+        """Return the tables of an analysis, with the columns that it computes.
+
+        These are the declared columns, without those that its parameters do not request.
+        Some are one column for each input.
+        """
+        return tuple(table.of(self.mechanism) for table in analysis.requested_tables())
 
     @cached_property
     def motion_tables(self) -> tuple[Table, ...]:

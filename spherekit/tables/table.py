@@ -73,6 +73,9 @@ class Column:
         way, such as an azimuth. If a text is declared so, or if a table with such a column
         has no row for each sample and assembly mode, a rotation may also change which rows
         the table has.
+    on_request
+        Name of the parameter of the analysis that requests the column. The table has the
+        column only if the parameter differs from its default. Empty: it always has it.
     """
 
     name: str
@@ -83,6 +86,7 @@ class Column:
     per_passive: bool = False
     scale: Scale = "unit"
     turns: Turns = "no"
+    on_request: str = ""
 
     def unit_in(self, degrees: bool) -> str:
         """Return the unit in a table with angles in degrees, or in rad."""

@@ -1,0 +1,83 @@
+"""Coordinates of pole axes and great circles in the gnomonic chart.
+
+The chart is the projection of the sphere from its centre onto the plane that touches it at
+the end of one axis, called x here. An axis (x, y, z) through the centre is the point
+(tan xi, tan zeta) = (y/x, z/x). A great circle is a straight line with the slope epsilon,
+at the signed distance tan theta from the origin (R. Di Gregorio, lecture 2, Barcelona
+2019).
+"""
+
+from typing import Literal
+
+import numpy as np
+
+from spherekit.plugin import Floats, Mechanism, link_axes
+
+ChartAxis = Literal["no", "yes", "x", "y", "z"]
+"""Ground axis at whose end the chart touches the sphere.
+
+``"yes"`` selects the axis that is nearest to the axes of the ground, and ``"no"`` stands
+for no columns of the chart, while its drawing is the same as with ``"yes"``.
+"""
+
+
+def chart_axes(mechanism: Mechanism, chart: ChartAxis = "yes") -> tuple[int, int, int]:
+    """Return the numbers of the ground axes that the chart uses as x, y and z.
+
+    Axis x is the one that was chosen, by default the coordinate axis nearest to the middle
+    of the ground's pair axes. The axes y and z follow cyclically, so that the system
+    remains right-handed.
+    """
+    if chart in ("x", "y", "z"):
+        x = "xyz".index(chart)
+    else:
+        ground_axes = link_axes(mechanism)[mechanism.links[0]]
+        # The zero vector makes the sum a vector if contacts alone join links to the ground.
+        middle = np.sum([*ground_axes.values(), np.zeros(3)], axis=0)
+        x = int(np.argmax(np.abs(middle)))
+    return x, (x + 1) % 3, (x + 2) % 3
+
+
+def chart_coordinates(directions: Floats) -> tuple[Floats, Floats]:
+    """Return the angles xi and zeta (n,) of axes, rad, between -pi/2 and pi/2.
+
+    These are the pseudo-Cartesian coordinates of the lecture. Both directions of an axis
+    have the same coordinates. At an axis parallel to the plane of the chart (x = 0), which
+    is a point at infinity, the coordinates are those of its end on the positive shell: y is
+    positive, or y is zero and z is positive.
+
+    Parameters
+    ----------
+    directions
+        (n, 3) vectors along the axes, in the axes x, y, z of the chart.
+    """
+    x, y, z = np.moveaxis(directions, 1, 0)
+    is_on_negative_shell = (x < 0.0) | ((x == 0.0) & ((y < 0.0) | ((y == 0.0) & (z < 0.0))))
+    x, y, z = np.where(is_on_negative_shell, -1.0, 1.0) * np.stack([x, y, z])
+    x = x + 0.0  # -0.0 becomes 0.0, for which arctan2 returns angles up to pi/2
+    return np.arctan2(y, x), np.arctan2(z, x)
+
+
+def circle_coordinates(normals: Floats) -> tuple[Floats, Floats]:
+    """Return the slope epsilon and the angle theta (n,) of great circles, rad.
+
+    The great circle with the normal (a, b, c) is the line a + b tan xi + c tan zeta = 0. It
+    has the direction (cos epsilon, sin epsilon) = (c, -b) / sqrt(b^2 + c^2), with epsilon
+    from -pi/2 (exclusive) to pi/2. Its distance from the origin is tan theta =
+    -a / sqrt(b^2 + c^2), positive to the left of this direction. Circles of one slope are a
+    pencil of meridians, in which theta tells them apart. The circle x = 0 is at infinity:
+    its slope is not defined (NaN).
+
+    Parameters
+    ----------
+    normals
+        (n, 3) normals of the planes of the circles, in the axes x, y, z of the chart. Both
+        normals of a plane give the same result.
+    """
+    a, b, c = np.moveaxis(normals, 1, 0)
+    is_opposite = (c < 0.0) | ((c == 0.0) & (b > 0.0))
+    a, b, c = np.where(is_opposite, -1.0, 1.0) * np.stack([a, b, c])
+    c = c + 0.0  # -0.0 becomes 0.0, for which arctan2 returns angles up to pi/2
+    size = np.hypot(b, c)
+    epsilon = np.where(size > 0.0, np.arctan2(-b, c), np.nan)
+    return epsilon, np.arctan2(-a, size)

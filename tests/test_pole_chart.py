@@ -1,0 +1,166 @@
+"""Columns of the gnomonic chart in the pole table, compared with the lecture's formulas.
+
+The formulas with complex numbers are those of R. Di Gregorio, lecture 2, Barcelona 2019. A
+pole is the point p = tan xi + j tan zeta of the chart. The line through two points has the
+slope epsilon = Arg(p - p') and tan theta = Im[p exp(-j epsilon)].
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from helpers.minimal_analysis import MinimalAnalysis
+from spherekit_analyses.gnomonic_chart import chart_coordinates, circle_coordinates
+
+import spherekit as sk
+from spherekit.runs.declaration_checks import find_class_fault
+from spherekit.tables.table import Column, Table
+
+CHART_COLUMNS = ["xi", "zeta"] + [
+    f"circle_{number}_{angle}" for number in (1, 2) for angle in ("epsilon", "theta")
+]
+
+LINES_OF_POLES = {
+    ("3", "1"): ((("2", "1"), ("3", "2")), (("4", "1"), ("4", "3"))),
+    ("4", "2"): ((("2", "1"), ("4", "1")), (("3", "2"), ("4", "3"))),
+}
+"""The two great circles of each secondary pole of a four-bar, each through two poles."""
+
+
+def rows_by_pole(frame):
+    """Return the rows of each pole, by its two links."""
+    groups = frame.groupby(["link", "relative_to"], observed=True)
+    return {key: groups.get_group(key) for key in groups.groups}
+
+
+def complex_points(rows):
+    """Return the points p of poles in the chart."""
+    return np.tan(rows["xi"].to_numpy()) + 1j * np.tan(rows["zeta"].to_numpy())
+
+
+def test_the_table_has_the_columns_only_on_request():
+    names = list(sk.run("four_bar", "poles", samples=5).frame().columns)
+    requested = sk.run("four_bar", "poles:chart=yes", samples=5)
+    assert not set(names) & set(CHART_COLUMNS)
+    assert list(requested.frame().columns) == names + CHART_COLUMNS
+    assert requested.frame().attrs["units"]["xi"] == "rad"
+    plain = sk.run("four_bar", "poles", samples=5).frame()
+    assert requested.frame()[names].equals(plain[names])
+
+
+@pytest.mark.parametrize("chart", ["x", "y", "z"])
+def test_a_pole_is_recovered_from_its_coordinates(chart):
+    """(1, tan xi, tan zeta), scaled to unit length, is the axis (the lecture's formula)."""
+    frame = sk.run("stephenson", f"poles:chart={chart}", samples=13).frame()
+    xi = frame["xi"].to_numpy()
+    zeta = frame["zeta"].to_numpy()
+    assert np.all(np.abs(xi) <= np.pi / 2) and np.all(np.abs(zeta) <= np.pi / 2)
+    first = "xyz".index(chart)
+    u = frame[["ux", "uy", "uz"]].to_numpy()[:, [first, (first + 1) % 3, (first + 2) % 3]]
+    is_finite_point = np.abs(u[:, 0]) > 1e-6
+    point = np.stack([np.ones_like(xi), np.tan(xi), np.tan(zeta)], axis=1)[is_finite_point]
+    axis = point / np.linalg.norm(point, axis=1, keepdims=True)
+    cosines = np.sum(axis * u[is_finite_point], axis=1)
+    assert np.abs(cosines) == pytest.approx(1.0, abs=1e-9)
+    assert is_finite_point.any()
+
+
+def test_great_circles_have_the_slope_and_angle_of_the_line_through_two_poles():
+    """Both circles of a pole of the four-bar have epsilon and theta of the lecture.
+
+    The plane of the chart touches the sphere at the end of the axis z, since both ground
+    axes are perpendicular to the axis x.
+    """
+    frame = sk.run("four_bar", "poles:chart=z", samples=17).frame()
+    rows = rows_by_pole(frame)
+    compared_count = 0
+    for pole, lines in LINES_OF_POLES.items():
+        expected = []
+        for first_pole, second_pole in lines:
+            p = complex_points(rows[first_pole])
+            epsilon = np.angle(p - complex_points(rows[second_pole]))
+            expected.append((epsilon, np.arctan(np.imag(p * np.exp(-1j * epsilon)))))
+        for row in range(len(rows[pole])):
+            circles = [
+                [rows[pole][f"circle_{number}_{angle}"].iloc[row] for angle in
+                 ("epsilon", "theta")]
+                for number in (1, 2)
+            ]  # fmt: skip
+            # Poles at infinity make the points of the chart, not the columns, inaccurate.
+            points = [complex_points(rows[key])[row] for line in lines for key in line]
+            if max(map(abs, points)) > 1e4:
+                continue
+            for epsilon, theta in expected:
+                # A line has the slope epsilon up to half a turn, with which theta changes
+                # its sign.
+                differences = [
+                    abs(np.exp(2j * (circle[0] - epsilon[row])) - 1.0)
+                    + abs(
+                        np.tan(circle[1]) * np.cos(circle[0] - epsilon[row])
+                        - np.tan(theta[row])
+                    )
+                    for circle in circles
+                ]
+                assert min(differences) < 1e-7
+                compared_count += 1
+    assert compared_count > 50
+
+
+@pytest.mark.parametrize("name", ["stephenson", "five_bar", "roller_cam"])
+def test_each_pole_is_on_both_of_its_great_circles(name):
+    """Im[p exp(-j epsilon)] = tan theta for each point p of a line.
+
+    Axes of pairs have no circles.
+    """
+    result = sk.run(name, "poles:chart=yes", samples=9)
+    frame = result.frame()
+    is_of_pair = frame["circle_1_epsilon"].isna() & frame["xi"].notna()
+    mechanism = sk.load(name)
+    pairs = {frozenset(pair.links) for pair in mechanism.pairs if pair.type != "Cs"}
+    links = zip(frame["link"], frame["relative_to"], strict=True)
+    assert all(
+        (frozenset(pole) in pairs) == of_pair
+        for pole, of_pair, known in zip(links, is_of_pair, frame["xi"].notna(), strict=True)
+        if known
+    )
+    rows = frame[frame["circle_1_epsilon"].notna()]
+    p = complex_points(rows)
+    near = np.abs(p) < 1e4
+    for number in (1, 2):
+        epsilon = rows[f"circle_{number}_epsilon"].to_numpy()
+        theta = rows[f"circle_{number}_theta"].to_numpy()
+        assert np.all((epsilon > -np.pi / 2) & (epsilon <= np.pi / 2))
+        distance = np.imag(p * np.exp(-1j * epsilon)) - np.tan(theta)
+        scale = 1.0 + np.abs(p) + np.abs(np.tan(theta))
+        assert np.all(np.abs(distance / scale)[near] < 1e-9)
+    assert near.any()
+
+
+def test_both_ends_of_an_axis_and_both_normals_of_a_circle_are_one_point_and_one_line():
+    """Points at infinity and vertical lines have coordinates too."""
+    directions = np.array([[1, 2, -3], [0, 1, 1], [0, 0, 1], [0, -1, 0], [2, 0, 0]], float)
+    assert np.array_equal(chart_coordinates(directions), chart_coordinates(-directions))
+    xi, zeta = np.degrees(chart_coordinates(directions))
+    assert xi == pytest.approx([np.degrees(np.arctan(2.0)), 90.0, 0.0, 90.0, 0.0])
+    assert zeta[1:] == pytest.approx([90.0, 90.0, 0.0, 0.0])
+    # Lines: tan xi = 1 (vertical), tan zeta = 2 (horizontal), the diagonal, infinity.
+    normals = np.array([[-1, 1, 0], [-2, 0, 1], [0, -1, 1], [1, 0, 0]], float)
+    both = [circle_coordinates(normals), circle_coordinates(-normals)]
+    for epsilon, theta in both:
+        assert np.degrees(epsilon[:3]) == pytest.approx([90.0, 0.0, 45.0])
+        assert np.isnan(epsilon[3]) and abs(theta[3]) == pytest.approx(np.pi / 2)
+        assert np.tan(theta[:3]) == pytest.approx([-1.0, 2.0, 0.0])
+
+
+def test_a_column_on_request_of_an_unknown_parameter_is_a_fault():
+    @dataclass(frozen=True)
+    class Asking(MinimalAnalysis):
+        name = "asking"
+        tables = (Table("t", "rows", (Column("a", "", "a number", on_request="more"),)),)
+        less: int = 0
+
+        def compute(self, batch):
+            return {}
+
+    fault = find_class_fault(Asking)
+    assert "on_request is 'more', which is no parameter; parameters: less" in fault
