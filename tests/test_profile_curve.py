@@ -8,6 +8,16 @@ from numpy.polynomial.legendre import leggauss
 from spherekit.geometry import profile_curve
 from spherekit.geometry.rotation import transpose
 from spherekit.geometry.triangle import arc
+from spherekit.mechanism.elements import Profile
+from spherekit.proof.ball_curves import make_ball_curve
+from spherekit.proof.ball_frames import exact_ball, exact_balls
+from spherekit.proof.balls import (
+    centre_floats,
+    power_series,
+    series_coefficient,
+    widen,
+    working_precision,
+)
 
 CENTRE = np.array([2.0, -1.0, 2.0]) / 3.0
 COSINES, SINES = [0.8, 0.11, -0.05, 0.02], [0.0, -0.07, 0.0, 0.03]
@@ -240,3 +250,58 @@ def test_arc_lengths_invert_to_rounding(curve):
         half = 0.5 * np.diff(cuts)[:, None]
         speed = curve.path.speed(cuts[:-1, None] + half * (1.0 + nodes))
         assert abs(np.sum(half * weights * speed) - place) < 1e-13
+
+
+def arc_length_at(curve, point, low, high):
+    """Return the arc length between two others at which a curve passes a point, exactly.
+
+    The tangent is perpendicular to the point there. The result has 53 bits.
+    """
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        (frame,) = centre_floats(curve(exact_balls([middle])))
+        if frame[:, 0] @ point > 0.0:
+            low = middle
+        else:
+            high = middle
+    return middle
+
+
+@pytest.mark.parametrize("knot", [0, 2])
+def test_balls_about_a_knot_contain_the_curve_on_both_sides(knot):
+    """A spline through points has two polynomials at each, whose fifth derivatives differ.
+
+    Coefficients of power series of the frames are compared, at a ball about the knot and
+    at exact arc lengths within it. The knot 0 is the seam of the closed profile.
+    """
+    azimuths = np.radians([0.0, 60.0, 130.0, 185.0, 240.0, 300.0])
+    colatitudes = np.radians([30.0, 36.0, 29.0, 38.0, 33.0, 35.0])
+    sines = np.sin(colatitudes)
+    points = np.column_stack(
+        [sines * np.cos(azimuths), sines * np.sin(azimuths), np.cos(colatitudes)]
+    )
+    profile = Profile("points", points=tuple(map(tuple, points.tolist())))
+    radius = 1e-6
+    zero, one = exact_balls([0.0, 1.0])
+    with working_precision(150):
+        curve = make_ball_curve(profile)
+
+        def frame_coefficients(s):
+            series = power_series(*([value] for value in (s, one, *[zero] * 5)))
+            frames = curve(series)
+            return np.array([series_coefficient(frames, power) for power in range(7)])
+
+        # Chords are shorter than the curve, by less than a tenth here.
+        chords = np.cumsum(np.arccos(np.vecdot(points[:-1], points[1:])))
+        centre = 0.0
+        if knot:
+            reach = chords[knot - 1]
+            centre = arc_length_at(curve, points[knot], 0.9 * reach, 1.2 * reach)
+        about_knot = frame_coefficients(widen(exact_ball(centre), radius))
+        for side in (-0.5, 0.5):
+            beside = frame_coefficients(exact_ball(centre + side * radius))
+            is_inside = [
+                ball.overlaps(value)
+                for ball, value in zip(about_knot.flat, beside.flat, strict=True)
+            ]
+            assert all(is_inside)

@@ -14,7 +14,7 @@ from itertools import pairwise, zip_longest
 import numpy as np
 from numpy.polynomial.polynomial import polyval
 
-from spherekit.arrays import Array, Floats
+from spherekit.arrays import Array, Floats, Indices
 from spherekit.errors import EngineError
 from spherekit.geometry.parametric_curve import SplinePath
 from spherekit.geometry.profile_curve import spline_through
@@ -27,7 +27,9 @@ from spherekit.proof.ball_frames import (
 )
 from spherekit.proof.balls import (
     Ball,
+    ball_ends,
     centre_floats,
+    enclose_both,
     pi_ball,
     power_series,
     precision_bits,
@@ -246,20 +248,59 @@ def _by_arc_length(path: Path, knots: Array, closed: bool) -> tuple[Curve, Ball]
     series_table: Array = np.array(panel_series)
     float_starts = centre_floats(starts)
 
-    def curve(s: Array) -> Array:
-        """Return the frames (n, 3, 3) of the curve at arc lengths s (n,) rad."""
-        s_floats = centre_floats(series_coefficient(s, 0))
-        if closed:
-            # Whole laps are removed.
-            s = s - exact_balls(np.floor(s_floats / float_starts[-1])) * length
-            s_floats = centre_floats(series_coefficient(s, 0))
-        panel = np.searchsorted(float_starts[1:-1], s_floats, side="right")
-        parameter = polyval(s - starts[panel], series_table[panel].T, tensor=False)
-        point, rate = path(parameter)
+    panel_count = len(series_table)
+
+    def find_panels(s_floats: Floats) -> Indices:
+        """Return the panels of arc lengths (n,) rad, counted on in each further lap."""
+        s_floats = np.nan_to_num(s_floats)
+        laps = np.floor(s_floats / float_starts[-1]) if closed else np.zeros(len(s_floats))
+        within_lap = s_floats - laps * float_starts[-1]
+        panels = np.searchsorted(float_starts[1:-1], within_lap, side="right")
+        return panels + panel_count * laps.astype(np.intp)
+
+    def evaluate_panels(s: Array, panels: Indices) -> Array:
+        """Return the frames (n, 3, 3) at arc lengths (n,) rad, by the series of panels."""
+        laps, panel = np.divmod(panels, panel_count)
+        s = s - exact_balls(laps.astype(float)) * length - starts[panel]
+        point, rate = path(polyval(s, series_table[panel].T, tensor=False))
         tangent = rate / vector_lengths(rate)[:, None]
         return np.stack([tangent, np.cross(point, tangent), point], axis=-1)
 
+    def curve(s: Array) -> Array:
+        """Return the frames (n, 3, 3) of the curve at arc lengths s (n,) rad."""
+        return _enclose_pieces(evaluate_panels, s, find_panels)
+
     return curve, exact_ball(0.0) if closed else length
+
+
+def _enclose_pieces(
+    evaluate: Callable[[Array, Indices], Array],
+    parameters: Array,
+    find_pieces: Callable[[Floats], Indices],
+) -> Array:
+    """Return balls that contain a function of several pieces on whole balls.
+
+    A ball can contain an end of a piece. The result then contains the values of all pieces
+    that the ball reaches.
+
+    Parameters
+    ----------
+    evaluate
+        Returns values (n, ...) at parameters (n,) by the pieces of given numbers (n,).
+    parameters
+        (n,) balls, or power series of balls, whose constant coefficient counts.
+    find_pieces
+        Returns the numbers (n,) of the pieces at float64 parameters (n,), rising with them.
+    """
+    low, high = ball_ends(series_coefficient(parameters, 0))
+    pieces = find_pieces(low)
+    last_pieces = find_pieces(high)
+    values = evaluate(parameters, pieces)
+    # Nearly all balls are in one piece.
+    while np.any(pieces < last_pieces):
+        pieces = np.minimum(pieces + 1, last_pieces)
+        values = enclose_both(values, evaluate(parameters, pieces))
+    return values
 
 
 def _convergence_distance(coefficients: list[Ball], bits: int) -> float:
@@ -333,10 +374,9 @@ def _make_spline(spline_path: SplinePath) -> Path:
     with a centre and a radius, which bounds their error. Its float64 knots and control
     points count as exact.
 
-    Between two knots the spline is a polynomial, and the one at the centre of a ball is
-    used for the whole ball. If the ball contains a knot u_k, the polynomial beyond the knot
-    differs by a multiple of (u - u_k)^5, because derivatives up to the fourth agree at the
-    knot. This difference is neglected, so the radius of the result does not cover it.
+    Between two knots the spline is a polynomial. If a ball contains a knot, the result
+    contains the values of the polynomials on both sides. They differ by a multiple of
+    (u - u_k)^5 at a knot u_k, because derivatives up to the fourth agree there.
 
     Returns
     -------
@@ -354,16 +394,17 @@ def _make_spline(spline_path: SplinePath) -> Path:
         The parameter (n,) is an array of balls, or of power series with balls as
         coefficients, which also give derivatives. The results are of the same kind.
         """
+        both = _enclose_pieces(evaluate_polynomials, parameter, find_intervals)
+        return both[:, 0], both[:, 1]
+
+    def find_intervals(parameter_floats: Floats) -> Indices:
+        """Return the number of the interval between knots of each parameter (n,)."""
         # The first and the last degree + 1 knots are the ends of the spline.
         inner_knots = spline_knots[degree + 1 : len(control_points)]
-        # The interval between knots is chosen by the centre of the ball; for a power
-        # series by the centre of its constant coefficient. If a ball contains a knot, the
-        # polynomial of its centre is used for the whole ball. The radius of the result does
-        # not cover the difference to the other polynomial, which has a zero of fifth order
-        # at the knot.
-        parameter_floats = centre_floats(series_coefficient(parameter, 0))
-        # Number of the interval between knots in which each parameter is.
-        first = np.searchsorted(inner_knots, parameter_floats, side="right")
+        return np.searchsorted(inner_knots, parameter_floats, side="right")
+
+    def evaluate_polynomials(parameter: Array, first: Indices) -> Array:
+        """Return points and derivatives (n, 2, 3) by the polynomials of intervals (n,)."""
         # In interval i the spline depends on the control points i to i + degree and on the
         # knots i + 1 to i + 2 degree. The first axis counts these points and knots, the
         # second the parameters: the shapes are (degree + 1, n, 3) and (2 degree, n, 1).
@@ -387,7 +428,7 @@ def _make_spline(spline_path: SplinePath) -> Path:
         size = vector_lengths(spline_point)[:, None]
         point = spline_point / size
         radial_rate = np.sum(point * derivative, axis=1, keepdims=True)
-        return point, (derivative - radial_rate * point) / size
+        return np.stack([point, (derivative - radial_rate * point) / size], axis=1)
 
     return path
 

@@ -146,6 +146,39 @@ def series_coefficient(series: Array, power: int) -> Array:
     return np.asarray(np.frompyfunc(select_coefficient, 1, 1)(series))
 
 
+def enclose_both(first: Array, second: Array) -> Array:
+    """Return balls that contain the balls of two arrays (...), entry by entry.
+
+    If the entries are power series, this is done for each coefficient.
+    """
+    series_type = flint_library().arb_series
+
+    def unite(a: Any, b: Any) -> Any:
+        if not isinstance(a, series_type):
+            return a.union(b)
+        count = min(a.prec, b.prec)
+        return series_type([a[power].union(b[power]) for power in range(count)], count)
+
+    return np.asarray(np.frompyfunc(unite, 2, 1)(first, second))
+
+
+def ball_ends(balls: Array) -> tuple[Floats, Floats]:
+    """Return float64 numbers (...) at or below and at or above all numbers of real balls.
+
+    Both are the centre if a ball has the radius 0, or if its ends are not finite.
+    """
+    lows = centre_floats(balls)
+    highs = lows.copy()
+    for index, ball in np.ndenumerate(balls):
+        # The conversion to float64 may round an end towards the centre.
+        low = np.nextafter(float(ball.lower()), -np.inf)
+        high = np.nextafter(float(ball.upper()), np.inf)
+        if ball.rad() != 0 and np.isfinite(low) and np.isfinite(high):
+            lows[index] = low
+            highs[index] = high
+    return lows, highs
+
+
 @contextmanager
 def series_length_limit(count: int) -> Iterator[None]:
     """Compute with power series of at most `count` terms within this context."""
