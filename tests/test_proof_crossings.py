@@ -3,6 +3,7 @@
 import itertools
 import json
 from decimal import Decimal
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,11 +11,15 @@ from helpers.refusals import decimal_mechanism
 from test_proof_adversaries import FOUR_BAR, two_dyads
 from test_proof_range import check_counts
 
+import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.completeness import Guarantee
+from spherekit.proof.arc_equations import ArcEquations
 from spherekit.proof.balls import flint_library, pi_ball, working_precision
 from spherekit.proof.certified_singularities import locate_singularities
+from spherekit.proof.collinear_loops import SOLUTION_RADIUS_RAD, Crossings
 from spherekit.proof.configuration_curves import certify_curves
+from spherekit.proof.construction import find_construction
 
 TURN = ("0", "360")
 FOLDS = ("80", "30", "50", "60")
@@ -198,3 +203,59 @@ def test_the_command_says_where_curves_cross(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "curves cross at 0.000000000 deg, in 2 configurations" in said
     assert "a whole curve of modes at" in said
+
+
+def kite_with_dyads(count):
+    """Return a kite-shaped four-bar, with further four-bars of one crank.
+
+    With the crank at 0 degrees, the tip of the crank is on the axis of the kite's rocker,
+    which then can turn while the crank stands still. The others are all alike, with an
+    angle of 50 degrees between the crank arc and the ground arc in this position.
+    """
+    ground_axes = ["a", "r0", *(f"r{k}" for k in range(1, count + 1))]
+    crank_axes = ["a", "c0", *(f"c{k}" for k in range(1, count + 1))]
+    ground = ", ".join(f"{40.0 * k}" for k in range(1, count + 1))
+    crank = ", ".join(f"{40.0 * k + 50.0}" for k in range(1, count + 1))
+    arcs = {"g": ([60.0, *[70.0] * count], ground), "k": ([60.0, *[30.0] * count], crank)}
+    text = 'format = 1\nname = "kite"\nangle_unit = "deg"\nground = "g"\n'
+    for link, axes in (("g", ground_axes), ("k", crank_axes)):
+        link_arcs, angles = arcs[link]
+        text += f"[links.{link}]\naxes = {json.dumps(axes)}\narcs = {link_arcs}\n"
+        text += f"angles = [{angles}]\n"
+    pairs = {"a": ("g", "k")}
+    for k in range(count + 1):
+        coupler, rocker = (50.0, 50.0) if k == 0 else (80.0, 60.0)
+        text += f'[links.b{k}]\naxes = ["c{k}", "d{k}"]\narcs = [{coupler}]\n'
+        text += f'[links.w{k}]\naxes = ["r{k}", "d{k}"]\narcs = [{rocker}]\n'
+        pairs[f"c{k}"] = ("k", f"b{k}")
+        pairs[f"d{k}"] = (f"b{k}", f"w{k}")
+        pairs[f"r{k}"] = (f"w{k}", "g")
+    for name, ends in pairs.items():
+        text += f'[pairs.{name}]\ntype = "R"\nlinks = {json.dumps(ends)}\n'
+    return decimal_mechanism(text + "[inputs.a]\nfrom = 0\nto = 360\n")
+
+
+def test_a_configuration_in_a_box_is_bounded_by_its_euclidean_distance():
+    """The sides of a box have any directions, so that a bound per variable is not enough.
+
+    The crank of the kite is constant on a curve. A stand-in for an arc of this curve notes
+    with which error the configuration of 7 variables is said to be inside. Five of these
+    are only known to be within `SOLUTION_RADIUS_RAD`.
+    """
+    count = 5
+    mechanism = kite_with_dyads(count)
+    equations = ArcEquations(mechanism, find_construction(mechanism.structure))
+    names = [mechanism.structure.pairs[pair] for pair in equations.construction.pairs]
+    text = FOUR_BAR.format(70, 30, 80, 60)
+    motion = sk.trace(decimal_mechanism(text).mechanism, path=np.radians([[50.0]]))
+    rocker_angle = motion.values[0, motion.mechanism.pair_number["34"]]
+    centre = np.full(len(names), rocker_angle)
+    centre[names.index("a")] = 0.0
+    centre[names.index("r0")] = 1.0
+    errors = []
+    piece = SimpleNamespace(
+        centre=centre, contains=lambda _position, error: errors.append(error) or True
+    )
+    assert Crossings(equations).is_constant([piece], names.index("a"))
+    (error,) = errors
+    assert error >= np.sqrt(count) * SOLUTION_RADIUS_RAD
