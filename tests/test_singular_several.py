@@ -223,6 +223,20 @@ def test_on_a_singularity_and_near_it_nothing_is_silently_lost(distance):
     assert np.all(np.isfinite(found.w)) == (distance > 1.1e-5)
 
 
+@pytest.mark.parametrize("distance", [0.0, 1e-9, 1e-7, 1e-5, 1e-3])
+def test_coefficients_and_axes_of_a_row_belong_together_at_singularities(distance):
+    """c w = d q' holds for the rates in the motion in which an input moves alone.
+
+    The rate w is that about the axis u of the same row, whatever its sense is. At
+    singularities some axes are not those of the plan of poles.
+    """
+    found, _ = at_reference(near_type_two(distance))
+    rate_about_axis = found.output_rate * np.vecdot(found.alone, found.u)
+    assert np.allclose(np.abs(np.vecdot(found.alone, found.u)), 1.0, atol=1e-7)
+    misfit = np.abs(found.c * rate_about_axis) - np.abs(found.d * found.input_rate)
+    assert np.max(np.abs(misfit)) < 1e-9
+
+
 def test_failed_rows_are_unknown_and_a_rigid_output_is_type_one():
     tracer = PositionAnalysis(sk.load("five_bar"), samples=3)
     motion = tracer.motion()

@@ -141,8 +141,11 @@ class OutputCoefficients:
     u
         (n, g, 3) unit vectors along the pole axes of the output, with the signs that
         `spherekit.velocities.pole_evaluation` gives them; finite at singularities too.
+        Where the plan of poles gives no axis, the sign is that of `alone`.
     c, d
-        (n, g) coefficients of c w_i = d q_i', from the pole axes, at most 1 in size.
+        (n, g) coefficients of c w_i = d q_i', from the pole axes, at most 1 in size. The
+        relation holds with the sign of u_i in the same row. Where the plan of poles gives
+        no axis, the common sign of both may differ from that of neighbouring rows.
     input_rate, output_rate
         (n, g) rates in the unit motion in which input i moves alone. The rate of the
         input vanishes with c_i and has the sign of det N_a. The size of the output's
@@ -380,7 +383,10 @@ def _pole_axis(
     Returns
     -------
     (n, 3) unit vectors in ground axes; NaN where the links rest and no plan gives the axis.
-    The sense of an axis by the plan need not be that of the relative angular velocity.
+    The sense of an axis by the plan need not be that of the relative angular velocity. The
+    relation of the input holds with either sense of each axis but that of the input, since
+    a reversed axis reverses the rate about it, or both coefficients. The input's axis is
+    that of its pair, which the plan always gives.
     """
     if pole == input_pole:
         relative = input_axis
