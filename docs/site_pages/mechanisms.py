@@ -1,7 +1,7 @@
 """A page for every shipped mechanism, from its file and a run of it."""
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -13,20 +13,23 @@ from site_pages import moving
 from site_pages.picture import save_pictures
 from spherekit.escaping import markdown_text
 from spherekit.files.library import shipped
+from spherekit.wording import counted
 
 FOLDER = "generated/mechanisms"
-SAMPLES_PER_INPUT = {1: 91, 2: 7, 3: 4}
-"""Samples of each input that a page's numbers are taken from, by the number of inputs."""
-LEAST_SAMPLES_PER_INPUT = 3
-"""The same for more inputs. Larger: the number of configurations grows as its power."""
+MAX_SAMPLES = 91
+"""Samples from which the numbers of a page are taken. More: the site takes longer to build,
+and the ranges on the page are a little closer to the true ones."""
+LONGEST_CARD_TEXT = 90
+"""Letters of the description that fit on a card of the index; longer: numbers instead."""
 KINDS = ("Four and six bars", "Wrists", "Cams, cones and gears", "Eight bars and more")
 """The groups of the index."""
 
 INDEX = """\
-# Mechanisms
+# Shipped mechanisms
 
-Every mechanism that is shipped, on a page made from its file: it moves, and has its Table,
-freedoms, assembly modes and swings beside it.
+Each of these mechanisms comes with spherekit. Commands and `sk.load` take its name in place
+of the path of a file. `spherekit new mechanism NAME --like four_bar` copies the file of
+`four_bar`, so that you can change it.
 
 {groups}
 
@@ -59,23 +62,23 @@ CARD = """\
 PAGE = """\
 # {name}
 
-{citation}.
+{description}
 
 ```{{moving}} {name}
 ```
 
-Drag the sphere to turn it and the ringed knob to drive the input; what else moves is on
-[pages](../../pages.md). `spherekit page {name} -o {name}.html` makes this page as one file.
+Drag the sphere to turn it, and drag the ringed knob to move the input.
+[Pages](../../pages.md) explains the other controls.
 
-{assumed}
-
-## Numbers
+## Properties
 
 {numbers}
 
-## Table
+## Pole table
 
-Which pole axis is found in which pass ([the planner](../../planner.md)):
+Each entry says how the pole axis of two links is found: x is the axis of a pair, and a
+Roman numeral is the pass in which it is constructed from other poles
+([explanation](../../planner.md)).
 
 ```text
 {table}
@@ -85,22 +88,28 @@ Which pole axis is found in which pass ([the planner](../../planner.md)):
 
 {singular}
 
-## File
-
-```toml
-{file}
-```
-
 ## Try it
 
 ```text
-spherekit view {name}
-spherekit run {name} --save {name}.rrd
-spherekit view {name}.rrd --web
-spherekit plan {name} --steps
+spherekit run {name}
 spherekit run {name} -a singularities
+spherekit plan {name} --steps
+spherekit run {name} -o {name} --save {name}/{name}.rrd --view
 spherekit page {name} -o {name}.html
 ```
+
+These commands print its motion, its singularities and the construction of its poles, show a
+recording, and write the moving page above as one file.
+
+## File
+
+:::{{dropdown}} {name}.toml
+```toml
+{file}
+```
+:::
+
+{source}
 """
 
 
@@ -176,62 +185,105 @@ def _kind(mechanism: sk.Mechanism) -> str:
 
 
 def _card(mechanism: sk.Mechanism) -> str:
-    inputs = len(mechanism.inputs)
-    said = f"{len(mechanism.links)} links; {_pairs(mechanism)}"
-    said += f"; {inputs} inputs" if inputs > 1 else ""
-    return CARD.format(name=mechanism.name, said=said)
+    text = re.split(r"[:.]", mechanism.description)[0]
+    if not text or len(text) > LONGEST_CARD_TEXT:
+        inputs = len(mechanism.inputs)
+        text = f"{counted(len(mechanism.links), 'link')}; {_pairs(mechanism)}"
+        text += f"; {inputs} inputs" if inputs > 1 else ""
+    return CARD.format(name=mechanism.name, said=markdown_text(text))
 
 
 def _pairs(mechanism: sk.Mechanism) -> str:
     kinds = [pair.type for pair in mechanism.pairs]
-    return " ".join(
-        f"{kinds.count(kind)} {kind}" for kind in ("R", "Cr", "Cs") if kind in kinds
-    )
+    counts = [f"{kinds.count(kind)} {kind}" for kind in ("R", "Cr", "Cs") if kind in kinds]
+    return f"{', '.join(counts)} pairs"
 
 
 def _page(mechanism: sk.Mechanism, file: str) -> str:
-    source = mechanism.source
-    assumed = source.assumed if source else ""
     inputs = len(mechanism.inputs)
     asked = _kind(mechanism) == KINDS[0]  # a search of a second; of others up to twenty
-    samples = (SAMPLES_PER_INPUT.get(inputs, LEAST_SAMPLES_PER_INPUT),) * inputs
-    result = sk.run(mechanism, ["singularities"] if asked else ["poles"], samples=samples)
+    analysis = "singularities" if asked else "poles"
+    result = sk.run(mechanism, [analysis], samples=_samples(inputs))
     return PAGE.format(
         name=mechanism.name,
-        citation=markdown_text(source.citation.rstrip(".")) if source else "",
-        assumed=f"Assumed: {markdown_text(assumed)}." if assumed else "",
+        description=_description(mechanism),
         numbers=_numbers(mechanism, result.summary),
         table=sk.table(sk.plan(mechanism)),
         swings=_swings(mechanism, result) if inputs == 1 else "",
         singular=_singular(mechanism, result) if asked else "",
         file=file,
+        source=_source(mechanism),
     )
 
 
+def _samples(inputs: int) -> int | tuple[int, ...]:
+    """Return the samples of a run: a grid, or a path if a grid would be too large."""
+    samples_per_input = int(MAX_SAMPLES ** (1.0 / inputs))
+    if inputs == 1 or samples_per_input < 2:
+        return MAX_SAMPLES
+    return (samples_per_input,) * inputs
+
+
+def _description(mechanism: sk.Mechanism) -> str:
+    """Return what the mechanism is: the text of its file, or its numbers without one."""
+    if mechanism.description:
+        return markdown_text(mechanism.description)
+    inputs = counted(len(mechanism.inputs), "input")
+    return f"A mechanism with {counted(len(mechanism.links), 'link')} and {inputs}."
+
+
+def _source(mechanism: sk.Mechanism) -> str:
+    """Return the section with the publication and the assumptions, if the file has them."""
+    if mechanism.source is None:
+        return ""
+    lines = ["## Source", "", f"{markdown_text(mechanism.source.citation.rstrip('.'))}."]
+    if mechanism.source.assumed:
+        assumed = mechanism.source.assumed.rstrip(".")
+        lines += ["", f"Assumed in addition: {markdown_text(assumed)}."]
+    return "\n".join(lines)
+
+
 def _numbers(mechanism: sk.Mechanism, summary: dict[str, Any]) -> str:
-    mobility = summary["mobility"]
+    """Return the table of properties: links, degrees of freedom, inputs, modes, samples."""
     ranges = "; ".join(
         f"{name} from {np.degrees(low):g}° to {np.degrees(high):g}°"
         for name, (low, high) in summary["inputs"].items()
     )
     outputs = ", ".join(output.name for output in mechanism.outputs) or "none declared"
     modes = summary["assembly_modes"]
+    mode_names = ", ".join(
+        str(mode["number"]) + (f" ({label})" if (label := _label(mode)) else "")
+        for mode in modes
+    )
+    mobility = summary["mobility"]
+    freedoms = str(mobility["rank"])
+    if mobility["graph"] != mobility["rank"]:
+        freedoms += f"; the Grübler formula gives {mobility['graph']}"
+    sample_count = sum(summary["status"].values())
     rows = [
-        ("links, pairs", f"{len(mechanism.links)} links; {_pairs(mechanism)}"),
-        ("mobility", f"{mobility['graph']} by the graph, {mobility['rank']} by rank"),
+        (
+            "links and pairs",
+            f"{counted(len(mechanism.links), 'link')}; {_pairs(mechanism)}",
+        ),
+        ("degrees of freedom", freedoms),
         ("inputs", ranges),
         ("outputs", outputs),
         ("Assur groups", ", ".join(summary["groups"]) or "none"),
-        ("assembly modes", f"{len(modes)}: {', '.join(mode['mode'] for mode in modes)}"),
-        ("how they were found", summary["search"]),
-        ("samples", ", ".join(f"{n} {status}" for status, n in summary["status"].items())),
+        ("assembly modes", f"{len(modes)}: {mode_names}"),
+        ("search for modes", summary["search"]),
+        ("configurations", f"{summary['status'].get('OK', 0)} of {sample_count} close"),
     ]
     constraints = summary["redundant_constraints"]["count"]
     if constraints:
         rows.insert(2, ("redundant constraints", str(constraints)))
-    return "\n".join(
-        ["| | |", "|---|---|", *(f"| {key} | {value} |" for key, value in rows)]
-    )
+    lines = [f"| {name} | {value} |" for name, value in rows]
+    return "\n".join(["| property | value |", "|---|---|", *lines])
+
+
+def _label(mode: Mapping[str, Any]) -> str:
+    """Return the name of an assembly mode in the file, or its signs, or nothing."""
+    signs = mode["mode"].strip("~ ")  # ~ stands for a group without a sign
+    return str(mode.get("name") or signs)
 
 
 def _swings(mechanism: sk.Mechanism, result: sk.RunResult) -> str:
@@ -242,9 +294,10 @@ def _swings(mechanism: sk.Mechanism, result: sk.RunResult) -> str:
     if not columns:
         return ""
     lines = [
-        "## Swings",
+        "## Ranges of the pairs",
         "",
-        "How far each R pair turns over the input's range, in degrees, by assembly mode.",
+        "The difference between the largest and the smallest angle of each pair over the "
+        "range of the input, in degrees.",
         "",
         f"| assembly mode | {' | '.join(c.removeprefix('theta_') for c in columns)} |",
         f"|---|{'---:|' * len(columns)}",
@@ -261,7 +314,7 @@ def _singular(mechanism: sk.Mechanism, result: sk.RunResult) -> str:
     if frame.empty:
         return "\n".join([*lines, f"None for {_outputs(mechanism)}."])
     lines += [
-        "| type | input, degrees | assembly mode | output | what coincides |",
+        "| type | input (deg) | assembly mode | output | geometric condition |",
         "|---|---:|---|---|---|",
     ]
     lines += [
@@ -269,9 +322,7 @@ def _singular(mechanism: sk.Mechanism, result: sk.RunResult) -> str:
         f"| {row.note} |"
         for row in frame.sort_values(["kind", "q"]).itertuples()
     ]
-    return "\n".join(
-        [*lines, "", f"What is known of others: {frame['guarantee'].iloc[0]}."]
-    )
+    return "\n".join([*lines, "", f"Completeness: {frame['guarantee'].iloc[0]}."])
 
 
 def _outputs(mechanism: sk.Mechanism) -> str:

@@ -274,6 +274,7 @@ function showTheme() {
   document.documentElement.dataset.theme = theme;
   palette.clear();
   document.body.classList.toggle("alone", state.alone);
+  document.body.classList.toggle("framed", window !== window.top);
   elementById("theme").setAttribute("aria-pressed", theme === "dark");
   elementById("reach").hidden = !hasSeveralInputs;
 }
