@@ -80,6 +80,7 @@ html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_js_files = ["site.js"]
 html_extra_path = ["generated/extra"]
+html_search_scorer = "_static/search_scorer.js"
 html_copy_source = False
 html_show_sourcelink = False
 html_sidebars = {"**": ["sidebar-nav-bs"], "index": []}

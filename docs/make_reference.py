@@ -15,9 +15,8 @@ PAGE = Path(__file__).parent / "reference.md"
 HEADER = """\
 # Keys of mechanism, study and synthesis files
 
-Generated from the JSON Schemas in `spherekit/files/` by `docs/make_reference.py`; change
-those and run it again. What the keys mean together: [mechanism files](mechanism-files.md).
-NAME stands for a name of yours; a bold key is required."""
+See [mechanism files](mechanism-files.md) for an introduction with examples. NAME is a name that
+you choose; keys in bold are required."""
 
 Schema = Mapping[str, Any]
 

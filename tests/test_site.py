@@ -195,6 +195,65 @@ def test_every_link_within_the_site_leads_to_a_file_and_an_anchor(site, pages):
     assert checked_count > 1000
 
 
+MOST_CLICKS = 3
+"""Clicks within which each page is reached from the first one."""
+
+
+@slow
+def test_every_page_is_reached_in_three_clicks(site, pages):
+    """Clicks follow the links of pages, of their text and of the lists around it."""
+    reached = {site / "index.html"}
+    for _ in range(MOST_CLICKS):
+        for path in [*reached]:
+            for link in pages[path].links:
+                parts = urlsplit(link)
+                if parts.path and not parts.netloc:
+                    target = (path.parent / unquote(parts.path)).resolve()
+                    reached |= {target} & set(pages)
+    missed = sorted(path.relative_to(site).as_posix() for path in {*pages} - reached)
+    assert not missed, missed
+
+
+@slow
+def test_every_page_has_the_version_and_a_link_to_the_source_code(site, pages):
+    """The source code is that of the package, as the site shows it."""
+    source_code = site / "_modules" / "index.html"
+    assert source_code in pages
+    for path, page in pages.items():
+        name = path.relative_to(site).as_posix()
+        assert f"spherekit {sk.__version__}" in path.read_text("utf-8"), name
+        targets = {(path.parent / unquote(urlsplit(x).path)).resolve() for x in page.links}
+        assert source_code in targets, name
+
+
+FIND_FIRST_RESULT = """() => {
+    const first = document.querySelector("#search-results ul.search li a");
+    return first && first.href;
+}"""
+"""JavaScript that returns the address of the first result of a search, if there is one."""
+
+FIRST_PAGES = {
+    "install": "install",
+    "gear": "tutorials/differential",
+    "inverse kinematics": "inverse",
+    "four-bar": "first_mechanism",
+    "glossary": "glossary",
+}
+"""The page that a search for some words has to find first."""
+
+
+@slow
+@pytest.mark.parametrize("words", FIRST_PAGES)
+def test_the_search_finds_the_right_page_first(site, browser, words):
+    tab = browser.new_page()
+    tab.goto(f"{(site / 'search.html').as_uri()}?q={words.replace(' ', '+')}")
+    tab.wait_for_function(f"({FIND_FIRST_RESULT})()")
+    tab.wait_for_timeout(1000)  # results are sorted when all are there
+    address = urlsplit(tab.evaluate(FIND_FIRST_RESULT)).path
+    assert address.endswith(f"/{FIRST_PAGES[words]}.html"), address
+    tab.close()
+
+
 @slow
 def test_pages_load_nothing_from_elsewhere(site, pages):
     for path, page in pages.items():
