@@ -66,7 +66,12 @@ class Eksergian(AbstractAnalysis):
     """Torque that drives the input as it moves: by its law, or else at 1 rad/s.
 
     For a motion that follows from its loads, it is the torque that acts at the input in
-    addition to them. `at` is the pair where the torque acts; by default the input.
+    addition to them.
+
+    Parameters
+    ----------
+    at
+        R pair at which the driving torque acts. By default the input.
     """
 
     name = "eksergian"

@@ -63,12 +63,20 @@ class Poles(AbstractAnalysis):
 
     With several inputs these are of each single-freedom mechanism in which one input
     moves and the others are locked; the motion of all is their sum (superposition).
-    `only` lists the poles wanted, such as ``31+42``; all by default. `circles` is the pole
-    whose two great circles are drawn; by default the first secondary one. `axodes` lists
-    the poles whose axodes are drawn: the cones that roll on each other. `chart` adds the
-    coordinates of the gnomonic chart to the table. It names the ground axis at whose end
-    the chart touches the sphere: ``x``, ``y``, ``z``, or ``yes`` for the axis that the
-    drawn chart uses, which is the one nearest to the middle of the ground's pair axes.
+
+    Parameters
+    ----------
+    only
+        Poles to compute, such as ``31+42``. By default all.
+    circles
+        Pole whose two great circles are drawn. By default the first secondary one.
+    axodes
+        Poles whose axodes are drawn: the cones that roll on each other.
+    chart
+        Whether the table also has the coordinates of the poles in the gnomonic chart. It
+        names the ground axis at whose end the chart touches the sphere: ``x``, ``y``,
+        ``z``, or ``yes`` for the axis that the drawn chart uses, which is the one nearest
+        to the middle of the ground's pair axes.
     """
 
     name = "poles"

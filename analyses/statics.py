@@ -67,8 +67,12 @@ ADVANTAGES = Column(
 class Statics(AbstractAnalysis):
     """Torques that hold the mechanism at rest, and how stiffly the inputs hold outputs.
 
-    `stiffness` is that of the drives in N m/rad: one for all inputs, or one for each.
-    Loads that depend on time are evaluated at `time` (s).
+    Parameters
+    ----------
+    stiffness
+        Stiffness of the drives (N m/rad): one for all inputs, or one for each.
+    time
+        Time (s) at which loads that depend on it are evaluated.
     """
 
     name = "statics"

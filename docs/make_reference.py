@@ -15,8 +15,8 @@ PAGE = Path(__file__).parent / "reference.md"
 HEADER = """\
 # Keys of mechanism, study and synthesis files
 
-See [mechanism files](mechanism-files.md) for an introduction with examples. NAME is a name that
-you choose; keys in bold are required."""
+See [mechanism files](mechanism-files.md) for an introduction with examples. NAME is a name
+that you choose; keys in bold are required."""
 
 Schema = Mapping[str, Any]
 

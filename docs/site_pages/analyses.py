@@ -1,35 +1,75 @@
 """Parameters, tables and sources of every shipped analysis, from its class."""
 
+import inspect
 from collections.abc import Iterator
 from dataclasses import MISSING
+
+from numpydoc.docscrape import NumpyDocString
 
 from spherekit.runs.contract import AbstractAnalysis
 from spherekit.runs.parameter_text import describe_parameters
 from spherekit.runs.registry import analysis_names, load_analysis
+from spherekit.tables.table import Column
 
 
 def pages() -> Iterator[tuple[str, str]]:
     """Yield a page for each analysis."""
     for name in analysis_names():
-        yield f"analyses/{name}.md", "\n".join(_part(load_analysis(name)))
+        yield f"analyses/{name}.md", "\n".join(_page(load_analysis(name)))
 
 
-def _part(cls: type[AbstractAnalysis]) -> Iterator[str]:
+def _page(cls: type[AbstractAnalysis]) -> Iterator[str]:
+    """Yield the lines of the page of an analysis."""
     yield f"# Analysis `{cls.name}`\n"
-    yield f"{cls.summary.capitalize()}.\n"
-    yield "| parameter | value | default |\n|---|---|---|"
-    for key, (shown, default) in describe_parameters(cls).items():
-        said = "" if default in ("", ()) else f"`{default!r}`"
-        said = "required" if default is MISSING else said
-        yield f"| `{key}` | {_cell(shown)} | {said} |"
+    yield f"{cls.summary[:1].upper()}{cls.summary[1:]}.\n"
+    yield "[Analyses](../../analyses.md) has a link to the explanation.\n"
+    parameters = describe_parameters(cls)
+    if parameters:
+        yield f"## Parameters\n\nWritten as `-a {cls.name}:{next(iter(parameters))}=...`.\n"
+        yield "| parameter | value | default | meaning |\n|---|---|---|---|"
+    meanings = parameter_meanings(cls)
+    for key, (shown, default) in parameters.items():
+        default_text = "" if default in ("", ()) else f"`{default!r}`"
+        default_text = "required" if default is MISSING else default_text
+        cells = (f"`{key}`", _cell(shown), default_text, _cell(meanings.get(key, "")))
+        yield f"| {' | '.join(cells)} |"
     for table in cls.tables:
-        yield f"\n## Table `{table.name}`\n\n{table.meaning}\n"
+        meaning = f"{table.meaning[:1].upper()}{table.meaning[1:]}."
+        yield f"\n## Table `{table.name}`\n\n{meaning}\n"
         yield "| column | unit | meaning |\n|---|---|---|"
         for column in table.columns:
-            yield f"| `{column.name}` | {column.unit} | {_cell(column.meaning)} |"
+            yield f"| {_names(column)} | {column.unit} | {_cell(_meaning(column))} |"
     yield "\n## Sources\n"
     yield from (f"- {text}" for text in cls.cites)
     yield ""
+
+
+def _names(column: Column) -> str:
+    """Return the name of a column, and the names of the columns that it stands for."""
+    if column.per_input:
+        return f"`{column.name}`, or `{column.name}_PAIR` for each of several inputs"
+    if column.per_passive:
+        return "the name of each variable of the passive pairs"
+    return f"`{column.name}`"
+
+
+def _meaning(column: Column) -> str:
+    """Return the meaning of a column in a sentence that is complete."""
+    if column.per_input and column.meaning.endswith(" at"):
+        return f"{column.meaning} the input"  # else the name of the pair completes it
+    return column.meaning
+
+
+def parameter_meanings(cls: type[AbstractAnalysis]) -> dict[str, str]:
+    """Return the meaning of each parameter of an analysis, from its docstring."""
+    docstring = NumpyDocString(inspect.getdoc(cls) or "")
+    meanings = {}
+    for section in ("Parameters", "Attributes"):
+        for parameter in docstring[section]:
+            text = " ".join(" ".join(parameter.desc).split())
+            for name in parameter.name.split(","):
+                meanings[name.strip()] = text
+    return meanings
 
 
 def _cell(text: str) -> str:
