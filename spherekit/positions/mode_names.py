@@ -131,8 +131,9 @@ def _find_named_mode(
     # The best mode must be near, and much nearer than all others.
     best = int(np.argmin(deviations))
     other_deviations = np.delete(deviations, best)
-    relative_limits = MAX_DEVIATION_RATIO * other_deviations
-    limit = min(MAX_NAME_DEVIATION_RAD, *relative_limits)
+    # If there is no other mode, only the absolute limit applies.
+    relative_limit = MAX_DEVIATION_RATIO * np.min(other_deviations, initial=np.inf)
+    limit = min(MAX_NAME_DEVIATION_RAD, float(relative_limit))
     if deviations[best] < limit:
         return best, ""
     existing_modes = [
