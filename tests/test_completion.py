@@ -16,7 +16,7 @@ import pytest
 import spherekit as sk
 from spherekit.cli.command_line import COMMANDS, build_parser
 from spherekit.cli.main import main
-from spherekit.cli.new import TEMPLATES
+from spherekit.cli.new import KINDS
 
 BIN = Path(sys.executable).parent
 HEAVY = {"numpy", "scipy", "pandas", "pyarrow", "rerun", "networkx", "jsonschema", "mpmath"}
@@ -58,7 +58,7 @@ def test_examples_in_help_are_understood(words, capsys):
 
 
 @pytest.mark.many
-@pytest.mark.parametrize("kind", [path.stem for path in TEMPLATES.glob("*.toml")])
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_new_mechanism_runs_as_it_is(kind, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["new", "mechanism", "mine", "--kind", kind]) == 0

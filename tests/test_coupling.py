@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.refusals import TABLES, check_call
+from mechanism_examples.wide_five_bar import wide_five_bar
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -28,7 +29,7 @@ def four_bar_table():
 
 @pytest.fixture(scope="module")
 def five_bar_table():
-    return sk.coupling_table("five_bar", samples=25, tolerance=1e-3, assembly_mode=0)
+    return sk.coupling_table(wide_five_bar(), samples=25, tolerance=1e-3, assembly_mode=0)
 
 
 @pytest.mark.parametrize("mode", [0, 1])

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from mechanism_examples.wide_five_bar import wide_five_bar, wide_five_bar_text
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -18,7 +19,7 @@ from spherekit.proof.input_map import (
 
 @pytest.fixture(scope="module")
 def five_bar():
-    written = read_decimals(sk.load("five_bar"))
+    written = read_decimals(wide_five_bar())
     ends = [written.input_range_text(item.pair) for item in written.mechanism.inputs]
     return certify_input_map(written, ends, 0.05)
 
@@ -88,7 +89,9 @@ def test_inputs_of_the_two_dof_mechanism_are_free_of_type_ii(ends):
 def test_the_command_proves_and_draws_a_map_of_two_inputs(tmp_path, capsys):
     pytest.importorskip("matplotlib")
     picture, path = tmp_path / "map.png", tmp_path / "map.json"
-    words = ["five_bar", "--cell", "0.2", "--figure", str(picture), "-o", str(path)]
+    file = tmp_path / "five_bar.toml"
+    file.write_text(wide_five_bar_text(), encoding="utf-8")
+    words = [str(file), "--cell", "0.2", "--figure", str(picture), "-o", str(path)]
     assert main(["certify", *words]) == 3
     assert "free of type II" in capsys.readouterr().out and picture.stat().st_size > 1000
     kept = json.loads(path.read_text(encoding="utf-8"))

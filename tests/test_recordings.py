@@ -103,7 +103,7 @@ def test_over_a_grid_series_are_maps_of_the_inputs(tmp_path):
         [motion["q_21"].to_numpy(), motion["q_51"].to_numpy()], values
     )
     assert np.degrees(x) == pytest.approx(np.linspace(40.0, 140.0, 5))
-    assert np.degrees(y) == pytest.approx(np.linspace(40.0, 140.0, 4))
+    assert np.degrees(y) == pytest.approx(np.linspace(40.0, 70.0, 4))
     assert np.array_equal(cells, values.reshape(5, 4))
 
 

@@ -6,6 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 from mechanism_examples.linkages import mechanism_from_chain, random_axes
+from mechanism_examples.wide_five_bar import wide_five_bar
 from oracles.four_bar_singularities import axes_at_configuration, count_configuration_curves
 from oracles.velocity_equations import locked_rates, sine_between_lines
 from scipy import ndimage
@@ -481,7 +482,7 @@ def test_aspects_of_a_five_bar_are_regions_of_a_flood_fill():
 
 
 def test_aspects_free_of_both_types_split_by_signs():
-    found = aspects(sk.load("five_bar"), 11, ("I", "II"), pointing="43")
+    found = aspects(wide_five_bar(), 11, ("I", "II"), pointing="43")
     assert found.free_of == ("II", "I")
     pairs = set(zip(found.sign_two.tolist(), found.sign_one.tolist(), strict=True))
     assert pairs == set(product((1, -1), repeat=2))

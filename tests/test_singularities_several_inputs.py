@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from helpers.scene_listener import SceneListener
+from mechanism_examples.wide_five_bar import wide_five_bar
 from rerun.chunk import RrdReader
 
 import spherekit as sk
@@ -17,7 +18,7 @@ COARSE = "singularities:slices=3,input_grid=5,near=10"
 def five_bar_run(tmp_path_factory):
     """Return a run of the five-bar, which has inputs 21 and 51, and its recording."""
     path = tmp_path_factory.mktemp("singular") / "five_bar.rrd"
-    five_bar = sk.load("five_bar")
+    five_bar = wide_five_bar()
     with RerunRecorder("five bar", path=path) as recorder:
         result = sk.run(five_bar, COARSE, samples=[7, 7], recorder=recorder)
     return result, path

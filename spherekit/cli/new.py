@@ -4,6 +4,7 @@ import re
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
+from spherekit.cli.argument_types import numbers
 from spherekit.cli.completers import complete_mechanisms, set_completer
 from spherekit.cli.main import note
 
@@ -11,6 +12,9 @@ TEMPLATES = Path(__file__).parent / "templates"
 """Folder of the mechanism files and of the distribution that the command copies."""
 
 SUFFIX = ".toml"
+KINDS = ("four_bar", "posed", "wrist", "cam", "gears", "vertex")
+"""Kinds of new mechanisms; all but `vertex` are files in `TEMPLATES`."""
+
 TEMPLATE_SUFFIX = ".in"
 """Ending of template files in which ``@NAME@`` and other words are replaced."""
 
@@ -21,6 +25,8 @@ EXAMPLES = """examples:
   spherekit new mechanism wrist
   # a cam, in a folder
   spherekit new mechanism designs/cam_3 --kind cam
+  # a vertex of folded paper with five creases, from its sector angles
+  spherekit new mechanism corner --kind vertex --sectors 80,75,60,70,75
   # as a shipped one, or as a file
   spherekit new mechanism mine --like stephenson
   # a plugin to change, the example of the docs, in torque_ratio/
@@ -49,12 +55,13 @@ def add_arguments(parser: ArgumentParser) -> None:
     exclusive = parser.add_mutually_exclusive_group()
     exclusive.add_argument(
         "--kind",
-        choices=("four_bar", "posed", "wrist", "cam", "gears"),
+        choices=KINDS,
         help=(
             "of a mechanism; four_bar (default): a crank drives a rocker, the links by "
             "their arcs; posed: the same by the directions of its axes in one pose, as "
             "measured; wrist: two inputs point an axis; cam: a cam moves a follower with a "
-            "roller; gears: bevel gears by their teeth"
+            "roller; gears: bevel gears by their teeth; vertex: creases of folded paper "
+            "that meet in one point, by the sector angles between them"
         ),
     )
     like_argument = exclusive.add_argument(
@@ -63,6 +70,16 @@ def add_arguments(parser: ArgumentParser) -> None:
         help="start from a mechanism: path or shipped name",
     )
     set_completer(like_argument, complete_mechanisms)
+    parser.add_argument(
+        "--sectors",
+        type=numbers,
+        metavar="A,B,C,D[,...]",
+        help=(
+            "with --kind vertex: the sector angles, counter-clockwise, in degrees; the "
+            "file drives all creases but three in a range that closes (default: "
+            "100,60,80,120)"
+        ),
+    )
 
 
 def execute(options: Namespace) -> int:
@@ -82,6 +99,11 @@ def execute(options: Namespace) -> int:
     from spherekit.storage.atomic_write import make_folder, write_text
 
     is_analysis = options.what == "analysis"
+    if options.sectors and (is_analysis or options.kind != "vertex"):
+        raise OutputError(
+            "--sectors applies only to a vertex of folded paper; add --kind vertex, or "
+            "leave --sectors out"
+        )
     if is_analysis and (options.kind or options.like):
         raise OutputError(
             "--kind and --like apply only to mechanisms, not to analyses; leave them out"
@@ -106,6 +128,10 @@ def execute(options: Namespace) -> int:
     else:
         if options.like:
             text = _text_of_mechanism(options.like)
+        elif options.kind == "vertex":
+            from spherekit.cli.vertex_file import DEFAULT_SECTORS_DEG, vertex_text
+
+            text = vertex_text(options.sectors or DEFAULT_SECTORS_DEG)
         else:
             template = TEMPLATES / f"{options.kind or 'four_bar'}{SUFFIX}"
             text = template.read_text("utf-8")

@@ -1,0 +1,209 @@
+"""Folded paper: shipped folds against closed forms, and files of new vertices."""
+
+import numpy as np
+import pytest
+
+import spherekit as sk
+from spherekit.cli.main import main
+from spherekit.files.mechanism_reader import loads
+
+# Fold angles are 0 where the two sectors beside a crease are in one plane, positive for a
+# valley fold and negative for a mountain fold.
+
+
+def fold_angles(result, mode):
+    """Return the fold angles (rad) of all creases in one assembly mode, by crease."""
+    motion = result.frame("motion").query("assembly_mode == @mode")
+    assert set(motion["status"]) == {"OK"}
+    return {
+        name.removeprefix("theta_"): motion[name].to_numpy()
+        for name in motion
+        if name.startswith("theta_")
+    }
+
+
+def half_tangents(angles):
+    """Return the tangents of half the fold angles, by crease."""
+    return {crease: np.tan(values / 2.0) for crease, values in angles.items()}
+
+
+def test_half_tangents_of_a_flat_foldable_vertex_have_constant_ratios():
+    """Both modes agree with the closed form for vertices with Kawasaki's condition.
+
+    With the sectors s1 (between c1 and c2) and s2 (between c2 and c3), opposite creases
+    have equal magnitudes. If c1 = c3, then tan(c2/2) = -cos((s1 + s2)/2) / cos((s1 - s2)/2)
+    tan(c1/2), and if c1 = -c3, then it is sin((s1 + s2)/2) / sin((s1 - s2)/2) tan(c1/2).
+    """
+    result = sk.run("flat_foldable_vertex", samples=13)
+    names = [mode["name"] for mode in result.summary["assembly_modes"]]
+    assert names == ["mountain_c2", "mountain_c3"]
+    total, difference = np.radians([(100.0 + 60.0) / 2.0, (100.0 - 60.0) / 2.0])
+    ratios = (-np.cos(total) / np.cos(difference), np.sin(total) / np.sin(difference))
+    for mode, (sign, ratio) in enumerate(zip((1.0, -1.0), ratios, strict=True)):
+        tangents = half_tangents(fold_angles(result, mode))
+        assert tangents["c3"] == pytest.approx(sign * tangents["c1"], rel=1e-12)
+        assert tangents["c2"] == pytest.approx(ratio * tangents["c1"], rel=1e-12)
+        assert tangents["c4"] == pytest.approx(-sign * tangents["c2"], rel=1e-12)
+        # Maekawa's condition: three creases fold the same way.
+        valleys = sum(values[0] > 0.0 for values in tangents.values())
+        assert valleys == 3
+
+
+def test_the_miura_unit_folds_as_one_by_its_closed_form():
+    """The mode of the file's pose is the Miura fold: tan(h/2) = cos(60 deg) tan(z/2).
+
+    z is the fold angle of the zigzag lines and h that of the straight lines. One constraint
+    is redundant, because the mechanism moves although the count of links and pairs gives 0.
+    """
+    result = sk.run("miura_unit", samples=9)
+    mode = next(m for m in result.summary["assembly_modes"] if m.get("name") == "miura")
+    assert mode["number"] == 0
+    assert result.summary["mobility"] == {"graph": 0, "rank": 1}
+    angles = fold_angles(result, 0)
+    z = angles["z11"]
+    h = 2.0 * np.arctan(0.5 * np.tan(z / 2.0))
+    for row in (1, 2, 3):
+        assert angles[f"z{row}1"] == pytest.approx(z, rel=1e-11)
+        assert angles[f"z{row}2"] == pytest.approx(-z, rel=1e-11)
+    for row in (1, 2):
+        for column in (1, 2, 3):
+            sign = (-1.0) ** (row + column)
+            assert angles[f"h{row}{column}"] == pytest.approx(sign * h, rel=1e-11)
+    # Facets two rows and two columns apart only translate relative to each other.
+    frame = result.frame()
+    corner = frame.query("assembly_mode == 0 and link == 'f33' and relative_to == 'f11'")
+    assert set(corner["status"]) == {"NO_POLE"}
+
+
+def test_a_positive_fold_angle_is_a_valley_of_a_vertex():
+    """A sector rises above the plane of the one before it where their crease is a valley.
+
+    The normals of sectors point to the side from which the creases are counter-clockwise.
+    """
+    mechanism = sk.load("flat_foldable_vertex")
+    motion = sk.trace(mechanism, samples=5, assembly_mode=1)
+    creases = [f"c{k}" for k in range(1, 5)]
+    axes = {c: motion.axes[:, mechanism.pair_number[c]] for c in creases}
+    for k, crease in enumerate(creases):
+        normal = np.cross(axes[creases[k - 1]], axes[crease])
+        height = np.sum(normal * axes[creases[(k + 1) % 4]], axis=1)
+        assert np.array_equal(height > 0.0, fold_variable(motion, crease) > 0.0)
+
+
+def test_a_positive_fold_angle_is_a_valley_of_the_miura_unit():
+    """A facet rises above the plane of the one on the other side of a valley.
+
+    zRC points upwards in the sheet and hRC to the right; f11 is at the upper left.
+    """
+    mechanism = sk.load("miura_unit")
+    motion = sk.trace(mechanism, samples=5, assembly_mode=0)
+    axes = {name: motion.axes[:, k] for name, k in mechanism.pair_number.items()}
+    for row in (1, 2):
+        for column in (1, 2):
+            h, z = f"h{row}{column}", f"z{row}{column}"
+            # Facet f(R + 1)C below h has the normal h x z, and fRC above it rises along z.
+            below = np.cross(axes[h], axes[f"z{row + 1}{column}"])
+            height = np.sum(below * axes[z], axis=1)
+            assert np.array_equal(height > 0.0, fold_variable(motion, h) > 0.0)
+            # Facet fR(C + 1) right of z has the normal h x z, and fRC left of it rises
+            # against h.
+            right = np.cross(axes[f"h{row}{column + 1}"], axes[z])
+            height = -np.sum(right * axes[h], axis=1)
+            assert np.array_equal(height > 0.0, fold_variable(motion, z) > 0.0)
+
+
+def fold_variable(motion, crease):
+    """Return the fold angles (rad) of one crease at all rows of a motion."""
+    return motion.values[:, motion.mechanism.angles[crease]]
+
+
+def write_vertex(folder, sectors, name="vertex"):
+    """Write the file of a new vertex with the command; return its path."""
+    path = folder / f"{name}.toml"
+    command = ["new", "mechanism", str(path), "--kind", "vertex", "--sectors", sectors]
+    assert main([*command, "-q"]) == 0
+    return path
+
+
+VERTICES = {
+    "flat-foldable": "100,60,80,120",
+    "flat, not flat-foldable": "100,70,90,100",
+    "five creases": "80,75,60,70,75",
+    "six equal creases": "60,60,60,60,60,60",
+    "seven creases of a cone": "70,40,60,50,30,50,60",
+    "pyramid": "50,50,50,50",
+    "saddle": "100,110,90,120",
+}
+"""Sector angles of vertices, degrees. The last three cannot be laid flat."""
+
+
+@pytest.mark.parametrize("sectors", VERTICES.values(), ids=VERTICES)
+def test_a_new_vertex_closes_in_its_whole_range_in_both_modes(sectors, tmp_path):
+    """The sectors have the given angles, and the product of rotations closes.
+
+    Walking around the vertex, each sector turns the frame about x by its angle and each
+    crease about z by its fold angle. After one round this is the identity. The middle one
+    of the last three creases is a valley in mode 0 (+) and a mountain in mode 1 (-).
+    """
+    path = write_vertex(tmp_path, sectors)
+    sector_angles = np.radians([float(angle) for angle in sectors.split(",")])
+    n = len(sector_angles)
+    mechanism = sk.load(path)
+    assert len(mechanism.inputs) == n - 3
+    result = sk.run(mechanism, samples=7)
+    assert [mode["mode"] for mode in result.summary["assembly_modes"]] == ["+", "-"]
+    for mode, sign in ((0, 1.0), (1, -1.0)):
+        angles = fold_angles(result, mode)
+        assert np.all(sign * angles[f"c{n - 1}"] > np.radians(4.99))
+        for sample in range(7):
+            frame = np.eye(3)
+            for k, sector in enumerate(sector_angles, 1):
+                frame = frame @ about_z(angles[f"c{k}"][sample]) @ about_x(sector)
+            assert frame == pytest.approx(np.eye(3), abs=1e-12)
+
+
+def about_x(angle):
+    """Return the matrix of a rotation about the x axis by an angle (rad)."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+
+
+def about_z(angle):
+    """Return the matrix of a rotation about the z axis by an angle (rad)."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def test_the_range_of_a_new_vertex_is_the_longest(tmp_path):
+    """One degree beyond the range, the middle crease comes closer than 5 deg to 0 or 180.
+
+    The fold angle c3 follows from c1 by the cosine rule of the two
+    triangles that the arc between c2 and c4 cuts off.
+    """
+    text = write_vertex(tmp_path, "100,70,90,100").read_text("utf-8")
+    mechanism = loads(text)
+    (item,) = mechanism.inputs
+    low, high = np.degrees([item.start, item.stop])
+    s1, s2, s3, s4 = np.radians([100.0, 70.0, 90.0, 100.0])
+    beyond = np.radians([low - 1.0, low, high, high + 1.0])
+    cos_arc = np.cos(s4) * np.cos(s1) - np.sin(s4) * np.sin(s1) * np.cos(beyond)
+    cos_c3 = (np.cos(s2) * np.cos(s3) - cos_arc) / (np.sin(s2) * np.sin(s3))
+    is_inside = np.abs(cos_c3) <= np.cos(np.radians(5.0))
+    assert is_inside.tolist() == [False, True, True, False]
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["--sectors", "100,60,80,120"], "add --kind vertex"),
+        (["--kind", "cam", "--sectors", "100,60,80,120"], "add --kind vertex"),
+        (["--kind", "vertex", "--sectors", "100,60,80"], "found 3 angles, needs 4 to 12"),
+        (["--kind", "vertex", "--sectors", "200,60,80,90"], "sector 1 has 200 deg"),
+        (["--kind", "vertex", "--sectors", "170,10,20,30"], "no fold angles were found"),
+    ],
+)
+def test_sectors_that_make_no_vertex_are_refused(words, expected, tmp_path, capsys):
+    path = tmp_path / "vertex.toml"
+    assert main(["new", "mechanism", str(path), *words]) == 1
+    assert expected in " ".join(capsys.readouterr().err.split())
+    assert not path.exists()
