@@ -41,6 +41,11 @@ class ProgressReport:
     remaining_seconds: float | None = None
 
     @property
+    def is_finished(self) -> bool:
+        """Whether all of the work is done."""
+        return self.share is not None and self.share >= 1.0
+
+    @property
     def text(self) -> str:
         """The report in one line."""
         text = f"{self.activity}: {self.state}" if self.state else self.activity
@@ -95,6 +100,7 @@ class ProgressReporter:
         self._last_report = time.monotonic()
         # Time (s) and finished work when the first numbers were stated.
         self._first_numbers: tuple[float, float] | None = None
+        self._total: float | None = None
 
     def report_if_due(
         self,
@@ -118,8 +124,10 @@ class ProgressReporter:
         Whether it was time for a report.
         """
         now = time.monotonic()
-        if done is not None and self._first_numbers is None:
+        if done is not None and (self._first_numbers is None or total != self._total):
+            # The first numbers, or those of another stage of the same computation.
             self._first_numbers = (now, done)
+            self._total = total
         if now - self._last_report < REPORT_INTERVAL_S:
             return False
         self._last_report = now

@@ -65,8 +65,8 @@ def test_a_new_mechanism_runs_as_it_is(kind, tmp_path, capsys, monkeypatch):
     made = sk.load(tmp_path / "mine.toml")
     assert made.name == "mine" and made.outputs
     assert len(re.findall(r"^# ", (tmp_path / "mine.toml").read_text(), re.M)) >= 6
-    command = capsys.readouterr().err.partition("then: spherekit ")[2].split()
-    assert main([*command, "--samples", "9", "--json"]) == 0
+    assert "spherekit run mine.toml" in capsys.readouterr().out
+    assert main(["run", "mine.toml", "--samples", "9", "--json"]) == 0
     assert set(json.loads(capsys.readouterr().out)["status"]) == {"OK"}
 
 

@@ -319,7 +319,7 @@ def test_explain_predicts_rows_and_bytes_of_a_run(tmp_path, capsys):
 def test_what_is_not_known_is_not_predicted(capsys):
     assert main(["explain", "single_flier", "-a", "singularities", "-a", "poles"]) == 0
     out = capsys.readouterr().out
-    assert "predicted, for each assembly mode: 361 configurations" in out
+    assert "361 configurations for each assembly mode" in out
     assert "not predicted: the number of assembly modes, analysis singularities" in out
     assert main(["explain", "four_bar", "--samples", "2"]) == 0
     assert "sizes: not predicted; a run of 2 samples" in capsys.readouterr().out

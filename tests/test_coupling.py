@@ -145,7 +145,7 @@ def test_archives_and_csv_hold_the_numbers_of_a_coupling_table(
     archive = tmp_path / "t.npz"
     assert main([*command, str(archive)]) == 0
     assert (
-        f"errors measured: {four_bar_table.angle_error:.2g} rad" in capsys.readouterr().err
+        f"errors measured: {four_bar_table.angle_error:.2g} rad" in capsys.readouterr().out
     )
     loaded = sk.load_coupling(archive)
     assert np.array_equal(loaded.angles, four_bar_table.angles)

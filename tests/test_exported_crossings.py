@@ -351,7 +351,7 @@ def test_command_writes_and_says_where_curves_cross(tmp_path, capsys):
     path = tmp_path / "x.js"
     arguments = ["export", str(FILES / "parallelogram.toml"), "--to", "js", "-o", str(path)]
     assert main([*arguments, "--crossings", "pass"]) == 0
-    message = capsys.readouterr().err
+    message = capsys.readouterr().out
     assert "follow their smooth curves through crossings at 0, 180, 360 deg" in message
     text = path.read_text()
     assert "export function parallelogram_smooth_mode(k, q" in text

@@ -286,7 +286,7 @@ def test_a_mode_that_formulas_do_not_give_is_not_written(tmp_path, monkeypatch, 
     monkeypatch.setattr(mode_table, "_find_candidate", find_wrong_candidate)
     path = tmp_path / "x.c"
     assert main(["export", "four_bar", "--to", "c", "-o", str(path)]) == 0
-    message = capsys.readouterr().err
+    message = capsys.readouterr().out
     assert (
         "left out: assembly mode 1 (-, p0): the formulas do not give this mode" in message
     )

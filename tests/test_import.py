@@ -267,7 +267,7 @@ def test_the_command_imports_a_serial_wrist(tmp_path, capsys):
     path = write_model(tmp_path, WRIST)
     target = tmp_path / "wrist.toml"
     assert main(["import", str(path), "-o", str(target)]) == 0
-    assert "feedback of actuator" in capsys.readouterr().err
+    assert "feedback of actuator" in capsys.readouterr().out
     mechanism = load(target)
     assert mechanism.links == ("stand", "fork", "hand_pitch", "hand")
     assert [item.pair for item in mechanism.inputs] == ["yaw", "roll", "pitch"]

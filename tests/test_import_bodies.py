@@ -30,7 +30,7 @@ def test_a_ball_joint_at_the_centre_is_left_out_by_the_command(tmp_path, capsys)
     target = tmp_path / "wrist.toml"
     source = HERE / "files" / "spm45_ball.xml"
     assert main(["import", str(source), "-o", str(target)]) == 0
-    assert "ball joint centre left out" in capsys.readouterr().err
+    assert "ball joint centre left out" in capsys.readouterr().out
     mechanism = sk.load(target)
     names = {"m1", "w1", "m2", "w2", "m3", "w3", "loop0", "loop1", "loop2"}
     assert {pair.name for pair in mechanism.pairs} == names

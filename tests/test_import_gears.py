@@ -230,7 +230,7 @@ def test_motors_turn_by_the_equations_of_transmissions(
 def test_a_differential_of_a_urdf_by_the_command(tmp_path, capsys):
     target = tmp_path / "wrist.toml"
     assert main(["import", str(FILES / "diff_trans.urdf"), "-o", str(target)]) == 0
-    told = capsys.readouterr().err
+    told = capsys.readouterr().out
     assert "motor m_l of transmission wrist drives bevel wheel m_l" in told
     assert "turns 30 times as far as the wheel" in told
     mechanism = sk.load(target)

@@ -265,7 +265,7 @@ def test_the_command_says_which_links_were_given_a_mass(tmp_path, capsys):
     source, target = tmp_path / "massless.toml", tmp_path / "massless.xml"
     source.write_text(MASSLESS, encoding="utf-8")
     assert main(["export", str(source), "--to", "mjcf", "-o", str(target)]) == 0
-    assert "links without mass were given 1e-09 of the largest" in capsys.readouterr().err
+    assert "links without mass were given 1e-09 of the largest" in capsys.readouterr().out
 
 
 HELD = mechanism_text("mjcf_held")
@@ -285,7 +285,7 @@ def test_an_export_names_each_load_that_it_leaves_out(tmp_path, capsys):
     path.write_text(dumps(replace(sk.load("four_bar"), loads=())) + HELD)
     target = tmp_path / "m.xml"
     assert main(["export", str(path), "--to", "mjcf", "-o", str(target)]) == 0
-    messages, text = capsys.readouterr().err, target.read_text(encoding="utf-8")
+    messages, text = capsys.readouterr().out, target.read_text(encoding="utf-8")
     for name, reason in (
         ("motor", "change in time"),
         ("profile", "no tables in time"),

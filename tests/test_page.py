@@ -57,8 +57,9 @@ def opened(browser, tmp_path):
 def test_a_page_is_one_file_without_a_network(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["page", "four_bar", "--vary", "links.2.arc"]) == 0
-    said = capsys.readouterr().err
-    assert "four_bar.html: a page with 3 curves of 2 assembly modes and 1 slider" in said
+    printed = capsys.readouterr().out
+    assert "a page with 3 curves of 2 assembly modes and 1 slider" in printed
+    assert "Files: four_bar.html" in printed
     text = (tmp_path / "four_bar.html").read_text("utf-8")
     kernels = re.search(r"^const KERNELS = \{.*?^\};$", text, re.M | re.S)[0]
     assert len(text) - len(kernels) < 250_000

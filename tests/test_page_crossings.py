@@ -281,7 +281,7 @@ def test_command_and_default(tmp_path, capsys):
     assert '"crossings": {"anchor": null}' in path.read_text()
     assert main(arguments) == 0
     assert '"crossings": null' in path.read_text()
-    assert "a page with" in capsys.readouterr().err
+    assert "a page with" in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -279,7 +279,7 @@ def test_the_command_exports_a_stored_model(tmp_path, capsys):
     target = tmp_path / "m.npz"
     words = ["export", "four_bar", "--to", "model", "--poles", "3/1"]
     assert main([*words, "-o", str(target)]) == 0
-    assert "functions of q" in capsys.readouterr().err
+    assert "functions of q" in capsys.readouterr().out
     assert load_reduced(target).heading.poles == ("3/1",)
 
 

@@ -179,7 +179,7 @@ def test_the_command_exports_functions_of_several_inputs(tmp_path, capsys):
     target = tmp_path / "small.npz"
     sk.dump(with_input_ranges(sk.load("five_bar"), (1.0, 1.1), (1.2, 1.3)), source)
     assert main(["export", str(source), "--to", "model", "-o", str(target)]) == 0
-    printed = capsys.readouterr().err
+    printed = capsys.readouterr().out
     assert "functions of 21, 51, errors up to" in printed
     assert "no inertia" not in printed
     assert sk.load_reduced(target).heading.inputs == ("21", "51")

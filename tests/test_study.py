@@ -199,7 +199,7 @@ def test_explain_states_input_analyses_and_poles_of_a_study(tmp_path, capsys):
 def test_validate_accepts_a_study_and_names_its_mechanism(tmp_path, capsys):
     path = write_study(tmp_path, STUDY.replace("[inputs.12]", "[inputs.14]"))
     assert main(["validate", str(path)]) == 0
-    assert "x: ok, study of stephenson" in capsys.readouterr().out
+    assert "x: valid study of stephenson" in capsys.readouterr().out
 
 
 def test_shipped_studies_run_by_their_name_without_a_failed_row():

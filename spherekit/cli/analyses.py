@@ -5,6 +5,9 @@ from dataclasses import MISSING
 
 from spherekit.cli.completers import complete_analyses, set_completer
 from spherekit.cli.main import print_json
+from spherekit.cli.screen_report import ScreenReport
+from spherekit.number_text import number_text
+from spherekit.tables.screen_table import ScreenColumn, ScreenTable
 
 EXAMPLES = """examples:
   # what is installed
@@ -52,8 +55,22 @@ def execute(options: Namespace) -> int:
     if options.json:
         print_json(rows)
         return 0
-    for row in rows:
-        print(f"{row['name']:20s} {row['summary'] or 'BROKEN: ' + str(row['error'])}")
+    broken = [row for row in rows if row["error"]]
+    table = ScreenTable(
+        columns=(ScreenColumn("analysis"), ScreenColumn("what it computes")),
+        rows=tuple(
+            (str(row["name"]), str(row["summary"])) for row in rows if not row["error"]
+        ),
+    )
+    ScreenReport(
+        "Installed analyses",
+        results=[table],
+        warnings=[f"{row['name']} is BROKEN: {row['error']}" for row in broken],
+        next_steps=[
+            ("spherekit analyses NAME", "parameters, tables and columns of an analysis"),
+            ("spherekit run FILE -a NAME", "run an analysis"),
+        ],
+    ).print(options)
     return 0
 
 
@@ -76,16 +93,55 @@ def _describe(options: Namespace) -> int:
         }
         print_json(facts)
         return 0
-    print(f"{cls.name} {cls.version}: {cls.summary}")
-    for text in cls.cites:
-        print(f"  cites {text}")
-    print("parameters:" if allowed else "parameters: none")
-    for key, (values, default) in allowed.items():
-        default_text = "required" if default is MISSING else f"default {default!r}"
-        print(f"  {key}: {values}, {default_text}")
+    tables = [
+        ScreenTable(
+            columns=(
+                ScreenColumn("parameter"),
+                ScreenColumn("values"),
+                ScreenColumn("default"),
+            ),
+            rows=tuple(
+                (key, values, _default_text(default))
+                for key, (values, default) in allowed.items()
+            ),
+            title="Parameters, written -a " + f"{cls.name}:NAME=VALUE,...",
+        )
+    ]
+    if not allowed:
+        tables = []
     for table in cls.tables:
-        print(f"table {table.name}: {table.meaning}")
-        for column in table.columns:
-            unit = f" [{column.unit}]" if column.unit else ""
-            print(f"  {column.name:14s}{unit:8s} {column.meaning}")
+        tables.append(
+            ScreenTable(
+                columns=(
+                    ScreenColumn("column"),
+                    ScreenColumn("unit"),
+                    ScreenColumn("meaning"),
+                ),
+                rows=tuple(
+                    (column.name, column.unit or "", column.meaning)
+                    for column in table.columns
+                ),
+                title=f"Table {table.name}: {table.meaning}",
+            )
+        )
+    results: list[str | ScreenTable] = []
+    for screen_table in tables:
+        results += [screen_table, ""]
+    if not allowed:
+        results.insert(0, "no parameters")
+    results += [f"Reference: {text}" for text in cls.cites]
+    ScreenReport(
+        f"{cls.name}: {cls.summary}", results=results, details=[f"version {cls.version}"]
+    ).print(options)
     return 0
+
+
+def _default_text(default: object) -> str:
+    """Return the default value of a parameter as text; ``-`` if it is empty."""
+    if default is MISSING:
+        return "required"
+    if isinstance(default, float):
+        return number_text(default)
+    if isinstance(default, tuple):
+        return "+".join(map(str, default)) or "-"
+    return str(default) or "-"

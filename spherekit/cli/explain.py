@@ -1,6 +1,7 @@
 """`spherekit explain`: what will be planned, evaluated and logged."""
 
 import math
+import shlex
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,13 +11,18 @@ from typing import TYPE_CHECKING
 
 from spherekit.cli.completers import complete_analyses, set_completer
 from spherekit.cli.main import print_json
+from spherekit.cli.screen_report import ScreenReport
 from spherekit.cli.study_arguments import add_study_arguments, study_from
-from spherekit.conventions import Facts, Lines
+from spherekit.conventions import Facts
+from spherekit.tables.screen_table import ScreenColumn, ScreenTable
 from spherekit.wording import counted, numbered, size_text
 
 if TYPE_CHECKING:
     from spherekit.files.study import Study
     from spherekit.runs.contract import AbstractAnalysis
+
+EXPLAIN_OPTIONS = ("--recording", "--json", "-v", "--verbose")
+"""Words of the command line that the suggested command `run` does not get."""
 
 EXAMPLES = """examples:
   # what one pole costs
@@ -91,8 +97,11 @@ def execute(options: Namespace) -> int:
     if options.json:
         print_json(description)
     else:
-        _print_description(description, len(study.mechanism.links))
-        print("\n".join(_predicted_sizes(description["predicted"], options.recording)))
+        report = _make_report(description, len(study.mechanism.links), options.recording)
+        words = [word for word in options.words[1:] if word not in EXPLAIN_OPTIONS]
+        command = shlex.join(["spherekit", "run", *words])
+        report.next_steps = [(command, "compute this")]
+        report.print(options)
     return 0
 
 
@@ -172,10 +181,8 @@ def _pole_name(links: Sequence[str], pole: tuple[int, int]) -> str:
     return f"P({second},{first})"
 
 
-def _print_description(description: Facts, link_count: int) -> None:
-    """Print how a run would compute its results.
-
-    The predicted sizes of tables and recordings are printed elsewhere.
+def _make_report(description: Facts, link_count: int, with_recording: bool) -> ScreenReport:
+    """Return what is printed: the predicted sizes, then what is computed and how.
 
     Parameters
     ----------
@@ -183,63 +190,94 @@ def _print_description(description: Facts, link_count: int) -> None:
         The description of the run from `_describe_run`.
     link_count
         Number of links of the mechanism.
+    with_recording
+        Whether the user asked for the size of the recording.
     """
-    print(
-        f"{description['mechanism']}, {numbered('input', description['inputs'])}, "
-        f"analyses: {', '.join(description['analyses'])}"
+    names = description["analyses"]
+    analyses = f"{'analysis' if len(names) == 1 else 'analyses'} {', '.join(names)}"
+    report = ScreenReport(
+        f"{description['mechanism']}: what a run would compute, "
+        f"{numbered('input', description['inputs'])}, {analyses}"
     )
-    # Positions are solved group by group: links that are closed together.
-    groups = description["positions"]
-    print(f"positions, group by group:{'' if groups else ' no loop to close'}")
-    for group in groups:
-        print(f"  {group['group']} of pairs {', '.join(group['pairs'])}")
+    report.results = [*_predicted_sizes(description["predicted"], with_recording)]
     # Some analyses also compute configurations between samples, for example singular ones.
     analyses_with_search = description["other_configurations"]
     if analyses_with_search:
-        print(
-            "configurations beside the samples, looked for by: "
-            f"{', '.join(analyses_with_search)}"
+        report.results.append(
+            f"Further configurations between the samples: {', '.join(analyses_with_search)}"
         )
     # Most analyses work block by block. A run that is stopped keeps the tables of complete
     # blocks. Analyses that need all samples at once have no such tables.
     at_once = description["at_once"]
     if at_once["analyses"]:
-        print(
-            "all samples at once, so that a run that is stopped keeps nothing: "
-            f"{', '.join(at_once['analyses'])}; about {size_text(at_once['bytes_a_row'])} "
-            "of memory for each sample of each assembly mode"
+        report.warnings.append(
+            f"{', '.join(at_once['analyses'])} can only be computed from all samples at "
+            "once. A run that is interrupted starts again from the beginning, and needs "
+            f"about {size_text(at_once['bytes_a_row'])} of memory for each sample of each "
+            "assembly mode."
         )
     # A pole is the instantaneous axis of two links. The poles that the analyses need at
     # each sample are printed first. Each input that moves while the others are locked has a
     # plan, which evaluates these poles and those from which they follow.
     poles = description["asked"]
-    if not poles:
-        print("asked of the samples: no poles")
-        return
-    all_poles = counted(math.comb(link_count, 2), "pole")
-    print(f"asked: {len(poles)} of {all_poles}: {', '.join(poles)}")
-    for plan in description["plans"]:
-        if plan["locked"]:
-            print(f"while {plan['moving']} moves, {', '.join(plan['locked'])} locked:")
-        # Primary poles are axes of pairs, all others are secondary. Most of these are
-        # intersections of great circles. In an irreducible part of the mechanism they are
-        # computed from velocity equations instead, and counted separately.
-        counts = plan["counts"]
-        secondary = counts["secondary"] + counts["irreducible"]
-        print(
-            f"evaluated: {counts['primary']} primary and {secondary} secondary poles, "
-            f"{counts['great_circles']} great circles"
+    if poles:
+        all_poles = counted(math.comb(link_count, 2), "pole")
+        report.results.append(
+            f"Poles at each sample: {len(poles)} of {all_poles}: {', '.join(poles)}"
         )
-        for step in plan["steps"]:
-            print(f"  {step}")
-        # The first order is the angular velocity per unit rate of the input, the second its
-        # derivative by the input.
-        orders = "first and second order" if plan["derivatives"] else "first order"
-        print(f"rates of links {', '.join(plan['links_with_rates'])}, {orders}")
+        for plan in description["plans"]:
+            report.results.append(_describe_evaluations(plan))
+            locked = f" while {plan['moving']} moves" if plan["locked"] else ""
+            report.details.append(f"Construction of the poles{locked}:")
+            for step in plan["steps"]:
+                report.details += [f"  {line}" for line in step.splitlines()]
+    else:
+        report.results.append("No poles are computed at the samples.")
+    # Positions are solved group by group: links that are closed together.
+    groups = [
+        f"{group['group']} of pairs {', '.join(group['pairs'])}"
+        for group in description["positions"]
+    ]
+    if groups:
+        report.results.append("Positions are solved in this order:")
+        report.results += [f"  {number}. {text}" for number, text in enumerate(groups, 1)]
+    else:
+        report.results.append(
+            "Positions follow from the inputs; there is no loop to close."
+        )
+    return report
 
 
-def _predicted_sizes(sizes: Facts, with_recording: bool) -> Lines:
-    """Return lines for the predicted sizes of a run.
+def _describe_evaluations(plan: Facts) -> str:
+    """Return a sentence on what is evaluated while one input moves.
+
+    Parameters
+    ----------
+    plan
+        An entry of ``plans`` in the description of a run.
+    """
+    # Primary poles are axes of pairs, all others are secondary. Most of these are
+    # intersections of great circles. In an irreducible part of the mechanism they are
+    # computed from velocity equations instead, and counted separately.
+    counts = plan["counts"]
+    secondary = counts["secondary"] + counts["irreducible"]
+    # The first order is the angular velocity per unit rate of the input, the second its
+    # derivative by the input.
+    orders = "first and second order" if plan["derivatives"] else "first order"
+    sentence = (
+        f"evaluated: {counts['primary']} primary and {secondary} secondary poles from "
+        f"{counts['great_circles']} great circles; rates of links "
+        f"{', '.join(plan['links_with_rates'])}, {orders}"
+    )
+    if plan["locked"]:
+        locked = ", ".join(plan["locked"])
+        verb = "is" if len(plan["locked"]) == 1 else "are"
+        return f"  while {plan['moving']} moves and {locked} {verb} locked, {sentence}"
+    return f"  {sentence}"
+
+
+def _predicted_sizes(sizes: Facts, with_recording: bool) -> list[str | ScreenTable]:
+    """Return the predicted sizes of a run: lines, and a table of its tables.
 
     Parameters
     ----------
@@ -247,11 +285,6 @@ def _predicted_sizes(sizes: Facts, with_recording: bool) -> Lines:
         The entry ``predicted`` of the description of a run.
     with_recording
         Whether the user asked for the size of the recording.
-
-    Returns
-    -------
-    The number of configurations, then a line for each table, the recording and what is not
-    predicted. If sizes are not predicted at all, one line with the reason.
     """
     if "reason" in sizes:
         return [f"sizes: not predicted; {sizes['reason']}"]
@@ -259,23 +292,35 @@ def _predicted_sizes(sizes: Facts, with_recording: bool) -> Lines:
     if mode_count is None:
         modes = "for each assembly mode"
     else:
-        modes = counted(mode_count, "assembly mode")
-    lines = [f"predicted, {modes}: {counted(sizes['configurations'], 'configuration')}"]
+        modes = f"in {counted(mode_count, 'assembly mode')}"
+    results: list[str | ScreenTable] = [
+        f"{counted(sizes['configurations'], 'configuration')} {modes}"
+    ]
     solves = sizes["velocity_equation_solves"]
     if solves and mode_count is not None:
-        lines.append(
-            f"  velocity equations solved about {solves} times, once for each input"
+        results.append(
+            f"velocity equations solved about {solves} times, once for each input"
         )
-    lines += [
-        f"  table {name}: {counted(table['rows'], 'row')} of "
-        f"{counted(table['columns'], 'column')}, "
-        f"{size_text(table['csv_bytes'])} as CSV, "
-        f"{size_text(table['parquet_bytes'])} as Parquet"
-        for name, table in sizes["tables"].items()
-    ]
+    if sizes["tables"]:
+        headings = ("table", "rows", "columns", "CSV", "Parquet")
+        columns = tuple(
+            ScreenColumn(heading, "left" if heading == "table" else "right")
+            for heading in headings
+        )
+        rows = tuple(
+            (
+                name,
+                str(table["rows"]),
+                str(table["columns"]),
+                size_text(table["csv_bytes"]),
+                size_text(table["parquet_bytes"]),
+            )
+            for name, table in sizes["tables"].items()
+        )
+        results.append(ScreenTable(columns, rows))
     if recording := sizes.get("recording"):
-        lines.append(
-            f"  recording: {recording['entities']} entities, "
+        results.append(
+            f"recording: {recording['entities']} entities, "
             f"{counted(recording['rows'], 'row')}, {size_text(recording['bytes'])}"
         )
     # What is not predicted: sizes of analyses, and what depends on the number of modes.
@@ -285,5 +330,5 @@ def _predicted_sizes(sizes: Facts, with_recording: bool) -> Lines:
         if with_recording:
             missing.append("the recording")
     if missing:
-        lines.append(f"  not predicted: {', '.join(missing)}")
-    return lines
+        results.append(f"not predicted: {', '.join(missing)}")
+    return results

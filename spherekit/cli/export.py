@@ -4,8 +4,22 @@ from argparse import ArgumentParser, Namespace
 
 from spherekit.cli.argument_types import number, numbers, sample_counts
 from spherekit.cli.completers import complete_mechanisms, complete_pairs, set_completer
-from spherekit.cli.main import note
+from spherekit.cli.screen_report import ScreenReport
 from spherekit.cli.study_arguments import add_input_argument, add_lock_argument, with_locks
+
+FORMAT_NAMES = {
+    "c": "C source",
+    "cpp": "C++ header",
+    "js": "JavaScript module",
+    "python": "Python module",
+    "julia": "Julia module",
+    "casadi": "CasADi functions",
+    "latex": "LaTeX",
+    "model": "stored functions",
+    "mjcf": "MuJoCo model",
+    "coupling": "coupling table",
+}
+"""The formats of ``--to``, and their names on the screen."""
 
 EXAMPLES = """examples:
   # the formulas of all angles and coefficients as C, a size being an argument
@@ -31,18 +45,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     set_completer(file_argument, complete_mechanisms)
     parser.add_argument(
         "--to",
-        choices=(
-            "c",
-            "cpp",
-            "js",
-            "python",
-            "julia",
-            "casadi",
-            "latex",
-            "model",
-            "mjcf",
-            "coupling",
-        ),
+        choices=tuple(FORMAT_NAMES),
         required=True,
         help=(
             "c, cpp, js, python, julia, casadi: its formulas as source; latex: in print; "
@@ -168,7 +171,10 @@ def execute(options: Namespace) -> int:
         crossings=options.crossings,
         at=inputs_of_pose,
     )
-    # `holds` is a phrase that says what the file contains. Notes say what it leaves out.
-    sentences = (exported.holds, *exported.notes)
-    note(options, *(f"{exported.path}: {text}" for text in sentences))
+    ScreenReport(
+        f"{mechanism.name}: export as {FORMAT_NAMES[options.to]}",
+        # What the file contains, and what it leaves out.
+        results=[exported.holds, *(f"Note: {text}" for text in exported.notes)],
+        files=str(exported.path),
+    ).print(options)
     return 0

@@ -4,7 +4,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from spherekit.cli.argument_types import number
-from spherekit.cli.main import note
+from spherekit.cli.screen_report import ScreenReport
 
 EXAMPLES = """examples:
   # a MuJoCo model as a mechanism file
@@ -47,7 +47,7 @@ def execute(options: Namespace) -> int:
     """
     from spherekit.errors import OutputError
     from spherekit.exchange.mechanism_import import import_mechanism
-    from spherekit.wording import counted, listing
+    from spherekit.wording import counted, numbered
 
     target = Path(options.output or Path(options.model).with_suffix(".toml").name)
     if target.suffix != ".toml":
@@ -57,9 +57,18 @@ def execute(options: Namespace) -> int:
     imported = import_mechanism(options.model, within=options.within)
     imported.save(target)
     mechanism = imported.mechanism
-    content = (
-        f"{counted(len(mechanism.links), 'link')}, "
-        f"{counted(len(mechanism.pairs), 'pair')}, inputs {listing(mechanism.input_pairs)}"
-    )
-    note(options, *(f"{target}: {text}" for text in (content, *imported.notes)))
+    ScreenReport(
+        f"{options.model}: imported as the mechanism {mechanism.name}",
+        results=[
+            f"{counted(len(mechanism.links), 'link')}, "
+            f"{counted(len(mechanism.pairs), 'pair')}, "
+            f"{numbered('input', mechanism.input_pairs)}",
+            *(f"Note: {text}" for text in imported.notes),
+        ],
+        files=str(target),
+        next_steps=[
+            (f"spherekit validate {target}", "check the mechanism and assemble it"),
+            (f"spherekit run {target}", "compute motion and pole axes"),
+        ],
+    ).print(options)
     return 0

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from spherekit.cli.argument_types import numbers
 from spherekit.cli.completers import complete_mechanisms, set_completer
-from spherekit.cli.main import note
+from spherekit.cli.screen_report import ScreenReport
 
 TEMPLATES = Path(__file__).parent / "templates"
 """Folder of the mechanism files and of the distribution that the command copies."""
@@ -121,10 +121,11 @@ def execute(options: Namespace) -> int:
         make_folder(path)
         for file, text in distribution_files(name).items():  # of the package
             write_text(path / file, text)
-        next_step = (
-            f"change spherekit_{name}.py; pip install -e {path}; then: spherekit run "
-            f"four_bar -a {name}, and pytest {path}"
-        )
+        next_steps = [
+            (f"pip install -e {path}", f"install it, then change spherekit_{name}.py"),
+            (f"spherekit run four_bar -a {name}", "run it"),
+            (f"pytest {path}", "test it"),
+        ]
     else:
         if options.like:
             text = _text_of_mechanism(options.like)
@@ -138,8 +139,13 @@ def execute(options: Namespace) -> int:
         # The first line ``name = ...`` of the template gets the new name.
         text_with_name = _NAME_LINE.sub(f'name = "{name}"', text, count=1)
         write_text(path, text_with_name)
-        next_step = f"change it, then: spherekit run {path}"
-    note(options, f"{path}: {next_step}")
+        next_steps = [
+            (f"spherekit validate {path}", "check the file after you have changed it"),
+            (f"spherekit run {path}", "compute motion and pole axes"),
+        ]
+    ScreenReport(
+        f"{name}: new {options.what} to change", files=str(path), next_steps=next_steps
+    ).print(options)
     return 0
 
 

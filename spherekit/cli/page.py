@@ -4,7 +4,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from spherekit.cli.completers import complete_mechanisms, set_completer
-from spherekit.cli.main import note
+from spherekit.cli.screen_report import ScreenReport
 from spherekit.cli.study_arguments import add_input_argument, add_lock_argument, with_locks
 
 EXAMPLES = """examples:
@@ -85,7 +85,10 @@ def execute(options: Namespace) -> int:
         # of its dyads (which of two poses each group of two links has).
         crossings=options.crossings or "end",
     )
-    # `holds` is a phrase that says what the page shows. Notes say what it leaves out.
-    sentences = (written_page.holds, *written_page.notes)
-    note(options, *(f"{written_page.path}: {text}" for text in sentences))
+    ScreenReport(
+        f"{Path(file).stem}: page for browsers",
+        # What the page shows, and what it leaves out.
+        results=[written_page.holds, *(f"Note: {text}" for text in written_page.notes)],
+        files=f"{written_page.path} (open it in any browser; it needs no network)",
+    ).print(options)
     return 0

@@ -1,10 +1,17 @@
 """`spherekit plan`: in which pass each pole axis is constructed, and the steps to it."""
 
 from argparse import ArgumentParser, Namespace
+from typing import TYPE_CHECKING
 
 from spherekit.cli.completers import complete_mechanisms, complete_pairs, set_completer
 from spherekit.cli.main import print_json
+from spherekit.cli.screen_report import ScreenReport, print_lines
 from spherekit.cli.study_arguments import add_lock_argument, with_locks
+from spherekit.tables.screen_table import ScreenColumn, ScreenTable
+from spherekit.wording import counted
+
+if TYPE_CHECKING:
+    from spherekit.planning.pole_plan import Plan
 
 EXAMPLES = """examples:
   # the table: which pole is found in which pass
@@ -70,7 +77,7 @@ def execute(options: Namespace) -> int:
     from spherekit.errors import CountError
     from spherekit.files.mechanism_reader import load
     from spherekit.planning.assembly_plan import driven_pairs
-    from spherekit.planning.plan_text import as_dict, as_markdown, as_text, describe
+    from spherekit.planning.plan_text import as_dict, as_markdown
     from spherekit.planning.pole_planner import plan
     from spherekit.positions.position_analysis import PositionAnalysis
 
@@ -95,12 +102,70 @@ def execute(options: Namespace) -> int:
         print_json(data[0] if len(data) == 1 else data)
         return 0
     for index, input_plan in enumerate(plans):
-        if input_plan.locked:
-            locked = ", ".join(mechanism.names_of(input_plan.locked))
-            heading = f"input {mechanism.pairs[input_plan.input].name}, locked: {locked}"
-            blank_line = "\n" if index > 0 else ""
-            print(blank_line + heading)
-        print(as_markdown(input_plan) if options.markdown else as_text(input_plan))
+        if index > 0 and not options.quiet:
+            print()
+        if options.markdown:
+            if input_plan.locked:
+                print_lines([_question(input_plan), ""])
+            print_lines(as_markdown(input_plan).splitlines())
+            continue
+        results: list[str | ScreenTable] = [_pole_table(input_plan), *_legend(input_plan)]
         if options.steps:
-            print("", *(describe(input_plan, step) for step in input_plan.steps), sep="\n")
+            results += ["How each pole is constructed:", *_step_lines(input_plan)]
+        report = ScreenReport(_question(input_plan), results=results)
+        if not options.steps and index == len(plans) - 1:
+            report.next_steps = [
+                (f"spherekit plan {options.file} --steps", "how each pole is constructed"),
+                (f"spherekit run {options.file}", "compute the poles during the motion"),
+            ]
+        report.print(options)
     return 0
+
+
+def _question(plan: "Plan") -> str:
+    """Return the first line for a plan: the mechanism, the poles, and what moves."""
+    pairs = plan.mechanism.pairs
+    text = (
+        f"{plan.mechanism.name}: order in which {counted(len(plan.rounds), 'pole')} can be "
+        f"constructed, while input {pairs[plan.input].name} moves"
+    )
+    if plan.locked:
+        locked = ", ".join(plan.mechanism.names_of(plan.locked))
+        text += f" and {locked} {'is' if len(plan.locked) == 1 else 'are'} locked"
+    return text
+
+
+def _pole_table(plan: "Plan") -> ScreenTable:
+    """Return the pole table: the pass that finds the pole of each two links."""
+    from spherekit.planning.pole_plan import titled_rows
+
+    titles, *rows = titled_rows(plan)
+    columns = tuple(ScreenColumn(title) for title in titles)
+    return ScreenTable(columns, tuple(tuple(row) for row in rows))
+
+
+def _legend(plan: "Plan") -> list[str]:
+    """Return lines that explain the marks which the pole table of a plan has."""
+    from spherekit.planning.pole_plan import PRIMARY_MARK, table_cells
+
+    marks = {mark for row in table_cells(plan) for mark in row}
+    lines = [f"{PRIMARY_MARK}: known from the start, because it is the axis of a pair"]
+    if any(set(mark) <= set("IVXLC") for mark in marks if mark):
+        lines.append(
+            "I, II, ...: found in this pass, where two great circles through poles of "
+            "earlier passes intersect"
+        )
+    if any("*" in mark for mark in marks):
+        lines.append(
+            "*: computed from velocity equations, because no two such great circles exist"
+        )
+    if "" in marks:
+        lines.append("empty: not needed for the requested poles")
+    return lines
+
+
+def _step_lines(plan: "Plan") -> list[str]:
+    """Return lines that say how each pole of a plan is constructed, in their order."""
+    from spherekit.planning.plan_text import describe
+
+    return [line for step in plan.steps for line in describe(plan, step).splitlines()]

@@ -36,6 +36,9 @@ class ProgressBar:
 
     def show(self, report: ProgressReport) -> None:
         """Show a report in the line, in place of the report before."""
+        if report.is_finished:
+            self.hide()
+            return
         if not report.state:
             was_shown = self._progress is not None
             self.hide()
@@ -106,7 +109,9 @@ def hide_progress() -> None:
 
 
 def print_progress_line(report: ProgressReport) -> None:
-    """Print a report as a line of stderr."""
+    """Print a report of unfinished work as a line of stderr."""
+    if report.is_finished:
+        return
     print(f"spherekit: {terminal_text(report.text)}", file=sys.stderr, flush=True)
 
 

@@ -7,9 +7,12 @@ from dataclasses import replace
 
 from spherekit.cli.completers import complete_studies, set_completer
 from spherekit.cli.main import BAD_INPUT, say
+from spherekit.cli.progress_bar import hide_progress
+from spherekit.cli.screen_report import ScreenReport
 from spherekit.cli.study_arguments import add_lock_argument, with_locks
 from spherekit.conventions import Facts
 from spherekit.errors import SolveError, SpherekitError
+from spherekit.tables.screen_table import ScreenTable
 from spherekit.wording import counted, numbered
 
 ASSEMBLY_SAMPLES = 37
@@ -44,7 +47,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Check every file, and print one line for each.
+    """Check every file, and print a report on each.
 
     The exit status is `BAD_INPUT` if any file has a fault. The files after it are checked
     all the same.
@@ -62,9 +65,22 @@ def execute(options: Namespace) -> int:
                 print(json.dumps({"file": name, "ok": False, "error": str(error)}))
             continue
         if options.json:
+            hide_progress()
             print(json.dumps({"file": name, "ok": True, **properties}))
         else:
-            print(describe_properties(properties))
+            report = make_report(properties)
+            if len(options.file) == 1:
+                is_study = "study" in properties
+                report.next_steps = [
+                    (
+                        f"spherekit run {name}",
+                        "run the study" if is_study else "compute motion and pole axes",
+                    )
+                ]
+                if not is_study:
+                    view = (f"spherekit view {name}", "look at the mechanism in 3D")
+                    report.next_steps.append(view)
+            report.print(options)
     return status
 
 
@@ -134,34 +150,45 @@ def validate_file(name: str, lock_texts: Sequence[str] | None = None) -> Facts:
     return properties
 
 
-def describe_properties(properties: Facts) -> str:
-    """Return the line that is printed for the properties of a valid file.
-
-    It has the mobility by Gruebler's count of links and pairs, and the one by the rank of
-    the velocity equations if this is another number. Groups are the links whose positions
-    are computed together, such as a dyad.
+def make_report(properties: Facts) -> ScreenReport:
+    """Return what is printed for a valid file.
 
     Parameters
     ----------
     properties
         The result of `validate_file`.
     """
-    mobility = properties["mobility"]
-    rank_mobility = properties.get("rank_mobility", mobility)
-    by_rank = ""
-    if rank_mobility != mobility:
-        by_rank = f" by the graph and {rank_mobility} by rank"
+    name = properties["name"]
     study = properties.get("study")
+    question = f"{study}: valid study of {name}" if study else f"{name}: valid mechanism"
+    # The number of links and pairs gives the mobility, except for mechanisms in which the
+    # axes have special positions. The rank of the velocity equations is always right.
+    counted_mobility = properties["mobility"]
+    mobility = properties.get("rank_mobility", counted_mobility)
+    degrees_of_freedom = f"{mobility} degree{'' if mobility == 1 else 's'} of freedom"
+    results: list[str | ScreenTable] = [
+        f"{counted(properties['links'], 'link')}, {counted(properties['pairs'], 'pair')}, "
+        f"{degrees_of_freedom}, {numbered('input', properties['inputs'])}"
+    ]
+    if mobility != counted_mobility:
+        results.append(
+            f"Counting links and pairs (Gruebler) gives {counted_mobility}: the mechanism "
+            "is over-constrained, and moves because of its dimensions."
+        )
+    mode_count = properties["assembly_modes"]
+    mode_names = [f"mode {mode} ({name})" for name, mode in properties["modes"].items()]
+    names = f": {', '.join(mode_names)}" if mode_names else ""
+    results.append(f"{counted(mode_count, 'assembly mode')}{names}")
     if study:
-        heading = f"{study}: ok, study of {properties['name']}"
-    else:
-        heading = f"{properties['name']}: ok"
-    names = ", ".join(f"{name} is {mode}" for name, mode in properties["modes"].items())
-    text = (
-        f"{heading}, {counted(properties['links'], 'link')}, "
-        f"{counted(properties['pairs'], 'pair')}, mobility {mobility}{by_rank}, "
-        f"{numbered('input', properties['inputs'])}, groups: "
-        f"{', '.join(properties['groups']) or 'none'}, assembly modes: "
-        f"{properties['assembly_modes']}{f' ({names})' if names else ''}"
+        analyses = ", ".join(properties["analyses"])
+        results.append(f"analyses: {analyses}")
+    groups = ", ".join(properties["groups"]) or "none"
+    return ScreenReport(
+        question,
+        results=results,
+        details=[
+            f"Groups of links whose positions are computed together: {groups}",
+            f"Parts whose poles follow from velocity equations: "
+            f"{properties['irreducible_parts']}",
+        ],
     )
-    return f"{text}, analyses: {', '.join(properties['analyses'])}" if study else text

@@ -221,7 +221,9 @@ def synthesize_dimensions(specification: Specification, starts: int = 12) -> Syn
         # loop variable therefore still has its present value, and the warning B023 of the
         # linter does not apply.
         progress.report_if_due(
-            lambda: f"{k + 1} of {counted(len(descent_starts), 'descent')}"  # noqa: B023
+            lambda: f"{k + 1} of {counted(len(descent_starts), 'descent')}",  # noqa: B023
+            done=k + 1,
+            total=len(descent_starts),
         )
     # Modes without signs are tracked configurations, which may be no mode of a sweep.
     if evaluator.has_unsigned_modes:
@@ -232,7 +234,9 @@ def synthesize_dimensions(specification: Specification, starts: int = 12) -> Syn
         for k in range(len(optima)):
             optima[k] = descent.challenge(optima[k], optima)
             progress.report_if_due(
-                lambda: f"{k + 1} of {counted(len(optima), 'point')} attacked"  # noqa: B023
+                lambda: f"{k + 1} of {counted(len(optima), 'point')} checked",  # noqa: B023
+                done=k + 1,
+                total=len(optima),
             )
     # Descents and challenges may have led to designs that others beat.
     optima = _merge_same_linkages(optima, descent)
