@@ -48,6 +48,19 @@ def _write(home: Path, pages: Iterable[tuple[str, str]]) -> None:
             path.unlink()  # of a mechanism or a name that is no more
 
 
+def plain_signature(
+    app: Any, what: str, name: str, value: Any, options: Any, signature: str, result: str
+) -> tuple[str, str] | None:
+    """Return the signature of an object that Sphinx can read, and what it returns.
+
+    Python writes ``<factory>`` for a default that is made anew for each object. Sphinx does
+    not read this and would print the whole signature as it is.
+    """
+    if not signature:
+        return None
+    return signature.replace("<factory>", "..."), result
+
+
 def setup(app: Any) -> dict[str, Any]:
     """Make the pages before Sphinx looks for them, and run the code of the others."""
     app.add_config_value("site_mechanisms", [], "env", list)
@@ -55,6 +68,7 @@ def setup(app: Any) -> dict[str, Any]:
     app.add_directive("run", run.Run)
     app.add_directive("moving", moving.Moving)
     app.connect("config-inited", begin)
+    app.connect("autodoc-process-signature", plain_signature)
     app.connect("builder-inited", end, priority=900)
     app.extensions["sphinx-mathjax-offline"].parallel_read_safe = True  # adds one file
     return {"parallel_read_safe": True}

@@ -205,7 +205,7 @@ class ApiObjects:
                 described = known or self._add(package, name, value)
                 lines.append(table_row(name, described))
                 if described.has_page and known is None:
-                    new_pages.append(f"{package}.{name} <{described.page}>")
+                    new_pages.append(f"{name} <{described.page}>")
             lines.append("")
         lines += ["```{toctree}", ":hidden:", "", *new_pages, "```", ""]
         return "\n".join(lines)
