@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
+from numpy.typing import ArrayLike
+from sphinx.util.typing import stringify_annotation
 
 from site_pages import (
     analyses,
@@ -19,6 +21,8 @@ from site_pages import (
 )
 
 FOLDER = "generated"
+ARRAY_LIKE = stringify_annotation(ArrayLike, "smart")
+"""The types that NumPy accepts as an array, as Sphinx writes them in signatures."""
 
 
 def begin(app: Any, config: Any) -> None:
@@ -51,14 +55,16 @@ def _write(home: Path, pages: Iterable[tuple[str, str]]) -> None:
 def plain_signature(
     app: Any, what: str, name: str, value: Any, options: Any, signature: str, result: str
 ) -> tuple[str, str] | None:
-    """Return the signature of an object that Sphinx can read, and what it returns.
+    """Return the signature of an object in words that Sphinx and people can read.
 
     Python writes ``<factory>`` for a default that is made anew for each object. Sphinx does
-    not read this and would print the whole signature as it is.
+    not read this and would print the whole signature as it is. `ArrayLike` is a union of
+    many types that are private to NumPy, so its name is better.
     """
     if not signature:
         return None
-    return signature.replace("<factory>", "..."), result
+    signature = signature.replace("<factory>", "...")
+    return signature.replace(ARRAY_LIKE, "~numpy.typing.ArrayLike"), result
 
 
 def setup(app: Any) -> dict[str, Any]:

@@ -19,7 +19,7 @@ def pages() -> Iterator[tuple[str, str]]:
 
 def command_page(name: str, parser: CommandParser) -> Iterator[str]:
     """Yield the lines of the page of a subcommand."""
-    yield f"# `spherekit {name}`\n"
+    yield f"# spherekit {name}\n"
     yield f"{markdown_text(parser.description or '')}\n"
     yield f"```text\n{parser.format_usage().rstrip()}\n```\n"
     for group in parser._action_groups:  # argparse has no public way to list them
