@@ -14,13 +14,14 @@ def pages() -> Iterator[tuple[str, str]]:
 
 
 def _errors() -> Iterator[str]:
-    yield "| exception | what it says |\n|---|---|"
+    yield "| exception | meaning |\n|---|---|"
     for name, value in vars(errors).items():
         if inspect.isclass(value):
-            yield f"| `{name}` | {inspect.getdoc(value)} |"
+            summary = (inspect.getdoc(value) or "").partition("\n\n")[0]
+            yield f"| `{name}` | {' '.join(summary.split())} |"
 
 
 def _statuses() -> Iterator[str]:
-    yield "| status | meaning, and what to do |\n|---|---|"
+    yield "| status | meaning and cure |\n|---|---|"
     for status, meaning in STATUS_MEANING.items():
         yield f"| `{status.name}` | {meaning} |"
