@@ -21,7 +21,7 @@ from spherekit.files.study import Study
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.motion import Motion
 from spherekit.positions.position_analysis import PositionAnalysis
-from spherekit.runs.analysis_requests import collect_needs, plan_requests
+from spherekit.runs.analysis_requests import plan_requests, unite_needs
 from spherekit.runs.registry import create_analysis
 from spherekit.runs.run_cost import count_evaluations
 from spherekit.runs.run_plan import extract_needed_part
@@ -184,7 +184,7 @@ def _measure_mechanism(
 def _make_request(measured_run: MeasuredRun) -> Request:
     """Return the poles that the analysis of a run needs."""
     mechanism = measured_run.solved_mechanism
-    needs = collect_needs(mechanism, [create_analysis(measured_run.analysis)])
+    needs = unite_needs(mechanism, [create_analysis(measured_run.analysis)])
     (pole_request,) = plan_requests(mechanism, needs)
     return pole_request
 
