@@ -9,6 +9,7 @@ from spherekit.plugin import (
     Floats,
     listing,
 )
+from spherekit.plugin.quantities import ANGLE, AngleUnit, QuantityError, read_quantity
 from spherekit.plugin.rotations import (
     AtDirection,
     AtInputs,
@@ -34,14 +35,18 @@ QUATERNION_TERMS = ("qx", "qy", "qz", "qw")
 ROTATION_VECTOR_TERMS = ("rx", "ry", "rz")
 AXIS_ANGLE_TERMS = ("ux", "uy", "uz", "angle")
 """The names of the numbers in each form of a pose, and of a rotation about an axis."""
-ANGULAR_TERMS = frozenset((*TILT_TORSION_TERMS, *MID_PLANE_TERMS, *ROTATION_VECTOR_TERMS))
+ANGULAR_TERMS = frozenset(
+    (*TILT_TORSION_TERMS, *MID_PLANE_TERMS, *ROTATION_VECTOR_TERMS, "angle")
+)
 """Terms that are angles, or components of a rotation vector."""
 NO_DIRECTION = "no direction: all numbers are 0"
 """Complaint about a direction or quaternion of length 0."""
 
 
-def read_pose(text: str, inputs: tuple[str, ...], where: str) -> Pose:
-    """Return the pose of an output link from a text; angles in it are in degrees.
+def read_pose(
+    text: str, inputs: tuple[str, ...], where: str, angle_unit: AngleUnit
+) -> Pose:
+    """Return the pose of an output link from a text.
 
     Parameters
     ----------
@@ -57,6 +62,8 @@ def read_pose(text: str, inputs: tuple[str, ...], where: str) -> Pose:
         Names of the driven pairs.
     where
         Name of the parameter that has the text, for error messages.
+    angle_unit
+        Unit of angles without a unit in the text.
 
     Raises
     ------
@@ -66,15 +73,19 @@ def read_pose(text: str, inputs: tuple[str, ...], where: str) -> Pose:
     # `read_end` reads the pose at which a rotation ends. By default it also accepts a turn
     # from the start pose (ux, uy, uz, angle), which is not a pose. A rotation vector is
     # one: it is the orientation itself.
-    pose = read_end(text, inputs, where, allow_rotation=False)
+    pose = read_end(text, inputs, where, angle_unit, allow_rotation=False)
     assert not isinstance(pose, AtRotation)
     return pose
 
 
 def read_end(
-    text: str, inputs: tuple[str, ...], where: str, allow_rotation: bool = True
+    text: str,
+    inputs: tuple[str, ...],
+    where: str,
+    angle_unit: AngleUnit,
+    allow_rotation: bool = True,
 ) -> Pose | AtRotation:
-    """Return the end of a rotation of the output link from a text; angles are in degrees.
+    """Return the end of a rotation of the output link from a text.
 
     The end is a pose, or an axis and an angle by which the start pose is turned.
 
@@ -86,6 +97,8 @@ def read_end(
         Names of the driven pairs.
     where
         Name of the parameter that has the text, for error messages.
+    angle_unit
+        Unit of angles without a unit in the text.
     allow_rotation
         Whether the text may also be the axis and the angle of a rotation: ux, uy, uz,
         angle.
@@ -96,7 +109,9 @@ def read_end(
         If the text has no such form.
     """
     # 1. Find the form: the set of names decides how the numbers describe a pose.
-    (number_of_term,) = read_terms(text.split("+"), where, allow_several=False)
+    (number_of_term,) = read_terms(
+        text.split("+"), inputs, where, angle_unit, allow_several=False
+    )
     forms = [inputs, *CONVERSION_OF_FORM]
     if not allow_rotation:
         forms.remove(AXIS_ANGLE_TERMS)
@@ -105,15 +120,13 @@ def read_end(
         alternatives = listing("=..+".join(terms) + "=.." for terms in forms)
         raise AnalysisError(f'{where}: "{text}" is not a pose; say one of {alternatives}')
 
-    # 2. Convert the numbers, in the order of the form, to a pose.
+    # 2. Convert the numbers, in the order of the form, to a pose. Angles are in rad.
     values = np.array([number_of_term[term] for term in form])
     if form == inputs:
-        return AtInputs(np.radians(values))
+        return AtInputs(values)
     # phi and gamma of the plane in which base and output link mirror each other.
     if form == MID_PLANE_TERMS:
-        return AtMirror(*np.radians(values))
-    if ANGULAR_TERMS.issuperset(form):
-        values = np.radians(values)
+        return AtMirror(*values)
     # A direction (3,), an orientation (3, 3), or the axis (3,) of a rotation. A direction,
     # axis or quaternion of length 0 gives NaN.
     (pose_or_axis,) = CONVERSION_OF_FORM[form](values[None])
@@ -122,12 +135,12 @@ def read_end(
     if form != AXIS_ANGLE_TERMS:
         is_direction = pose_or_axis.ndim == 1
         return AtDirection(pose_or_axis) if is_direction else AtOrientation(pose_or_axis)
-    angle_deg = values[3]
-    if not angle_deg > 0.0:
+    angle = values[3]
+    if not angle > 0.0:
         raise AnalysisError(
             f'{where}: "{text}": angle has to be above 0; turn the axis round instead'
         )
-    return AtRotation(pose_or_axis, float(np.radians(angle_deg)))
+    return AtRotation(pose_or_axis, float(angle))
 
 
 def _normalize(rows: Floats) -> Floats:
@@ -174,8 +187,17 @@ def describe_nearest_pose(pose: Floats, distance: float) -> str:
     return f"nearest is {format_pose(pose)}, {np.degrees(distance):.4g} deg away"
 
 
+def is_angle(term: str, inputs: Sequence[str]) -> bool:
+    """Return whether a number of a pose is an angle: an input or in `ANGULAR_TERMS`."""
+    return term in inputs or term in ANGULAR_TERMS
+
+
 def read_terms(
-    parts: Sequence[str], where: str, allow_several: bool = True
+    parts: Sequence[str],
+    inputs: Sequence[str],
+    where: str,
+    angle_unit: AngleUnit,
+    allow_several: bool = True,
 ) -> list[dict[str, float]]:
     """Return the numbers of poses by their names.
 
@@ -183,14 +205,18 @@ def read_terms(
     ----------
     parts
         Texts ``name=number``. A name that occurs again begins the next pose.
+    inputs
+        Names of the driven pairs, whose numbers are angles.
     where
         Name of the parameter that has the texts, for error messages.
+    angle_unit
+        Unit of angles without a unit in the text.
     allow_several
         Whether there may be several poses.
 
     Returns
     -------
-    For each pose its numbers by name.
+    For each pose its numbers by name, angles in rad.
 
     Raises
     ------
@@ -202,7 +228,12 @@ def read_terms(
     for part in parts:
         name, _, value = part.partition("=")
         try:
-            number = float(value)
+            if is_angle(name, inputs):
+                number = read_quantity(value, ANGLE, angle_unit)
+            else:
+                number = float(value)
+        except QuantityError as problem:
+            raise AnalysisError(f"{where}: {name}: {problem}") from None
         except ValueError:
             # NaN is refused below.
             number = np.nan
@@ -220,41 +251,47 @@ def read_terms(
     return poses
 
 
-def read_joint_range(text: str) -> JointRange:
-    """Return the limits of a pair from ``PAIR:LOW:HIGH`` in degrees."""
+def read_joint_range(text: str, angle_unit: AngleUnit) -> JointRange:
+    """Return the limits of a pair from ``PAIR:LOW:HIGH``, two angles."""
     pair, *limits = text.split(":")
     try:
-        low, high = _parse_degrees(limits)
-    except ValueError:
+        low, high = _read_angles(limits, angle_unit)
+    except ValueError as problem:
         raise AnalysisError(
-            f'workspace: limits: "{text}" is not PAIR:LOW:HIGH, with both in degrees'
+            f'workspace: limits: "{text}" is not PAIR:LOW:HIGH with two angles, such as '
+            f"21:-30deg:60deg{_reason(problem)}"
         ) from None
     return JointRange(pair, low, high)
 
 
-def read_interference_limit(text: str) -> InterferenceLimit:
+def read_interference_limit(text: str, angle_unit: AngleUnit) -> InterferenceLimit:
     """Return limits of the angle between the axes of two pairs, the option ``apart``.
 
     Links at these pairs would collide (interfere) if their axes came nearer. `text` is
-    ``PAIR/PAIR:LEAST`` or ``PAIR/PAIR:LEAST:GREATEST`` in degrees. The greatest angle is
+    ``PAIR/PAIR:LEAST`` or ``PAIR/PAIR:LEAST:GREATEST``, two angles. The greatest angle is
     180 degrees if it is left out.
     """
     axes, *limits = text.split(":")
     if len(limits) == 1:
-        limits.append("180")
+        limits.append("180deg")
     # Texts with too few or too many terms raise a ValueError when they are unpacked.
     try:
         first_pair, second_pair = axes.split("/")
-        low, high = _parse_degrees(limits)
-    except ValueError:
+        low, high = _read_angles(limits, angle_unit)
+    except ValueError as problem:
         raise AnalysisError(
             f'workspace: apart: "{text}" is not PAIR/PAIR:LEAST or '
-            "PAIR/PAIR:LEAST:GREATEST, with angles in degrees"
+            "PAIR/PAIR:LEAST:GREATEST with angles, such as 21/51:20deg"
+            f"{_reason(problem)}"
         ) from None
     return InterferenceLimit(first_pair, second_pair, low, high)
 
 
-def _parse_degrees(numbers: Sequence[str]) -> Sequence[float]:
-    """Return angles in rad from texts in degrees."""
-    angles: list[float] = np.radians([float(number) for number in numbers]).tolist()
-    return angles
+def _read_angles(texts: Sequence[str], angle_unit: AngleUnit) -> list[float]:
+    """Return angles in rad from texts."""
+    return [read_quantity(text, ANGLE, angle_unit) for text in texts]
+
+
+def _reason(problem: ValueError) -> str:
+    """Return what is wrong with the unit of a number, as the end of a message, or ""."""
+    return f"; {problem}" if isinstance(problem, QuantityError) else ""

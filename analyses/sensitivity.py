@@ -27,6 +27,7 @@ from spherekit.plugin import (
     listing,
 )
 from spherekit.plugin.designs import Distribution, Sensitivity, SizeDeviations
+from spherekit.plugin.quantities import ANGLE, Degrees, QuantityError, read_quantity
 
 from .common import (
     continue_load_angles,
@@ -127,12 +128,13 @@ class SensitivityAnalysis(AbstractAnalysis):
         Sizes, or numbers of masses and loads, by their keys in the file, such as
         ``links.2.arc+links.3.arc``. By default all arcs and angles.
     deviation
-        Deviation (degrees) of every size: the standard deviation if it is distributed
-        normally, the largest deviation if it is distributed uniformly.
+        Deviation (in Python in degrees) of every size: the standard deviation if it is
+        distributed normally, the largest deviation if it is distributed uniformly.
     deviations
         Deviations of single numbers by their keys, such as
-        ``links.3.arc:0.02+mass.4.mass:0.01``. They are in degrees for angles, otherwise in
-        the unit of the number. Masses and loads that are not listed are exact.
+        ``links.3.arc:0.02deg+mass.4.mass:0.01``. Angles without a unit are in the unit of
+        the mechanism's file, other numbers in the unit of the number. Masses and loads that
+        are not listed are exact.
     distribution
         Distribution of the deviations: ``normal`` or ``uniform``.
     draws
@@ -207,7 +209,7 @@ class SensitivityAnalysis(AbstractAnalysis):
 
     of: str = ""
     by: str = ""
-    deviation: float = 0.1
+    deviation: Degrees = 0.1
     deviations: str = ""
     distribution: Distribution = "normal"
     draws: int = 64
@@ -242,15 +244,15 @@ class SensitivityAnalysis(AbstractAnalysis):
     def _size_deviations(self, sensitivity: Sensitivity) -> SizeDeviations:
         """Return the distribution of the deviations of the sizes."""
         deviations = sensitivity.deviating(
-            self.deviation * RAD_PER_DEGREE, self._deviation_of_key()
+            self.deviation * RAD_PER_DEGREE, self._deviation_of_key(sensitivity)
         )
         return SizeDeviations(deviations, self.distribution, self.draws)
 
-    def _deviation_of_key(self) -> dict[str, float]:
+    def _deviation_of_key(self, sensitivity: Sensitivity) -> dict[str, float]:
         """Return the deviations of single numbers of the file by their keys.
 
-        They are read from the parameter `deviations`, such as ``links.3.arc:0.02``, joined
-        by plus signs.
+        They are read from the parameter `deviations`, such as ``links.3.arc:0.02deg``,
+        joined by plus signs. Deviations of angles are returned in degrees.
 
         Raises
         ------
@@ -258,15 +260,29 @@ class SensitivityAnalysis(AbstractAnalysis):
             If the parameter `deviations` is not valid.
         """
         deviation_of_key: dict[str, float] = {}
-        for term in _split_terms(self.deviations):
-            key, _, number = term.rpartition(":")
+        for key, text in self._deviation_texts():
+            is_angle = key in sensitivity.keys and sensitivity.is_angle(key)
             try:
-                deviation_of_key[key] = float(number)
-            except ValueError:
+                deviation_of_key[key] = (
+                    read_quantity(text, ANGLE, sensitivity.mechanism.angle_unit, "deg")
+                    if is_angle
+                    else float(text)
+                )
+            except ValueError as problem:
+                why = f": {problem}" if isinstance(problem, QuantityError) else ""
                 raise AnalysisError(
-                    f'deviations: "{term}": write KEY:DEVIATION, such as links.3.arc:0.02'
+                    f'deviations: "{key}:{text}"{why}; write KEY:DEVIATION, such as '
+                    "links.3.arc:0.02deg"
                 ) from None
         return deviation_of_key
+
+    def _deviation_texts(self) -> list[tuple[str, str]]:
+        """Return the keys and texts of the parameter `deviations`."""
+        texts = []
+        for term in _split_terms(self.deviations):
+            key, _, text = term.rpartition(":")
+            texts.append((key, text))
+        return texts
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return derivatives and tolerances of the rows of a batch.
@@ -439,9 +455,15 @@ class SensitivityAnalysis(AbstractAnalysis):
         """The spread up to which a quantity does not depend on the sizes.
 
         It is proportional to the largest deviation, because rounding is. `deviation` can be
-        zero if single numbers have deviations of their own.
+        zero if single numbers have deviations of their own. The unit of their file is not
+        known here, so numbers without a unit are taken as degrees. This limit is far below
+        any spread of interest, with either unit.
         """
-        largest_deviation = max(self.deviation, *self._deviation_of_key().values(), 0.0)
+        single_deviations = [
+            read_quantity(text, ANGLE, "deg", "deg", is_limited=False)
+            for _key, text in self._deviation_texts()
+        ]
+        largest_deviation = max(self.deviation, *single_deviations, 0.0)
         return INDEPENDENT_SPREAD_RATIO * largest_deviation * RAD_PER_DEGREE
 
     def _make_findings(

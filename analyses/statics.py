@@ -35,6 +35,7 @@ from spherekit.plugin.dynamics import (
     output_stiffness,
     used_pairs,
 )
+from spherekit.plugin.quantities import Seconds
 
 from .common import (
     continue_load_angles,
@@ -122,7 +123,7 @@ class Statics(AbstractAnalysis):
     )
 
     stiffness: tuple[float, ...] = (1.0,)
-    time: float = 0.0
+    time: Seconds = 0.0
 
     def needs(self, mechanism: Mechanism) -> Needs:
         """Declare that statics reads configurations, and variables of loads.

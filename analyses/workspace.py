@@ -22,6 +22,7 @@ from spherekit.plugin import (
     TableData,
     numbered,
 )
+from spherekit.plugin.quantities import Degrees
 from spherekit.plugin.workspace import Constraints, closed_kinematics, label_of
 
 from .common import DIRECTION_COLUMNS, MID_PLANE_COLUMNS, POSE_COLUMNS, WORKING_MODE
@@ -41,7 +42,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
     """Directions or orientations that an output reaches in a working mode.
 
     A working mode is one of the ways to assemble the legs at a given pose of the output.
-    All angles below are in degrees.
+    Angles without a unit are in the unit of the mechanism's file.
 
     Attributes
     ----------
@@ -56,7 +57,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
         Ranges of the angle between the axes of two pairs, ``PAIR/PAIR:LEAST`` or
         ``PAIR/PAIR:LEAST:GREATEST``.
     near
-        Least angle to a singularity of type I or II.
+        Least angle to a singularity of type I or II (in Python in degrees).
     width, radius
         Width of the links and radius of the sphere, in the same unit of length. The outer
         axes of each leg that can fold stay ``width / radius`` (rad) apart, so that its
@@ -145,7 +146,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
     working_mode: str = ""
     limits: tuple[str, ...] = ()
     apart: tuple[str, ...] = ()
-    near: float = 0.0
+    near: Degrees = 0.0
     width: float = 0.0
     radius: float = 0.0
     tolerance: float = 0.0
@@ -187,8 +188,8 @@ class WorkspaceAnalysis(AbstractAnalysis):
         """Return the workspaces of all wanted working modes, computed when needed.
 
         A working mode is one of the ways to assemble the legs at a given pose of the
-        output. Parameters of the analysis are texts and numbers; angles are in degrees, and
-        are converted to rad here.
+        output. Parameters of the analysis are texts and numbers. Angles are converted to
+        rad here.
         """
         kinematics = closed_kinematics(mechanism, self.output or None)
         # An output that points has a set of directions with an area. Other outputs have a
@@ -198,8 +199,12 @@ class WorkspaceAnalysis(AbstractAnalysis):
         # both with units in their texts. `near` is the least angle to a singularity. Links
         # of a `width` on a sphere of a `radius`, in one unit of length, must not touch.
         constraints = Constraints(
-            limits=tuple(read_joint_range(text) for text in self.limits),
-            apart=tuple(read_interference_limit(text) for text in self.apart),
+            limits=tuple(
+                read_joint_range(text, mechanism.angle_unit) for text in self.limits
+            ),
+            apart=tuple(
+                read_interference_limit(text, mechanism.angle_unit) for text in self.apart
+            ),
             near=float(np.radians(self.near)),
             width=self.width,
             radius=self.radius,

@@ -6,11 +6,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from spherekit.quantity import field_unit_of
 from spherekit.wording import listing
 
 
@@ -66,6 +67,10 @@ def describe_type(annotation: Any, wording: TypeWording = PYTHON_WORDING) -> str
     if annotation in (Any, object):
         return "anything"
     origin = get_origin(annotation)
+    if origin is Annotated:
+        if (unit := field_unit_of(annotation)) is not None:
+            return unit.dimension.noun.partition(" ")[2]
+        return describe_type(get_args(annotation)[0], wording)
     arguments = get_args(annotation)
     if annotation is ArrayLike or origin is np.ndarray:
         return "texts" if is_text_array(annotation) else "numbers"
@@ -119,7 +124,8 @@ def read_value(
     source
         The text or entry.
     read_simple_value
-        Called with a simple type or a choice and its source; returns the value.
+        Called with a simple type, a choice, or a number with a unit (`Annotated`) and its
+        source; returns the value.
     split_items
         Called with the source of a tuple; returns the sources of its items.
 

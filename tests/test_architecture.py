@@ -18,7 +18,7 @@ from spherekit.files.study import Study
 from spherekit.runs.execution import Execution
 
 LAYERS = """ library_warnings arrays errors status tolerances wording conventions
-escaping number_text completeness version progress time_limit > type_descriptions
+escaping number_text quantity completeness version progress time_limit > type_descriptions
 type_checks argument_validation markup processor resources > numerics > geometry >
 mechanism > symbolic storage > files planning > tables positions > velocities >
 singularities proof > outputs > dynamics > scenes > runs > designs > exchange

@@ -394,7 +394,7 @@ def test_singular_ends_come_last():
 
 
 def check_parameters(text):
-    create_analysis(f"{NAME}:{text}").needs(sk.load("two_dof_spm"))
+    create_analysis(f"{NAME}:{text}", "deg").needs(sk.load("two_dof_spm"))
 
 
 def raise_failure(name, text):

@@ -149,13 +149,14 @@ def test_a_study_without_angles_needs_no_angle_unit(tmp_path):
     assert study.start is None
 
 
-def test_laws_and_starts_need_an_angle_unit(tmp_path):
-    text = STUDY.replace('angle_unit = "deg"\n', "").replace("from = 0\nto = 720\n", "")
-    with_law = text + CONSTANT
-    with_start = text.partition("[inputs")[0] + "[start]\nq = 0\n"
-    for study_text in (with_law, with_start):
-        with pytest.raises(FileError, match="the key angle_unit is missing"):
-            read_study(tmp_path, study_text)
+def test_a_study_without_an_angle_unit_has_that_of_its_mechanism(tmp_path):
+    """The mechanism of the study is in degrees, and so are its numbers without a unit."""
+    text = STUDY.replace('angle_unit = "deg"\n', "")
+    assert "angle_unit" not in text
+    study_with_unit = read_study(tmp_path, STUDY + CONSTANT)
+    assert read_study(tmp_path, text + CONSTANT) == study_with_unit
+    with_start = text.partition("[inputs")[0] + "[start]\nq = 90\n"
+    assert read_study(tmp_path, with_start).start.q == np.radians(90.0)
 
 
 def test_large_coefficients_of_a_law_in_radians_are_allowed_but_a_large_start_is_not(

@@ -169,7 +169,7 @@ class DoubledInput(MinimalAnalysis):
 
 def sweep_doubled_input(vary, folder=None, **options):
     """Sweep the four-bar with the analysis above and all its tables."""
-    variations = [parse_variation(key, values) for key, values in vary.items()]
+    variations = [parse_variation(key, values, "deg") for key, values in vary.items()]
     space = DesignSpace.from_variations(variations)
     sweep = sweep_of("four_bar", space, (), [DoubledInput()], samples=5, tables=True)
     return run_sweep(sweep, folder, **options)

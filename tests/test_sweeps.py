@@ -280,7 +280,7 @@ def test_a_sweep_over_masses_and_loads_has_the_torques_of_runs(tmp_path):
         "links.4.arc": [42.0],
     }
     figures = ["peak=max(abs(torque))", "mean=mean(torque)", "largest_inertia=max(B)"]
-    variations = [parse_variation(key, values) for key, values in vary.items()]
+    variations = [parse_variation(key, values, "deg") for key, values in vary.items()]
     sweep = sweep_of(path, DesignSpace.from_variations(variations), figures)
     samples = DesignSamples.from_study(Study("", sweep.mechanism, samples=19))
     sweep = replace(sweep, samples=samples)
@@ -318,9 +318,9 @@ def test_masses_stated_by_sizes_follow_them(tmp_path):
 def test_a_design_does_not_depend_on_the_part_in_which_it_is_computed(scheme):
     """60 designs of three numbers at once, and in four parts of unequal size."""
     variations = [
-        parse_variation("a", "1:2:5"),
-        parse_variation("b", "3,7,9"),
-        parse_variation("c", "0:1:4"),
+        parse_variation("a", "1:2:5", "deg"),
+        parse_variation("b", "3,7,9", "deg"),
+        parse_variation("c", "0:1:4", "deg"),
     ]
     if scheme == "grid":
         space = DesignSpace.from_variations(variations, None, scheme, seed=0)

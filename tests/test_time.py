@@ -246,7 +246,7 @@ def test_a_run_ends_where_its_simulation_reaches_a_joint_limit():
 def test_the_command_says_that_a_simulation_reached_a_joint_limit(tmp_path, capsys):
     path = tmp_path / "stopped.toml"
     sk.dump(four_bar_with_crank_limits(), path)
-    command = ["run", str(path), "--start", "q=0,dq=1", "--duration", "10", "--tol", "1e-8"]
+    command = ["run", str(path), "--start", "q=0,dq=1rad/s", "--duration", "10", "--tol", "1e-8"]
     assert main([*command, "-a", "eksergian", "-o", str(tmp_path / "out")]) == 0
     output, error_text = capsys.readouterr()
     assert "ended at" in error_text
@@ -271,12 +271,12 @@ def test_missing_starts_or_laws_of_several_inputs_are_refused(write_study):
 @pytest.mark.parametrize(
     "name, start, spellings",
     [
-        ("four_bar", Start(0.4, 1.2), ["q=0.4,dq=1.2", {"q": 0.4, "dq": 1.2}]),
-        ("four_bar", Start(-2e1), ["q=-2e+1", {"q": -20}, {"q": (-20.0,)}]),
+        ("four_bar", Start(0.4, 1.2), ["q=0.4rad,dq=1.2rad/s", {"q": 0.4, "dq": 1.2}]),
+        ("four_bar", Start(-2e1), ["q=-2e+1rad", {"q": -20}, {"q": (-20.0,)}]),
         (
             "five_bar",
             Start((1.0, 1.2), (0.0, -0.5)),
-            ["q=1+1.2,dq=0+-0.5", {"q": [1, 1.2], "dq": np.array([0.0, -0.5])}],
+            ["q=1rad+1.2rad,dq=0+-0.5rad/s", {"q": [1, 1.2], "dq": np.array([0.0, -0.5])}],
         ),
     ],
 )
@@ -299,7 +299,7 @@ def test_a_start_can_be_text_or_a_dictionary(name, start, spellings):
 
 
 def test_flags_of_the_command_give_the_table_of_a_study(tmp_path, write_study):
-    law = "polynomial:coefficients=0.2+3.0+-2.0+0.4"
+    law = "polynomial:coefficients=0.2rad+3.0rad/s+-2.0rad/s2+0.4rad/s^3"
     flags = ["--law", law, "--duration", "3", "--samples", "41", "-a", "eksergian"]
     assert main(["run", "four_bar", *flags, "-o", str(tmp_path / "flags")]) == 0
     text = f"duration = 3\n[inputs.21.law]\n{LAWS['polynomial']}\n[analyses.eksergian]\n"

@@ -27,6 +27,12 @@ from spherekit.plugin import (
     TableData,
     input_columns,
 )
+from spherekit.plugin.quantities import (
+    Degrees,
+    DegreesPerSecond,
+    DegreesPerSecond2,
+    Seconds,
+)
 from spherekit.plugin.rotations import (
     EndOrientation,
     PoseFinder,
@@ -60,8 +66,9 @@ moving axis count as feasible; smaller: rounding makes rotations infeasible."""
 class EquivalentRotation(AbstractAnalysis):
     """The rotation about a fixed axis that carries an output link from `start` to `end`.
 
-    A pose is a text ``name=number+name=number`` with angles in degrees. It is seen from the
-    link that the output is relative to. The names are one of these sets:
+    A pose is a text ``name=number+name=number``. An angle without a unit is in the unit of
+    the mechanism's file. The pose is seen from the link that the output is relative to. The
+    names are one of these sets:
 
     - all driven pairs, as in ``21=5.3+61=56.7``: the inputs of the pose,
     - ``phi``, ``gamma``: the angles of the plane about which base and output link are
@@ -87,10 +94,10 @@ class EquivalentRotation(AbstractAnalysis):
     samples
         Number of rows of each table: equally spaced angles, or times of the schedule.
     theta
-        Angles (degrees) of the rotation that replace the equally spaced ones.
+        Angles of the rotation (in Python in degrees) that replace the equally spaced ones.
     speed, acceleration
-        Limits of the inputs in deg/s and deg/s2: one for all inputs or one for each. A
-        schedule, the rotation in time, is computed if at least one limit is given.
+        Limits of the inputs (in Python in deg/s and deg/s2): one for all inputs or one for
+        each. A schedule, the rotation in time, is computed if at least one limit is given.
     shape
         Time law of the schedule: cycloidal, cubic, quintic or septic.
     cycle
@@ -146,11 +153,11 @@ class EquivalentRotation(AbstractAnalysis):
     end_mode: str = ""
     output: str = ""
     samples: int = 91
-    theta: tuple[float, ...] = ()
-    speed: tuple[float, ...] = ()
-    acceleration: tuple[float, ...] = ()
+    theta: tuple[Degrees, ...] = ()
+    speed: tuple[DegreesPerSecond, ...] = ()
+    acceleration: tuple[DegreesPerSecond2, ...] = ()
     shape: str = "cycloidal"
-    cycle: float = 0.0
+    cycle: Seconds = 0.0
 
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return that this analysis needs the position analysis of the run (`tracer`).
@@ -172,8 +179,9 @@ class EquivalentRotation(AbstractAnalysis):
                 f"{self.name}: {len(inputs)} inputs are more than the three freedoms of an "
                 "orientation; lock some of them"
             )
-        read_pose(self.start, inputs, f"{self.name}: start")
-        read_end(self.end, inputs, f"{self.name}: end")
+        angle_unit = mechanism.angle_unit
+        read_pose(self.start, inputs, f"{self.name}: start", angle_unit)
+        read_end(self.end, inputs, f"{self.name}: end", angle_unit)
         if self.samples < 2:
             raise AnalysisError(
                 f"{self.name}: samples: found {self.samples}, needs at least 2"
@@ -381,9 +389,10 @@ class EquivalentRotation(AbstractAnalysis):
 
         # 2. The configuration at the start, and the orientation at the end.
         finder = PoseFinder(solver, output, architecture)
-        end_pose = read_end(self.end, inputs, f"{self.name}: end")
+        end_pose = read_end(self.end, inputs, f"{self.name}: end", mechanism.angle_unit)
         try:
-            start = finder.candidates(read_pose(self.start, inputs, "start"))
+            start_pose = read_pose(self.start, inputs, "start", mechanism.angle_unit)
+            start = finder.candidates(start_pose)
             start_number = start.number_of(self.mode)
         except SolveError as problem:
             raise SolveError(f"start: {problem}") from None

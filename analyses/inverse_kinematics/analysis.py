@@ -50,7 +50,8 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
     window
         Grid of poses, ``NAME:FROM:TO:COUNT`` joined by ``+``.
     unit
-        Unit of angles. A file may state another one, which is then used.
+        Unit of angles without a unit, deg or rad. By default it is that of the mechanism's
+        file. The columns of `file` may state another one, which is then used.
     output
         Name of the output, needed if the mechanism declares several.
     working_mode
@@ -75,7 +76,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
     columns: tuple[str, ...] = ()
     file: str = ""
     window: tuple[str, ...] = ()
-    unit: Literal["deg", "rad"] = "deg"
+    unit: Literal["deg", "rad"] | None = None
     output: str = ""
     working_mode: str = ""
     graph: bool = False

@@ -12,6 +12,7 @@ from spherekit.plugin import (
     Floats,
     listing,
 )
+from spherekit.plugin.quantities import ANGLE, AngleUnit, QuantityError, read_quantity
 from spherekit.plugin.workspace import (
     OutputKinematics,
     columns_of,
@@ -19,7 +20,6 @@ from spherekit.plugin.workspace import (
 )
 
 from ..output_poses import (
-    ANGULAR_TERMS,
     AZIMUTH_TILT_TERMS,
     CONVERSION_OF_FORM,
     DIRECTION_TERMS,
@@ -28,6 +28,7 @@ from ..output_poses import (
     QUATERNION_TERMS,
     ROTATION_VECTOR_TERMS,
     TILT_TORSION_TERMS,
+    is_angle,
     read_terms,
 )
 
@@ -93,7 +94,7 @@ def read_poses(
     columns: tuple[str, ...] = (),
     file: str = "",
     window: Sequence[str] = (),
-    unit: str = "deg",
+    unit: AngleUnit | None = None,
     parameter: str = "poses",
 ) -> PoseList:
     """Return the poses of a list, of a file, or of a window, or inputs instead.
@@ -117,7 +118,8 @@ def read_poses(
     window
         Texts ``NAME:FROM:TO:COUNT`` of a grid.
     unit
-        Unit of angles, deg or rad, if the file does not state it.
+        Unit of angles, deg or rad, that have no unit. By default it is that of the
+        mechanism's file. A column of a file may state its own.
     parameter
         Name of the parameter with the list `poses`, for error messages.
 
@@ -143,13 +145,14 @@ def read_poses(
             "poses=azimuth=10+tilt=20"
         )
     where = f"{where}: {file or given_sources[0]}"
+    angle_unit = unit or solver.mechanism.angle_unit
     try:
         if file:
             table = _read_file(solver, where, Path(file), columns)
         elif window:
-            table = _read_window(solver, where, window)
+            table = _read_window(solver, where, window, angle_unit)
         else:
-            table = _read_list(solver, where, poses)
+            table = _read_list(solver, where, poses, angle_unit)
         _check_pose_count(len(table.rows), where)
     except AnalysisError:
         if not solver.labels:
@@ -160,7 +163,8 @@ def read_poses(
     gives_inputs = table.terms == solver.mechanism.input_pairs
     # Columns of angles are converted to rad. The unit of the file comes first.
     is_in_degrees = [
-        (gives_inputs or term in ANGULAR_TERMS) and (table.units.get(term) or unit) == "deg"
+        is_angle(term, solver.mechanism.input_pairs)
+        and (table.units.get(term) or angle_unit) == "deg"
         for term in table.terms
     ]
     rows = np.where(is_in_degrees, np.radians(table.rows), table.rows)
@@ -171,7 +175,9 @@ def read_poses(
     return PoseList(converted_poses, None, table.grid_shape)
 
 
-def _read_list(solver: OutputKinematics, where: str, poses: Sequence[str]) -> NumberTable:
+def _read_list(
+    solver: OutputKinematics, where: str, poses: Sequence[str], angle_unit: AngleUnit
+) -> NumberTable:
     """Return the numbers of poses from texts ``name=number``.
 
     All poses must have the same names of numbers, which decide the form of the poses.
@@ -184,13 +190,15 @@ def _read_list(solver: OutputKinematics, where: str, poses: Sequence[str]) -> Nu
         Name of the parameter with the list, for error messages.
     poses
         The texts. A name that occurs again begins the next pose.
+    angle_unit
+        Unit of angles without a unit.
 
     Raises
     ------
     AnalysisError
         If the names are not those of a pose, or differ from pose to pose.
     """
-    given_numbers = read_terms(poses, where)
+    given_numbers = read_terms(poses, solver.mechanism.input_pairs, where, angle_unit)
     first_pose = given_numbers[0]
     form = _match_form(_forms_of_output(solver), tuple(first_pose), where)
     for number, pose in enumerate(given_numbers, 1):
@@ -200,7 +208,7 @@ def _read_list(solver: OutputKinematics, where: str, poses: Sequence[str]) -> Nu
                 f"{listing(first_pose)}; say all poses in the same terms"
             )
     rows = [[pose[term] for term in form] for pose in given_numbers]
-    return NumberTable(form, np.array(rows))
+    return NumberTable(form, np.array(rows), units=dict.fromkeys(form, "rad"))
 
 
 def _read_file(
@@ -268,7 +276,7 @@ def _read_file(
 
 
 def _read_window(
-    solver: OutputKinematics, where: str, window: Sequence[str]
+    solver: OutputKinematics, where: str, window: Sequence[str], angle_unit: AngleUnit
 ) -> NumberTable:
     """Return the numbers of all poses of a grid.
 
@@ -281,13 +289,26 @@ def _read_window(
     window
         Texts ``NAME:FROM:TO:COUNT``, one for each number of the poses. The grid has all
         combinations of their values.
+    angle_unit
+        Unit of angles without a unit.
     """
     values_of_term: dict[str, Floats] = {}
     for text in window:
         name, *numbers = text.split(":")
         try:
-            low, high, count = map(float, numbers)
+            *ends, count_text = numbers
+            count = float(count_text)
+            if is_angle(name, solver.mechanism.input_pairs):
+                # The values are computed in the unit of the file and converted together.
+                ends_in_unit = [
+                    read_quantity(end, ANGLE, angle_unit, target=angle_unit) for end in ends
+                ]
+            else:
+                ends_in_unit = [float(end) for end in ends]
+            low, high = ends_in_unit
             is_valid = count.is_integer() and count > 0.0 and np.isfinite(low + high)
+        except QuantityError as problem:
+            raise AnalysisError(f'{where}: "{text}": {problem}') from None
         except ValueError:
             is_valid = False
         if not is_valid or name in values_of_term:

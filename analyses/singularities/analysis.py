@@ -19,6 +19,7 @@ from spherekit.plugin import (
     TableData,
 )
 from spherekit.plugin.designs import middle_pairs
+from spherekit.plugin.quantities import Degrees, Seconds
 from spherekit.plugin.singularities import (
     NEAREST_TRANSMISSION_REDUCTION,
     NEAREST_TRANSMISSION_WORD,
@@ -79,17 +80,17 @@ class SingularityAnalysis(AbstractAnalysis):
         Relative motions of interest with one input, such as ``41`` or ``4/1``. By default
         the outputs that the mechanism declares. With several inputs these are always used.
     near
-        Angle to a singularity (degrees) below which a warning is given. If dyads place the
-        output, a warning of type II also needs the transmission angle of one of them to be
-        below it.
+        Angle to a singularity (in Python in degrees) below which a warning is given. If
+        dyads place the output, a warning of type II also needs the transmission angle of
+        one of them to be below it.
     slices
         With several inputs, the number of values at which each input is locked. The default
         is 12 if there are two inputs and all groups are dyads. Other mechanisms are
         searched from random starts by default, since each slice takes seconds to minutes.
         With 0, neither curves nor surfaces are searched.
     mesh
-        Length of the edges of surfaces (degrees), by default a sixteenth of the narrowest
-        range. With 0, no surfaces are computed.
+        Length of the edges of surfaces (in Python in degrees), by default a sixteenth of
+        the narrowest range. With 0, no surfaces are computed.
     input_grid
         With several inputs, the number of values of each for the search of aspects, 11 by
         default. With 0, no aspects are searched. With more than three inputs, the output
@@ -116,11 +117,11 @@ class SingularityAnalysis(AbstractAnalysis):
     )
 
     output: tuple[str, ...] = ()
-    near: float = 5.0
+    near: Degrees = 5.0
     slices: int | None = None
-    mesh: float | None = None
+    mesh: Degrees | None = None
     input_grid: int | None = None
-    seconds: float = 50.0
+    seconds: Seconds = 50.0
 
     def outputs(self, mechanism: Mechanism) -> tuple[tuple[int, int], ...]:
         """Return the relative motions of interest as numbers (o, s) of links.

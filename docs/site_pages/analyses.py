@@ -28,10 +28,12 @@ def _page(cls: type[AbstractAnalysis]) -> Iterator[str]:
         yield f"## Parameters\n\nWritten as `-a {cls.name}:{next(iter(parameters))}=...`.\n"
         yield "| parameter | value | default | meaning |\n|---|---|---|---|"
     meanings = parameter_meanings(cls)
-    for key, (shown, default) in parameters.items():
-        default_text = "" if default in ("", ()) else f"`{default!r}`"
+    for key, parameter in parameters.items():
+        default = parameter.default
+        default_text = "" if default in ("", ()) else f"`{parameter.default_text}`"
         default_text = "required" if default is MISSING else default_text
-        cells = (f"`{key}`", _cell(shown), default_text, _cell(meanings.get(key, "")))
+        type_text = _cell(parameter.type_text)
+        cells = (f"`{key}`", type_text, default_text, _cell(meanings.get(key, "")))
         yield f"| {' | '.join(cells)} |"
     for table in cls.tables:
         meaning = f"{table.meaning[:1].upper()}{table.meaning[1:]}."

@@ -1,5 +1,6 @@
 """Synthesis of sizes from a synthesis file."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 from spherekit.api.sweep import sweep_of
 from spherekit.argument_validation import checked
 from spherekit.conventions import AnyPath
-from spherekit.designs.design_space import DesignSpace, range_variation
+from spherekit.designs.design_space import DesignSpace, Variation, range_variation
 from spherekit.designs.synthesis import Synthesis, synthesize_dimensions
 from spherekit.designs.synthesis_requirements import Specification
 from spherekit.errors import DesignError
@@ -22,6 +23,7 @@ from spherekit.files.toml_lines import KeyPath
 from spherekit.geometry.rotation import from_quaternion
 from spherekit.geometry.tilt_torsion import from_tilt_torsion, pointing
 from spherekit.mechanism.sizes import to_radians
+from spherekit.quantity import ANGLE, AngleUnit, QuantityError, read_quantity
 
 DEFAULT_SAMPLES_OF_DESIGN = 181
 """Number of samples along the input at which each design is evaluated."""
@@ -102,17 +104,16 @@ def specification_of(
     document = parse(read_text(Path(path)), str(path))
     check(document, "synthesis")
     data = document.data
-    variations = [
-        range_variation(key, *map(float, ends)) for key, ends in data["vary"].items()
-    ]
     figures = [f"{name}={text}" for name, text in data.get("figures", {}).items()]
     # The name of a shipped mechanism, or a path relative to the folder of this file.
     name_or_path = named_in(data["mechanism"], Path(path).parent)
-    # One degree or one rad, by the unit of angles in the mechanism file.
-    angle_unit_rad = to_radians(1.0, angle_unit_of(name_or_path))
+    angle_unit = angle_unit_of(name_or_path)
+    variations = [
+        _range_of(document, key, ends, angle_unit) for key, ends in data["vary"].items()
+    ]
     # Precision points are wanted values at given inputs. The deviation from each of them is
     # a figure of merit, too: `deviation_figures` has its text by name.
-    deviation_figures, point_count = _precision_point_deviations(document, angle_unit_rad)
+    deviation_figures, point_count = _precision_point_deviations(document, angle_unit)
     # The first designs are a Sobol sequence (points spread evenly over all ranges).
     sweep = sweep_of(
         name_or_path,
@@ -128,8 +129,36 @@ def specification_of(
     return Specification(sweep, objectives, tuple(deviation_figures), point_count)
 
 
+def _range_of(
+    document: Document, key: str, ends: Sequence[float | str], angle_unit: AngleUnit
+) -> Variation:
+    """Return the range of a number that varies, in the unit of the mechanism file.
+
+    Parameters
+    ----------
+    document
+        The synthesis file, for messages.
+    key
+        Key of the number in the mechanism file.
+    ends
+        The least and the greatest value: numbers, or texts with a unit of angles.
+    angle_unit
+        Unit of angles in the mechanism file.
+    """
+    low_and_high = []
+    for index, end in enumerate(ends):
+        try:
+            if isinstance(end, str):
+                end = read_quantity(end, ANGLE, angle_unit, target=angle_unit)
+        except QuantityError as problem:
+            raise document.fault(("vary", key, index), str(problem)) from None
+        low_and_high.append(float(end))
+    low, high = low_and_high
+    return range_variation(key, low, high, any(isinstance(end, str) for end in ends))
+
+
 def _precision_point_deviations(
-    document: Document, unit: float
+    document: Document, angle_unit: AngleUnit
 ) -> tuple[dict[str, str], int]:
     """Return figures of merit for the deviations from the precision points of a file.
 
@@ -142,10 +171,11 @@ def _precision_point_deviations(
     ----------
     document
         The synthesis file. Its tables ``match`` list quantities, inputs and values.
-    unit
-        The angle unit of the mechanism file in rad. Inputs are in this unit both in the
-        synthesis file and in the figures of merit, so they are not converted. Wanted angles
-        are in this unit too, but expressions compute in rad, so `_deviations` converts.
+    angle_unit
+        Unit of angles of the mechanism file. Inputs without a unit are in this unit both in
+        the synthesis file and in the figures of merit, so they are not converted. Wanted
+        angles are in this unit too, but expressions compute in rad, so `_deviations`
+        converts.
 
     Returns
     -------
@@ -159,6 +189,7 @@ def _precision_point_deviations(
     for index, table in enumerate(match if is_list else [match]):
         path: KeyPath = ("match", index, "values") if is_list else ("match", "values")
         inputs = table["at"]
+        inputs_path = (*path[:-1], "at")
         values = table["values"]
         if len(inputs) != len(values):
             raise document.fault(
@@ -167,16 +198,36 @@ def _precision_point_deviations(
             )
         point_count += len(inputs)
         for input_values, value in zip(inputs, values, strict=True):
-            numbers = [repr(float(number)) for number in np.atleast_1d(input_values)]
-            inputs_text = ", ".join(numbers)
-            for deviation in _deviations(document, path, table["quantity"], value, unit):
+            if isinstance(input_values, list):
+                input_list = input_values
+            else:
+                input_list = [input_values]
+            for number in input_list:  # refuses a wrong unit with its line
+                _angle_of(document, inputs_path, number, angle_unit)
+            inputs_text = ", ".join(
+                number if isinstance(number, str) else repr(float(number))
+                for number in input_list
+            )
+            for deviation in _deviations(
+                document, path, table["quantity"], value, angle_unit
+            ):
                 name = f"missed_{len(figures) + 1}"
                 figures[name] = f"{name}=at({deviation}, {inputs_text})"
     return figures, point_count
 
 
+def _angle_of(
+    document: Document, path: KeyPath, number: float | str, angle_unit: AngleUnit
+) -> float:
+    """Return an angle of a synthesis file in rad, or raise an error with its line."""
+    try:
+        return read_quantity(number, ANGLE, angle_unit)
+    except QuantityError as problem:
+        raise document.fault(path, str(problem)) from None
+
+
 def _deviations(
-    document: Document, path: KeyPath, quantity: str, value: Any, unit: float
+    document: Document, path: KeyPath, quantity: str, value: Any, angle_unit: AngleUnit
 ) -> list[str]:
     """Return expressions for the deviation of a quantity from a value, in the file's unit.
 
@@ -194,20 +245,34 @@ def _deviations(
         A number, a direction (3 components or azimuth and tilt), or an orientation (4
         components of a quaternion, or azimuth, tilt and torsion). Angles are in the unit of
         the file. A number that is no angle, such as a velocity coefficient, has no unit.
-    unit
-        The angle unit of the file in rad.
+    angle_unit
+        Unit of angles of the mechanism file, in which angles without a unit are.
     """
-    if isinstance(value, int | float):
+    unit = to_radians(1.0, angle_unit)
+    if not isinstance(value, list):
         is_angle = quantity.startswith(("theta_", "transmission_angle_"))
+        if not is_angle and isinstance(value, str):
+            raise document.fault(
+                path, f'found "{value}", but {quantity} is no angle; leave the unit out'
+            )
         if not is_angle:
             return [f"{quantity} - ({value!r})"]
         # An angle is compared modulo whole turns.
-        difference = f"{quantity} - ({value * unit!r})"
+        angle = _angle_of(document, path, value, angle_unit)
+        difference = f"{quantity} - ({angle!r})"
         return [f"{1.0 / unit!r}*atan2(sin({difference}), cos({difference}))"]
     is_orientation = quantity.startswith("orientation_")
-    numbers = np.array(value, dtype=float)
     angle_count = 3 if is_orientation else 2
-    has_components = len(numbers) == angle_count + 1
+    has_components = len(value) == angle_count + 1
+    if has_components and any(isinstance(number, str) for number in value):
+        raise document.fault(path, f"{value}: the components of {quantity} have no unit")
+    # Components as they are written, angles in rad.
+    numbers = np.array(
+        value
+        if has_components
+        else [_angle_of(document, path, number, angle_unit) for number in value],
+        dtype=float,
+    )
     is_zero = has_components and not np.any(numbers)
     if len(numbers) not in (angle_count, angle_count + 1) or is_zero:
         allowed = "x, y, z, or azimuth and tilt"
@@ -219,7 +284,7 @@ def _deviations(
         target = from_quaternion(numbers) if is_orientation else numbers
     else:
         from_angles = from_tilt_torsion if is_orientation else pointing
-        target = from_angles(numbers[None] * unit)[0]
+        target = from_angles(numbers[None])[0]
     # The length of the difference of two unit vectors at a small angle is that angle (rad).
     # For two rotation matrices the Frobenius norm is sqrt(2) times the angle. The target is
     # a vector (1 axis) or a matrix (2 axes), so the root of the number of axes is the

@@ -16,14 +16,14 @@ from spherekit.designs.sweep_parts import SweepResult, run_sweep
 from spherekit.designs.worker_processes import can_start_workers
 from spherekit.errors import DesignError
 from spherekit.files.library import find, is_study
-from spherekit.files.mechanism_reader import angle_unit_of, load
-from spherekit.files.number_change import document_of
+from spherekit.files.mechanism_reader import load
+from spherekit.files.number_change import document_of, is_angle
 from spherekit.files.study import Crossings, Study
 from spherekit.files.study_reader import Subject, study_of
 from spherekit.files.toml_document import Document
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.mechanism.sizes import to_radians
 from spherekit.planning.assembly_plan import driven_at
+from spherekit.quantity import AngleUnit
 from spherekit.resources import usable_cores
 from spherekit.runs.figure_of_merit import FigureOfMerit, parse_merit
 from spherekit.runs.registry import create_analysis
@@ -122,13 +122,14 @@ def sweep(
     >>> found.frame()[["links_2_arc", "grashof", "least"]].shape
     (12, 3)
     """
+    study = study_of(subject)
+    angle_unit = study.mechanism.angle_unit
+    variations = [parse_variation(*item, angle_unit) for item in vary.items()]
     full_sweep = sweep_of(
         subject,
-        DesignSpace.from_variations(
-            [parse_variation(*item) for item in vary.items()], designs, scheme, seed
-        ),
+        DesignSpace.from_variations(variations, designs, scheme, seed),
         [reduce] if isinstance(reduce, str) else reduce,
-        [create_analysis(name) for name in analyses],
+        [create_analysis(name, angle_unit) for name in analyses],
         samples,
         tables=tables,
         crossings=crossings,
@@ -180,7 +181,13 @@ def sweep_of(
     if crossings is not None:
         study = replace(study, crossings=crossings)
     document = _document(study.mechanism, subject if source is None else source)
-    unit = to_radians(1.0, document.data["angle_unit"])
+    angle_unit: AngleUnit = document.data["angle_unit"]
+    for variation in space.variations:
+        if variation.has_angle_unit and not is_angle(document, variation.key):
+            raise DesignError(
+                f"{variation.key}: the values have a unit of angles, but this number is no "
+                "angle; leave the unit out"
+            )
 
     # Later figures of merit replace earlier ones of the same name.
     merits: dict[str, FigureOfMerit] = {}
@@ -195,7 +202,7 @@ def sweep_of(
         for merit in analysis_merits:
             merits[merit.name] = merit
     for text in reduce:
-        merit = parse_merit(text, unit)
+        merit = parse_merit(text, angle_unit)
         merits[merit.name] = merit
     if tables and not analyses:
         raise DesignError(
@@ -219,7 +226,8 @@ def sweep_of(
         tuple(merits.values()),
         study=study if run_names else None,
         analyses=tuple(
-            analysis_of_name.get(name) or create_analysis(name) for name in run_names
+            analysis_of_name.get(name) or create_analysis(name, study.mechanism.angle_unit)
+            for name in run_names
         ),
         tables=tables,
         mode_labels=_labels_of_mode(study),
@@ -308,8 +316,8 @@ def _document(mechanism: Mechanism, subject: Subject) -> Document:
         object, the document is made from the mechanism.
     """
     if isinstance(subject, str | os.PathLike) and not is_study(find(subject)):
-        if replace(load(subject), inputs=()) == replace(mechanism, inputs=()):
+        mechanism_of_file = load(subject)
+        if replace(mechanism_of_file, inputs=()) == replace(mechanism, inputs=()):
             return document_of(subject)
-        # The new document has its angles in the unit that the user chose for the file.
-        return document_of(mechanism, angle_unit_of(subject))
-    return document_of(mechanism)
+    # The new document has its angles in the unit that the user chose for the file.
+    return document_of(mechanism, mechanism.angle_unit)

@@ -2,12 +2,16 @@
 
 from argparse import ArgumentParser, Namespace
 from dataclasses import MISSING
+from typing import TYPE_CHECKING
 
 from spherekit.cli.completers import complete_analyses, set_completer
 from spherekit.cli.main import print_json
 from spherekit.cli.screen_report import ScreenReport
 from spherekit.number_text import number_text
 from spherekit.tables.screen_table import ScreenColumn, ScreenTable
+
+if TYPE_CHECKING:
+    from spherekit.runs.parameter_text import Parameter
 
 EXAMPLES = """examples:
   # what is installed
@@ -83,7 +87,9 @@ def _describe(options: Namespace) -> int:
     allowed = describe_parameters(cls)  # allowed values and default, by parameter
     if options.json:
         facts = {key: getattr(cls, key) for key in ("name", "version", "summary", "cites")}
-        facts["parameters"] = {key: values for key, (values, _) in allowed.items()}
+        facts["parameters"] = {
+            key: parameter.type_text for key, parameter in allowed.items()
+        }
         facts["tables"] = {
             table.name: [
                 {key: getattr(column, key) for key in ("name", "unit", "meaning")}
@@ -101,8 +107,8 @@ def _describe(options: Namespace) -> int:
                 ScreenColumn("default"),
             ),
             rows=tuple(
-                (key, values, _default_text(default))
-                for key, (values, default) in allowed.items()
+                (key, parameter.type_text, _default_text(parameter))
+                for key, parameter in allowed.items()
             ),
             title="Parameters, written -a " + f"{cls.name}:NAME=VALUE,...",
         )
@@ -136,12 +142,13 @@ def _describe(options: Namespace) -> int:
     return 0
 
 
-def _default_text(default: object) -> str:
-    """Return the default value of a parameter as text; ``-`` if it is empty."""
+def _default_text(parameter: "Parameter") -> str:
+    """Return the default value of a parameter as text, with its unit; ``-`` if empty."""
+    default = parameter.default
     if default is MISSING:
         return "required"
     if isinstance(default, float):
-        return number_text(default)
+        return f"{number_text(default)} {parameter.unit}".rstrip()
     if isinstance(default, tuple):
         return "+".join(map(str, default)) or "-"
     return str(default) or "-"

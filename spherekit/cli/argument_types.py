@@ -5,6 +5,8 @@ Each raises `argparse.ArgumentTypeError` with a message that says what is allowe
 
 from argparse import ArgumentTypeError
 
+from spherekit.quantity import DURATION, QuantityError, read_quantity
+
 
 def number(text: str) -> float:
     """Return the number that a text states."""
@@ -14,22 +16,20 @@ def number(text: str) -> float:
         raise ArgumentTypeError(f"{text!r} is not a number") from None
 
 
+def seconds(text: str) -> float:
+    """Return the time in s that a text states, such as ``2``, ``2s`` or ``500ms``."""
+    try:
+        return read_quantity(text, DURATION, "rad")
+    except QuantityError as problem:
+        raise ArgumentTypeError(str(problem)) from None
+
+
 def whole_number(text: str) -> int:
     """Return the whole number, which may be negative, that a text states."""
     try:
         return int(text)
     except ValueError:
         raise ArgumentTypeError(f"{text!r} is not a whole number") from None
-
-
-def numbers(text: str) -> tuple[float, ...]:
-    """Return the numbers of a list such as ``10,20.5``."""
-    try:
-        return tuple(float(item) for item in text.split(","))
-    except ValueError:
-        raise ArgumentTypeError(
-            f"{text!r} is not a number, or several with commas between them"
-        ) from None
 
 
 def row_count(text: str) -> int:

@@ -10,10 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from spherekit.cli.argument_types import number
 from spherekit.cli.completers import complete_mechanisms, set_completer
 from spherekit.cli.main import say
-from spherekit.cli.study_arguments import add_input_argument, add_lock_argument, with_locks
+from spherekit.cli.study_arguments import (
+    UNIT_RULE,
+    add_input_argument,
+    add_lock_argument,
+    read_angle,
+    with_locks,
+)
 from spherekit.conventions import Facts, Lines
 from spherekit.wording import counted
 
@@ -23,6 +28,7 @@ if TYPE_CHECKING:
     from spherekit.proof.configuration_curves import CertifiedCurves
     from spherekit.proof.decimal_mechanism import DecimalMechanism
     from spherekit.proof.input_map import InputMap
+    from spherekit.quantity import AngleUnit
 
 INCOMPLETE = 3
 """Exit status if completeness is not proven."""
@@ -55,7 +61,7 @@ EXAMPLES = """examples:
   # an input locked: for all sizes within 1e-14 rad of the link that two become
   spherekit certify five_bar --lock 51=80
   # for every geometry whose sizes are off by at most 1e-9 rad
-  spherekit certify four_bar --tolerance 1e-9
+  spherekit certify four_bar --tolerance 1e-9rad
 """
 
 
@@ -71,10 +77,10 @@ def add_arguments(parser: ArgumentParser) -> None:
     set_completer(file_argument, complete_mechanisms)
     parser.add_argument(
         "--at",
-        metavar="DECIMAL[,DECIMAL...]",
+        metavar="ANGLE[,ANGLE...]",
         help=(
-            "values of the inputs, decimal numbers in the unit of the file, in place of "
-            "the range of the only input"
+            "values of the inputs, such as 40 or 0.7rad, in place of the range of the "
+            f"only input; {UNIT_RULE}"
         ),
     )
     parser.add_argument(
@@ -86,11 +92,11 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--range",
         nargs=2,
         metavar=("FROM", "TO"),
-        help="another range of the only input, in the unit of the file",
+        help=f"another range of the only input; {UNIT_RULE}",
     )
     parser.add_argument(
         "--clear-of",
-        metavar="DECIMAL",
+        metavar="ANGLE",
         help=(
             "over a range: print how far the input can move from this value before it "
             "reaches a singularity"
@@ -98,11 +104,10 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument(
         "--cell",
-        metavar="RAD",
-        type=number,
+        metavar="ANGLE",
         help=(
             "with two inputs: largest side of the boxes of inputs in which the number of "
-            "modes is proven, 0.01 by default"
+            f"modes is proven (default: 0.01rad); {UNIT_RULE}"
         ),
     )
     parser.add_argument(
@@ -112,10 +117,11 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument(
         "--tolerance",
-        metavar="RAD",
-        type=number,
-        default=0.0,
-        help="by how much sizes may be off (rad); by default the file is exact",
+        metavar="ANGLE",
+        help=(
+            "by how much sizes may be off, such as 1e-9rad (default: the file is exact); "
+            f"{UNIT_RULE}"
+        ),
     )
     parser.add_argument(
         "-o",
@@ -164,11 +170,14 @@ def execute(options: Namespace) -> int:
     from spherekit.storage.atomic_write import check_file, write_text
 
     document = checked_document(options.file)
-    tolerance = options.tolerance
+    unit: AngleUnit = document.data["angle_unit"]
+    tolerance = 0.0
+    if options.tolerance is not None:
+        tolerance = read_angle("--tolerance", options.tolerance, unit)
     if options.lock:
         # The proof reads decimal numbers, so the mechanism with locked pairs is written as
         # a new document. Its sizes are rounded.
-        locked = with_locks(mechanism_from_document(document), options.lock, options.file)
+        locked = with_locks(mechanism_from_document(document), options.lock)
         document = parse(dumps(locked, document.data["angle_unit"]), options.file)
         tolerance = max(tolerance, LOCKED_SIZE_ERROR_RAD)
     mechanism = driven_at(mechanism_from_document(document), options.input)
@@ -225,7 +234,7 @@ def _certify_inputs(
     decimal_mechanism
         The mechanism with the decimal numbers of its file.
     inputs_text
-        The value of ``--at``: a decimal number for each input, with commas between them.
+        The value of ``--at``: an angle for each input, with commas between them.
     with_poles
         Whether pole axes and velocity coefficients are enclosed too.
     """
@@ -234,7 +243,9 @@ def _certify_inputs(
     from spherekit.proof.certified_modes import certify_modes
 
     mechanism = decimal_mechanism.mechanism
-    values = [_decimal_text("--at", part) for part in inputs_text.split(",")]
+    values = [
+        _decimal_text("--at", part, mechanism.angle_unit) for part in inputs_text.split(",")
+    ]
     input_count = len(mechanism.inputs)
     if len(values) != input_count:
         raise AnalysisError(
@@ -271,8 +282,10 @@ def _describe_pole(row: Facts) -> str:
     )
 
 
-def _decimal_text(option: str, text: str) -> str:
-    """Return the text of a decimal number without exponent, as certificates contain it.
+def _decimal_text(option: str, text: str, unit: "AngleUnit") -> str:
+    """Return an angle as a decimal number without exponent, as certificates contain it.
+
+    It is in the unit of the file.
 
     Parameters
     ----------
@@ -280,18 +293,27 @@ def _decimal_text(option: str, text: str) -> str:
         Name of the option with this value, for messages.
     text
         The text that the user wrote.
+    unit
+        Unit of angles of the file.
 
     Raises
     ------
     AnalysisError
-        If the value of an option is no number, or larger than `MAX_INPUT`.
+        If the value of an option is no angle, or larger than `MAX_INPUT`.
     """
-    from decimal import Decimal, InvalidOperation
+    from decimal import InvalidOperation
 
     from spherekit.errors import AnalysisError
+    from spherekit.files.angle_units import read_decimal_angle
+    from spherekit.quantity import QuantityError
 
-    with suppress(InvalidOperation):  # raised for texts, and by abs() for a signalling NaN
-        number = Decimal(text.strip())
+    with suppress(InvalidOperation):  # raised by abs() for NaN
+        try:
+            number = read_decimal_angle(text, unit)
+        except QuantityError as problem:
+            raise AnalysisError(
+                f"{option}: {problem}; write it as in 40 or 12.5deg"
+            ) from None
         if abs(number) <= MAX_INPUT:
             return f"{number:f}"
     raise AnalysisError(
@@ -403,7 +425,7 @@ def _certify_range(
     # Ends of the range as decimal texts, in the unit of the file.
     low, high = decimal_mechanism.input_range_text(mechanism.inputs[0].pair)
     if ends:
-        low, high = (_decimal_text("--range", end) for end in ends)
+        low, high = (_decimal_text("--range", end, mechanism.angle_unit) for end in ends)
     if not float(low) < float(high):
         raise AnalysisError(f"the range {low} to {high} is empty; give FROM < TO")
     # A construction is an order of placing the links, and with it the choice of the pair
@@ -418,7 +440,7 @@ def _certify_range(
     lines += _describe_curves(curves)
     lines += _describe_singularities(curves, located)
     if clear_of:
-        position = _decimal_text("--clear-of", clear_of)
+        position = _decimal_text("--clear-of", clear_of, mechanism.angle_unit)
         is_in_range = float(low) <= float(position) <= float(high)
         if not (curves.is_full_cycle or is_in_range):
             raise AnalysisError(
@@ -468,10 +490,13 @@ def _certify_map(
             "input, or for two over the ranges in the file. With two inputs leave --range "
             "out, with more give a value of each with --at"
         )
-    largest_side = DEFAULT_CELL_RAD if options.cell is None else options.cell  # of a box
+    largest_side = DEFAULT_CELL_RAD  # of a box
+    if options.cell is not None:
+        largest_side = read_angle("--cell", options.cell, mechanism.angle_unit)
     if not MIN_CELL_RAD <= largest_side <= MAX_CELL_RAD:
         raise AnalysisError(
-            f"--cell {largest_side} rad is no use; give one from 0.0001 to 1"
+            f"--cell {options.cell}: found {largest_side:g} rad, needs a side from "
+            f"{MIN_CELL_RAD:g}rad to {MAX_CELL_RAD:g}rad"
         )
     # Ends of both ranges as decimal texts, in the unit of the file.
     ranges = [decimal_mechanism.input_range_text(name) for name in names]

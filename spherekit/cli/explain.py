@@ -76,7 +76,7 @@ def execute(options: Namespace) -> int:
     study = study_from(options)
     # The analyses of the command line, otherwise those that the file names.
     analyses = [
-        create_analysis(text) for text in options.analysis or ()
+        create_analysis(text, study.mechanism.angle_unit) for text in options.analysis or ()
     ] or make_study_analyses(study)
     if options.only_needed:
         study = replace(study, mechanism=extract_needed_part(study, analyses))

@@ -2,10 +2,16 @@
 
 from argparse import ArgumentParser, Namespace
 
-from spherekit.cli.argument_types import number, numbers, sample_counts
+from spherekit.cli.argument_types import number, sample_counts
 from spherekit.cli.completers import complete_mechanisms, complete_pairs, set_completer
 from spherekit.cli.screen_report import ScreenReport
-from spherekit.cli.study_arguments import add_input_argument, add_lock_argument, with_locks
+from spherekit.cli.study_arguments import (
+    UNIT_RULE,
+    add_input_argument,
+    add_lock_argument,
+    read_angle,
+    with_locks,
+)
 
 FORMAT_NAMES = {
     "c": "C source",
@@ -123,10 +129,9 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--at",
         metavar="Q[,Q...]",
-        type=numbers,
         help=(
-            "mjcf: inputs of the pose, in the angle_unit of the file (default: the first "
-            "on the way through their ranges)"
+            "mjcf: inputs of the pose, such as 30deg (default: the first on the way "
+            f"through their ranges); {UNIT_RULE}"
         ),
     )
 
@@ -143,19 +148,19 @@ def execute(options: Namespace) -> int:
         the mechanism.
     """
     from spherekit.api.export import SUFFIXES, export
-    from spherekit.files.angle_units import to_radians
-    from spherekit.files.mechanism_reader import angle_unit_of, load
+    from spherekit.files.mechanism_reader import load
 
     mechanism_of_file = load(options.file)
-    mechanism = with_locks(mechanism_of_file, options.lock, options.file)
-    unit = angle_unit_of(options.file)
+    mechanism = with_locks(mechanism_of_file, options.lock)
     # Without locked pairs, the file is passed on instead of the mechanism. The export then
     # reads the sizes as the user wrote them, such as 30 deg. The mechanism has them in rad,
     # rounded to floats.
     has_locks = mechanism is not mechanism_of_file
     inputs_of_pose = None  # rad
     if options.at:
-        inputs_of_pose = tuple(to_radians(angle, unit) for angle in options.at)
+        inputs_of_pose = tuple(
+            read_angle("--at", text, mechanism.angle_unit) for text in options.at.split(",")
+        )
     exported = export(
         mechanism if has_locks else options.file,
         options.output or f"{mechanism.name}{SUFFIXES[options.to][0]}",

@@ -73,7 +73,7 @@ def execute(options: Namespace) -> int:
 
     file = options.file
     # With --lock the page is of a changed mechanism, which has fewer pairs than the file.
-    mechanism = with_locks(load(file), options.lock, file) if options.lock else file
+    mechanism = with_locks(load(file), options.lock) if options.lock else file
     written_page = page(
         mechanism,
         options.output or f"{Path(file).stem}.html",

@@ -81,7 +81,7 @@ def execute(options: Namespace) -> int:
     from spherekit.planning.pole_planner import plan
     from spherekit.positions.position_analysis import PositionAnalysis
 
-    mechanism = with_locks(load(options.file), options.lock, options.file)
+    mechanism = with_locks(load(options.file), options.lock)
     driven = mechanism.names_of(driven_pairs(mechanism))
     moving_inputs = [options.input] if options.input else driven
     try:

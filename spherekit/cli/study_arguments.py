@@ -7,15 +7,21 @@ the value in the file.
 from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from spherekit.cli.argument_types import number, sample_counts
+from spherekit.cli.argument_types import sample_counts, seconds
 from spherekit.cli.completers import complete_pairs, complete_studies, set_completer
+from spherekit.quantity import ANGLE, QuantityError, read_quantity
 
 if TYPE_CHECKING:
     from spherekit.files.study import Study
     from spherekit.files.time_law import Law
     from spherekit.mechanism.mechanism import Mechanism
+    from spherekit.quantity import AngleUnit
+
+UNIT_RULE = "a number without a unit is in the unit of the file"
+"""The rule for angles and their rates, as the help texts of options state it."""
 
 COPIED_FIELDS = ("samples", "start", "duration", "crossings", "assembly_mode")
 """Fields of `Study` whose command-line arguments have the same name and value."""
@@ -28,8 +34,8 @@ def add_lock_argument(parser: ArgumentParser) -> None:
         metavar="PAIR=VALUE",
         action="append",
         help=(
-            "lock an R pair at a value of its variable, in the unit of the mechanism file, "
-            "so that its two links are one"
+            "lock an R pair at an angle, such as 21=30deg, so that its two links are one; "
+            f"{UNIT_RULE}"
         ),
     )
 
@@ -79,17 +85,19 @@ def add_time_arguments(parser: ArgumentParser) -> None:
         metavar="[PAIR=]KIND:key=value,...",
         action="append",
         help=(
-            "time law of an input: constant_speed:speed=,from= "
-            "polynomial:coefficients=a+b+c cycloidal:from=,to=,duration= "
-            "table:times=a+b,angles=a+b,rest_at_ends=; angles in rad, times in s"
+            "time law of an input, such as cycloidal:from=0deg,to=90deg,duration=2: "
+            "constant_speed:speed=,from= polynomial:coefficients=a+b+c "
+            "cycloidal:from=,to=,duration= table:times=a+b,angles=a+b,rest_at_ends=; "
+            f"times are in s; {UNIT_RULE}"
         ),
     )
     parser.add_argument(
         "--start",
         metavar="q=Q[,dq=W]",
         help=(
-            "state of the input at t = 0 in rad and rad/s, of several q=Q+Q,dq=W+W: the "
-            "motion then follows from the loads"
+            "state of the input at t = 0, such as q=20deg,dq=1rad/s, of several inputs "
+            "q=Q+Q,dq=W+W; the motion then follows from the loads; "
+            f"{UNIT_RULE}"
         ),
     )
     parser.add_argument(
@@ -102,7 +110,7 @@ def add_time_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--duration",
         metavar="T",
-        type=number,
+        type=seconds,
         help=(
             "time in s that the samples divide, for --law and --start; with neither the "
             "input turns at 1 rad/s"
@@ -129,19 +137,40 @@ def add_time_arguments(parser: ArgumentParser) -> None:
     )
 
 
-def with_locks(
-    mechanism: "Mechanism", lock_texts: Sequence[str] | None, file: str
-) -> "Mechanism":
+def read_angle(option: str, text: str, angle_unit: "AngleUnit") -> float:
+    """Return the angle (rad) that a text of an option states, such as ``30deg``.
+
+    Parameters
+    ----------
+    option
+        Name of the option, for messages.
+    text
+        The text.
+    angle_unit
+        Unit of a number without a unit: that of the file.
+
+    Raises
+    ------
+    AnalysisError
+        If the text is no angle.
+    """
+    from spherekit.errors import AnalysisError
+
+    try:
+        return read_quantity(text, ANGLE, angle_unit)
+    except QuantityError as problem:
+        raise AnalysisError(f"{option}: {problem}") from None
+
+
+def with_locks(mechanism: "Mechanism", lock_texts: Sequence[str] | None) -> "Mechanism":
     """Return a mechanism with the pairs locked that ``--lock PAIR=VALUE`` names.
 
     Parameters
     ----------
     mechanism
-        The mechanism of `file`.
+        The mechanism. Locked angles without a unit are in the unit of its file.
     lock_texts
         The values of ``--lock``. None or empty returns the mechanism itself.
-    file
-        Path or name of the mechanism file. Locked angles are in the angle unit of the file.
 
     Raises
     ------
@@ -149,22 +178,20 @@ def with_locks(
         If a text does not read as ``PAIR=VALUE``.
     """
     from spherekit.errors import AnalysisError
-    from spherekit.files.study_reader import angle_unit_of_mechanism
     from spherekit.mechanism.locking import lock
 
     if not lock_texts:
         return mechanism
     locked_angles: dict[str, float] = {}
     for text in lock_texts:
-        pair, _, value = text.partition("=")
-        try:
-            locked_angles[pair] = float(value)
-        except ValueError:
+        pair, equals, value = text.partition("=")
+        if not equals:
             raise AnalysisError(
-                f'--lock: "{text}" does not read as PAIR=VALUE, such as 21=30, with a '
-                "number in the unit of the mechanism file"
-            ) from None
-    return lock(mechanism, locked_angles, angle_unit=angle_unit_of_mechanism(file))
+                f'--lock: "{text}" does not read as PAIR=VALUE, such as 21=30 or 21=30deg; '
+                f"{UNIT_RULE}"
+            )
+        locked_angles[pair] = read_angle(f"--lock {pair}", value, mechanism.angle_unit)
+    return lock(mechanism, locked_angles, angle_unit="rad")
 
 
 def study_from(
@@ -195,7 +222,7 @@ def study_from(
     from spherekit.files.study_reader import load_study
 
     study = load_study(options.file)
-    mechanism = with_locks(study.mechanism, options.lock, options.file)
+    mechanism = with_locks(study.mechanism, options.lock)
     if options.input:
         mechanism = mechanism.with_inputs(*options.input)
 
@@ -248,7 +275,7 @@ def laws_of(law_texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
         the mechanism has several.
     """
     from spherekit.errors import AnalysisError, ModelError
-    from spherekit.files.time_law import LAW_KINDS
+    from spherekit.files.time_law import LAW_KINDS, LAW_QUANTITIES, read_law_field
     from spherekit.files.units import KEYS
     from spherekit.planning.assembly_plan import driven_pairs
     from spherekit.runs.parameter_text import parse_fields
@@ -265,8 +292,17 @@ def laws_of(law_texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
             )
         # Parameters are written with the keys of files, such as `from` for the field start.
         key_of_field = {field: key for key, field in KEYS[LAW_KINDS[kind]].items()}
+        # Angles, rates and times may have a unit. Truth values have none.
+        readers = {
+            field: partial(read_law_field, field, angle_unit=study.mechanism.angle_unit)
+            for field in (*LAW_QUANTITIES, "coefficients")
+        }
         parameters = parse_fields(
-            parameter_text, LAW_KINDS[kind], f"--law {kind}", key_of_field
+            parameter_text,
+            LAW_KINDS[kind],
+            f"--law {kind}",
+            key_of_field,
+            readers=readers,
         )
         try:
             law = LAW_KINDS[kind](**parameters)

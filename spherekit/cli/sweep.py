@@ -147,6 +147,8 @@ def execute(options: Namespace) -> int:
 
     if options.tables and not options.output:
         raise DesignError("--tables: give the folder to which they go, -o DIR")
+    study = study_from(options)
+    angle_unit = study.mechanism.angle_unit
     variations = []
     for text in options.vary:
         key, equals, values = text.partition("=")
@@ -154,14 +156,14 @@ def execute(options: Namespace) -> int:
             raise DesignError(
                 f"--vary {text}: write KEY=VALUES, such as links.2.arc=10:40:31"
             )
-        variations.append(parse_variation(key.strip(), values))
+        variations.append(parse_variation(key.strip(), values, angle_unit))
     sweep = sweep_of(
-        study_from(options),
+        study,
         DesignSpace.from_variations(
             variations, options.designs, options.scheme, options.seed
         ),
         options.reduce or (),
-        [create_analysis(text) for text in options.analysis or ()],
+        [create_analysis(text, angle_unit) for text in options.analysis or ()],
         source=options.file,
         tables=options.tables,
     )

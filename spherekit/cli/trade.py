@@ -91,7 +91,7 @@ def execute(options: Namespace) -> int:
         raise AnalysisError(f"--rounds {options.rounds}: give a whole number of at least 1")
     # The analysis of the command line, otherwise the only one that the file names.
     analyses = (
-        [create_analysis(options.analysis)]
+        [create_analysis(options.analysis, study.mechanism.angle_unit)]
         if options.analysis
         else make_study_analyses(study)
     )

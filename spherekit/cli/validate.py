@@ -113,7 +113,7 @@ def validate_file(name: str, lock_texts: Sequence[str] | None = None) -> Facts:
     from spherekit.runs.study_analyses import make_study_analyses
 
     study = load_study(name)
-    study = replace(study, mechanism=with_locks(study.mechanism, lock_texts, name))
+    study = replace(study, mechanism=with_locks(study.mechanism, lock_texts))
     mechanism = study.mechanism
     properties: Facts = {
         "name": mechanism.name,

@@ -3,7 +3,7 @@
 import math
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.errors import DesignError
 from spherekit.geometry.vectors import all_finite
+from spherekit.quantity import ANGLE, AngleUnit, QuantityError, read_quantity, split_unit
 from spherekit.wording import choices
 
 Scheme = Literal["grid", "sobol", "latin", "random"]
@@ -41,15 +42,20 @@ class Variation:
         Smallest and largest value.
     values
         The possible values; None if all numbers from `low` to `high` are possible.
+    has_angle_unit
+        Whether the user has stated a unit of angles, so that the number must be an angle.
     """
 
     key: str
     low: float
     high: float
     values: tuple[float, ...] | None = None
+    has_angle_unit: bool = field(default=False, compare=False)
 
 
-def parse_variation(key: str, values: str | Sequence[float]) -> Variation:
+def parse_variation(
+    key: str, values: str | Sequence[float], angle_unit: AngleUnit
+) -> Variation:
     """Create a variation from numbers or from a text.
 
     Parameters
@@ -58,7 +64,10 @@ def parse_variation(key: str, values: str | Sequence[float]) -> Variation:
         Key of the number in the mechanism file.
     values
         A list of values; or one of the texts ``"10:40:31"`` (31 values from 10 to 40),
-        ``"10:40"`` (any number from 10 to 40) and ``"10,20,25"`` (three values).
+        ``"10:40"`` (any number from 10 to 40) and ``"10,20,25"`` (three values). Angles in
+        a text may have a unit, as in ``"10deg:40deg:31"``.
+    angle_unit
+        Unit of angles in the mechanism file. The variation has its numbers in this unit.
 
     Returns
     -------
@@ -69,29 +78,46 @@ def parse_variation(key: str, values: str | Sequence[float]) -> Variation:
     DesignError
         If the text has another form, or there is no value or one that is not finite.
     """
+    has_angle_unit = False
+
+    def read_number(text: str) -> float:
+        """Return a number in the unit of the file; an angle may have another unit."""
+        nonlocal has_angle_unit
+        if not split_unit(text)[1]:
+            return float(text)
+        has_angle_unit = True
+        return read_quantity(text, ANGLE, angle_unit, target=angle_unit)
+
     try:
         if isinstance(values, str) and ":" in values:
-            low, high, *count = values.split(":")
+            low_text, high_text, *count = values.split(":")
+            low = read_number(low_text)
+            high = read_number(high_text)
             if not count:
-                return range_variation(key, float(low), float(high))
+                return range_variation(key, low, high, has_angle_unit)
             (number,) = count
-            numbers = np.linspace(float(low), float(high), int(number)).tolist()
+            numbers = np.linspace(low, high, int(number)).tolist()
         elif isinstance(values, str):
-            numbers = [float(number) for number in values.split(",")]
+            numbers = [read_number(number) for number in values.split(",")]
         else:
             numbers = [float(number) for number in values]
-    except ValueError:
+    except ValueError as problem:
+        why = f"{problem}; " if isinstance(problem, QuantityError) else ""
         raise DesignError(
-            f"{key}={values}: write LOW:HIGH:COUNT, such as 10:40:31, a list such as "
+            f"{key}={values}: {why}write LOW:HIGH:COUNT, such as 10:40:31, a list such as "
             "10,20,25, or LOW:HIGH for --designs"
         ) from None
     if not numbers or not all_finite(numbers):
         raise DesignError(f"{key}: give at least one value, and finite ones")
-    return Variation(key, min(numbers), max(numbers), tuple(numbers))
+    return Variation(key, min(numbers), max(numbers), tuple(numbers), has_angle_unit)
 
 
-def range_variation(key: str, low: float, high: float) -> Variation:
+def range_variation(
+    key: str, low: float, high: float, has_angle_unit: bool = False
+) -> Variation:
     """Create a variation over all numbers from `low` to `high`.
+
+    `has_angle_unit` is whether the user has stated a unit of angles.
 
     Raises
     ------
@@ -102,7 +128,7 @@ def range_variation(key: str, low: float, high: float) -> Variation:
         raise DesignError(
             f"{key}: {low:g} to {high:g} is no range; give the lower end first"
         )
-    return Variation(key, low, high)
+    return Variation(key, low, high, has_angle_unit=has_angle_unit)
 
 
 @dataclass(frozen=True)

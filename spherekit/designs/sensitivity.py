@@ -357,11 +357,21 @@ class Sensitivity:
         deviations = np.where(self._is_mass_or_load, 0.0, size)
         for key, deviation in singly.items():
             index = self.keys.index(key)
-            # On the unit sphere all sizes are angles. A few numbers of loads are too.
-            is_size = not self._is_mass_or_load[index]
-            is_angle = is_size or is_angle_of_load(self.document, key)
+            is_angle = self.is_angle(key)
             deviations[index] = np.radians(deviation) if is_angle else deviation
         return tuple(deviations.tolist())
+
+    def is_angle(self, key: str) -> bool:
+        """Return whether one of the numbers is an angle, or an angle per second.
+
+        Parameters
+        ----------
+        key
+            One of `keys`.
+        """
+        # On the unit sphere all sizes are angles. A few numbers of loads are too.
+        is_size = not self._is_mass_or_load[self.keys.index(key)]
+        return is_size or is_angle_of_load(self.document, key)
 
     @cached_property
     def links(self) -> frozenset[int]:

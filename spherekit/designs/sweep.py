@@ -265,7 +265,15 @@ class Sweep:
             "input": ", ".join(self.mechanism.input_pairs),
             "samples": hashlib.sha256(self._sampling_bytes).hexdigest(),
             "angle_unit": self.angle,
-            "vary": [asdict(variation) for variation in self.space.variations],
+            "vary": [
+                {
+                    "key": variation.key,
+                    "low": variation.low,
+                    "high": variation.high,
+                    "values": variation.values,
+                }
+                for variation in self.space.variations
+            ],
             "scheme": self.space.scheme,
             "designs": self.space.count,
             "seed": self.space.seed,

@@ -5,7 +5,8 @@ from decimal import MAX_EMAX, MIN_EMIN, Context, Decimal
 
 from spherekit.files.toml_document import LiteralNumber
 from spherekit.mechanism.elements import as_vector
-from spherekit.mechanism.sizes import AngleUnit, Vector
+from spherekit.mechanism.sizes import Vector
+from spherekit.quantity import AngleUnit, angle_unit_and_factor, check_turns, split_unit
 from spherekit.tolerances import EPS
 
 LENGTH_TOLERANCE = 1e-3
@@ -20,6 +21,12 @@ MAX_PLAUSIBLE_RAD = 4 * math.pi
 
 MAX_PLAIN_DIGITS = 17
 """Degrees with at most so many digits are converted as `math.radians` does."""
+
+CONVERTED_DIGITS = 30
+"""Digits of a decimal angle that is converted from degrees to rad or the reverse.
+
+They are far more than the 17 of a float. Larger: certificates contain longer numbers.
+"""
 
 UNIT_LENGTH_ROUNDING = 4 * EPS
 """Deviation from 1 of the length of a vector that was normalized in float64."""
@@ -46,6 +53,41 @@ def to_radians(number: float, unit: AngleUnit) -> float:
     if len(_EXACT.normalize(decimal).as_tuple().digits) <= MAX_PLAIN_DIGITS:
         return math.radians(number)
     return float(_EXACT.multiply(decimal, _DEGREE))
+
+
+def read_decimal_angle(text: str, angle_unit: AngleUnit) -> Decimal:
+    """Return an angle of a text as a decimal number in the unit of a file.
+
+    A proof computes with the decimal number itself, not with a float. A number in the unit
+    of the file, or without a unit, is exact. One in the other unit is rounded to
+    `CONVERTED_DIGITS` digits, since pi is irrational.
+
+    Parameters
+    ----------
+    text
+        The text, such as ``40``, ``40deg`` or ``0.7rad``.
+    angle_unit
+        Unit of the file, and of the result.
+
+    Raises
+    ------
+    QuantityError
+        If the text is no number, has a unit that is not one of angles, or is implausible
+        without a unit.
+    InvalidOperation
+        If the number has more digits than can be computed with.
+    """
+    number_text, unit = split_unit(text)
+    number = Decimal(number_text)
+    if not unit:
+        check_turns(float(number), angle_unit)
+        return number
+    stated_unit, factor = angle_unit_and_factor(number_text, unit)
+    number = _EXACT.multiply(number, Decimal(factor))
+    if stated_unit == angle_unit:
+        return number
+    convert = _EXACT.multiply if angle_unit == "rad" else _EXACT.divide
+    return Context(prec=CONVERTED_DIGITS).plus(convert(number, _DEGREE))
 
 
 def to_text(angle: float, unit: AngleUnit) -> str:

@@ -46,8 +46,9 @@ from spherekit.mechanism.load import Load
 from spherekit.mechanism.load_kinds import LOADS, JointLimit, PairTorque, as_tensor
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import LinkAxes, arc_pole, axis_in_link, link_axes
-from spherekit.mechanism.sizes import AngleUnit, Vector
+from spherekit.mechanism.sizes import Vector
 from spherekit.mechanism.wheel_phase import find_contact_start
+from spherekit.quantity import AngleUnit
 from spherekit.wording import choices, nearest
 
 Answer = TypeVar("Answer")
@@ -272,6 +273,8 @@ class _MechanismReader:
             # Free data of the user, in which numbers become ordinary floats.
             user=_plain(data.get("user", {})),
             description=data.get("description", ""),
+            # Texts without a unit are read in it, such as the parameters of analyses.
+            angle_unit=self.document.data["angle_unit"],
         )
         # Some wheels have a phase in the file: angles of their shafts at which they mesh.
         # The model needs the start of their contact instead: the arc lengths along both

@@ -13,7 +13,7 @@ from spherekit.files.schema import FORMAT
 from spherekit.files.toml_document import Document, key_path_text
 from spherekit.files.toml_lines import KeyPath
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.mechanism.sizes import AngleUnit
+from spherekit.quantity import AngleUnit
 from spherekit.wording import counted
 
 Tables = Mapping[Any, Any]

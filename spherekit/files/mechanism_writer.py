@@ -17,7 +17,7 @@ from spherekit.mechanism.elements import Pair, PoseGeometry, SizeGeometry
 from spherekit.mechanism.load import Load, no_expression_message
 from spherekit.mechanism.load_kinds import PairTorque
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.mechanism.sizes import AngleUnit
+from spherekit.quantity import AngleUnit
 from spherekit.storage.atomic_write import write_text
 
 _Table = dict[str, Any]

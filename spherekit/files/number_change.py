@@ -24,8 +24,9 @@ from spherekit.files.toml_document import (
     values_in,
 )
 from spherekit.files.toml_lines import KeyPath
+from spherekit.files.units import angle_paths
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.mechanism.sizes import AngleUnit
+from spherekit.quantity import AngleUnit
 from spherekit.wording import listing, nearest
 
 _LONLAT_NAMES = ("longitude", "latitude")
@@ -223,6 +224,19 @@ def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPat
         ".".join((table, name, *map(str, parts))): path
         for parts, path in path_by_parts.items()
     }
+
+
+def is_angle(document: Document, key: str) -> bool:
+    """Return whether a number of a mechanism file is an angle.
+
+    Parameters
+    ----------
+    document, key
+        The file and the name of the number, as for `number_path`.
+    """
+    path = number_path(document, key)
+    # Angles of pairs that the file leaves out are 0, and have no entry.
+    return path in angle_paths(document) or path[-1] in _OPTIONAL_PAIR_KEYS
 
 
 def number_at(document: Document, path: KeyPath) -> float:

@@ -45,7 +45,9 @@ _SCHEMA_FILES: Mapping[Kind, str] = {
 _DEFINITIONS = "#/$defs/"
 """Beginning of a reference to a named part of a schema."""
 
-_NUMBER_RULES = frozenset({"title", "description", "type", "minimum", "maximum"})
+_NUMBER_RULES = frozenset(
+    {"title", "description", "type", "minimum", "maximum", "maxLength"}
+)
 """The rules that the quick check of arrays of numbers understands."""
 
 _TYPE_WORDS = {
@@ -202,7 +204,7 @@ def validator(kind: Kind = "mechanism") -> Any:
         has_other_rules = not set(rules) <= _NUMBER_RULES
         are_plain_numbers = (
             isinstance(array, list)
-            and rules.get("type") == "number"
+            and rules.get("type") in ("number", ["number", "string"])
             and not has_other_rules
         )
         # Only floats pass it. In Python a truth value is an integer too, so integers are
@@ -274,7 +276,7 @@ def convert_values(data: Table, converters: Converters, kind: Kind = "mechanism"
             return tuple(
                 convert(item_part, item, (*path, index)) for index, item in enumerate(value)
             )
-        if item_part and "$ref" in item_part and isinstance(value, int | float):
+        if item_part and "$ref" in item_part and isinstance(value, int | float | str):
             # The schema allows one number in place of an array of one number.
             return convert(item_part, value, path)
         if isinstance(value, bool | str):

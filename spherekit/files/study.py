@@ -1,6 +1,7 @@
 """A study: a mechanism, samples of its inputs or a simulation, and the analyses to run."""
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -15,13 +16,24 @@ from spherekit.errors import AnalysisError, ModelError, SpherekitError
 from spherekit.files.time_law import Law, check_finite_fields
 from spherekit.mechanism.joint import Numbers
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.quantity import (
+    ANGLE,
+    ANGULAR_SPEED,
+    AngleUnit,
+    Dimension,
+    QuantityError,
+    read_quantity,
+)
 from spherekit.wording import counted
 
 Crossings = Literal["end", "pass"]
 """Whether a motion ends or continues at a configuration where curves of configurations
 cross."""
 
-START_SYNTAX = "give q=Q,dq=W in rad and rad/s, of several inputs q=Q+Q,dq=W+W"
+START_SYNTAX = (
+    "give q=Q,dq=W, such as q=20deg,dq=1rad/s; of several inputs q=Q+Q,dq=W+W. A number "
+    "without a unit is in the unit of the mechanism file"
+)
 
 DEFAULT_TOLERANCE = 1e-9
 """Default error of each step of a simulation, for pair variables (rad)."""
@@ -61,7 +73,7 @@ class Start:
         check_finite_fields(self)
 
     @staticmethod
-    def of(given: "StartGiven") -> "Start":
+    def of(given: "StartGiven", angle_unit: AngleUnit = "rad") -> "Start":
         """Return the start of a simulation from a text or a mapping.
 
         Parameters
@@ -70,7 +82,10 @@ class Start:
             The variables q (rad) and rates dq (rad/s) of the inputs, as
             ``"q=0.4,dq=1.2"`` or ``{"q": 0.4, "dq": 1.2}``. For several inputs it is
             ``"q=0.4+0.2,dq=1+0"``, or a mapping with sequences of numbers. Without dq the
-            mechanism is at rest. A `Start` is returned unchanged.
+            mechanism is at rest. A `Start` is returned unchanged. A number in a text may
+            have a unit, as in ``"q=20deg,dq=1rad/s"``.
+        angle_unit
+            Unit of numbers without a unit, ``"rad"`` or ``"deg"``.
 
         Raises
         ------
@@ -87,8 +102,11 @@ class Start:
         for key, value in given.items():
             if key not in ("q", "dq"):
                 raise ModelError(f'start: "{key}" is neither q nor dq; {START_SYNTAX}')
+            dimension = ANGLE if key == "q" else ANGULAR_SPEED
             try:
-                state[key] = _read_numbers(value)
+                state[key] = _read_numbers(value, dimension, angle_unit)
+            except QuantityError as problem:
+                raise ModelError(f"start: {key}: {problem}; {START_SYNTAX}") from None
             except (TypeError, ValueError):
                 raise ModelError(
                     f'start: {key}: "{value}" does not read as a number, or as one for '
@@ -142,14 +160,36 @@ StartGiven = Start | str | Mapping[str, Any]
 """A start, or a text or mapping that `Start.of` reads."""
 
 
-def _read_numbers(value: Any) -> float | Numbers:
-    """Return one number, or several from a sequence or a text such as ``0.4+0.2``."""
-    if not isinstance(value, str):
-        return tuple(map(float, value)) if np.ndim(value) else float(value)
-    try:
-        return float(value)
-    except ValueError:
-        return tuple(map(float, value.split("+")))
+def _read_numbers(
+    value: Any, dimension: Dimension, angle_unit: AngleUnit
+) -> float | Numbers:
+    """Return one number, or several from a sequence or a text such as ``0.4+0.2``.
+
+    Parameters
+    ----------
+    value
+        The number, sequence or text.
+    dimension
+        The kind of the quantity: an angle or an angular speed.
+    angle_unit
+        Unit of numbers without a unit.
+
+    Returns
+    -------
+    The numbers in rad or rad/s.
+    """
+
+    def read_number(number: Any) -> float:
+        # Numbers of Python are not limited: many turns are possible.
+        is_text = isinstance(number, str)
+        source = number if is_text else float(number)
+        return read_quantity(source, dimension, angle_unit, is_limited=is_text)
+
+    if isinstance(value, str):
+        # An exponent such as 1e+5 also has a plus sign. It is not a separator.
+        parts = re.split(r"(?<![eE])\+", value.strip().removeprefix("+"))
+        return tuple(map(read_number, parts)) if len(parts) > 1 else read_number(parts[0])
+    return tuple(map(read_number, value)) if np.ndim(value) else read_number(value)
 
 
 @dataclass(frozen=True)
@@ -228,7 +268,11 @@ class Study:
 
     def __post_init__(self) -> None:
         if isinstance(self.start, str | Mapping):
-            object.__setattr__(self, "start", Start.of(self.start))
+            # A text is in the unit of the file of the mechanism, numbers are in rad.
+            angle_unit: AngleUnit = "rad"
+            if isinstance(self.start, str) and isinstance(self.mechanism, Mechanism):
+                angle_unit = self.mechanism.angle_unit
+            object.__setattr__(self, "start", Start.of(self.start, angle_unit))
         check_fields(self, AnalysisError, self.name)
         if self.verify is not None and self.verify < 1:
             raise AnalysisError(

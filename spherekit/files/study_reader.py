@@ -12,7 +12,7 @@ from spherekit.arrays import Floats
 from spherekit.conventions import DEFAULT_SAMPLES, AnyPath
 from spherekit.errors import FileError, ModelError
 from spherekit.files.library import STUDY_SUFFIX, find, is_study, named_in
-from spherekit.files.mechanism_reader import angle_unit_of, load
+from spherekit.files.mechanism_reader import load
 from spherekit.files.schema import check
 from spherekit.files.study import Start, Study
 from spherekit.files.time_law import LAW_KINDS, Law, Tabulated
@@ -22,7 +22,7 @@ from spherekit.files.units import construct_element, convert_to_model
 from spherekit.mechanism.elements import Input
 from spherekit.mechanism.locking import lock
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.mechanism.sizes import AngleUnit
+from spherekit.quantity import AngleUnit
 from spherekit.wording import choices, listing
 
 Subject = Study | Mechanism | str | os.PathLike[str]
@@ -47,8 +47,13 @@ def load_study(name_or_path: AnyPath) -> Study:
         return Study(mechanism.name, mechanism)
     document = parse(read_text(path), str(path))
     check(document, "study")
-    data = convert_to_model(document, document.data, "study")
-    return _StudyReader(document, data).study(path)
+    mechanism = _mechanism_of(document, path.parent)
+    # The unit of angles in the study file, by default that of the mechanism file. It is
+    # also the unit of the parameters of analyses, which are read with the mechanism.
+    angle_unit: AngleUnit = document.data.get("angle_unit", mechanism.angle_unit)
+    data = convert_to_model(document, document.data, "study", angle_unit)
+    mechanism = replace(mechanism, angle_unit=angle_unit)
+    return _StudyReader(document, data).study(path, mechanism)
 
 
 def study_of(subject: Subject) -> Study:
@@ -60,13 +65,18 @@ def study_of(subject: Subject) -> Study:
     return load_study(subject)
 
 
-def angle_unit_of_mechanism(name_or_path: AnyPath) -> AngleUnit:
-    """Return the unit of angles in a mechanism file, or in the one that a study names."""
-    path = find(name_or_path)
+def _mechanism_of(document: Document, folder: Path) -> Mechanism:
+    """Return the mechanism that a study names; paths are relative to a folder."""
+    name = document.data["mechanism"]
+    try:
+        path = find(named_in(name, folder))
+    except FileError as error:
+        raise document.fault(("mechanism",), str(error)) from None
     if is_study(path):
-        document = parse(read_text(path), str(path))
-        path = find(named_in(document.data["mechanism"], path.parent))
-    return angle_unit_of(path)
+        raise document.fault(
+            ("mechanism",), f'found "{name}", a study; needs a mechanism file'
+        )
+    return load(path)
 
 
 @dataclass(frozen=True)
@@ -85,14 +95,15 @@ class _StudyReader:
     document: Document
     data: Table
 
-    def study(self, path: Path) -> Study:
+    def study(self, path: Path, mechanism: Mechanism) -> Study:
         """Return the study that the file contains.
 
         Parameters
         ----------
         path
-            Path of the file. The study has the name of the file, without the ending. The
-            path of the mechanism, which is stated in the file, is relative to its folder.
+            Path of the file. The study has the name of the file, without the ending.
+        mechanism
+            The mechanism that the file names.
         """
         # `self.data` has angles in rad and arrays as tuples. Only the parameters of
         # analyses are taken as written in the file. They are read by the types that the
@@ -100,7 +111,6 @@ class _StudyReader:
         data = self.data
         start = data.get("start", {})
         # The study can lock pairs of the mechanism, and drive other pairs than its file.
-        mechanism = self.mechanism(path.parent)
         mechanism = self.locked(mechanism)
         mechanism = self.with_inputs(mechanism)
         return Study(
@@ -125,19 +135,6 @@ class _StudyReader:
             locate=self.document.fault,
             **{key: data[key] for key in _COPIED_KEYS if key in data},
         )
-
-    def mechanism(self, folder: Path) -> Mechanism:
-        """Return the mechanism that the study names; paths are relative to a folder."""
-        try:
-            path = find(named_in(self.data["mechanism"], folder))
-        except FileError as error:
-            raise self.document.fault(("mechanism",), str(error)) from None
-        if is_study(path):
-            raise self.document.fault(
-                ("mechanism",),
-                f'found "{self.data["mechanism"]}", a study; needs a mechanism file',
-            )
-        return load(path)
 
     def locked(self, mechanism: Mechanism) -> Mechanism:
         """Return the mechanism with the pairs locked under the study's key ``lock``."""

@@ -15,6 +15,15 @@ from spherekit.errors import ModelError
 from spherekit.mechanism.elements import check_table_rows
 from spherekit.mechanism.joint import Numbers
 from spherekit.mechanism.sizes import check_finite
+from spherekit.quantity import (
+    ANGLE,
+    ANGULAR_SPEED,
+    DURATION,
+    AngleUnit,
+    Dimension,
+    angle_by_time,
+    read_quantity,
+)
 
 States = tuple[Floats, Floats, Floats]
 """The variable (rad), its rate (rad/s) and acceleration (rad/s2), in the shape asked."""
@@ -166,6 +175,51 @@ class TimeLaw(Protocol):
 
     def at(self, t: ArrayLike) -> States:
         """Return the input at times t (s)."""
+
+
+LAW_QUANTITIES: Mapping[str, Dimension] = {
+    "speed": ANGULAR_SPEED,
+    "start": ANGLE,
+    "stop": ANGLE,
+    "duration": DURATION,
+    "times": DURATION,
+    "angles": ANGLE,
+}
+"""The quantity of each number of a law, or of all numbers of a list, by field.
+
+The coefficients of a polynomial have a different one each, see `angle_by_time`.
+"""
+
+
+def read_law_field(field: str, text: str, angle_unit: AngleUnit) -> float | Numbers:
+    """Return the numbers of a field of a law from a text such as ``30deg``.
+
+    Parameters
+    ----------
+    field
+        One of `LAW_QUANTITIES`, or ``coefficients``.
+    text
+        The text. A list is written ``a+b+c``.
+    angle_unit
+        Unit of numbers without a unit.
+
+    Returns
+    -------
+    The number or the list, in rad, rad/s and so on, and in s.
+
+    Raises
+    ------
+    QuantityError
+        If the text is not a number with a unit of this quantity.
+    """
+    if field not in ("coefficients", "times", "angles"):
+        return read_quantity(text, LAW_QUANTITIES[field], angle_unit)
+    numbers = []
+    for power, part in enumerate(text.split("+")):
+        is_coefficient = field == "coefficients"
+        dimension = angle_by_time(power) if is_coefficient else LAW_QUANTITIES[field]
+        numbers.append(read_quantity(part, dimension, angle_unit))
+    return tuple(numbers)
 
 
 LAW_KINDS: Mapping[str, type[Law]] = {

@@ -32,7 +32,16 @@ from spherekit.mechanism.elements import (
 )
 from spherekit.mechanism.inertia import Mass
 from spherekit.mechanism.load_kinds import JointLimit
-from spherekit.mechanism.sizes import AngleUnit, Vector
+from spherekit.mechanism.sizes import Vector
+from spherekit.quantity import (
+    ANGLE,
+    ANGULAR_SPEED,
+    AngleUnit,
+    Dimension,
+    QuantityError,
+    angle_by_time,
+    read_quantity,
+)
 
 Element = TypeVar("Element")
 
@@ -110,7 +119,12 @@ def table_of(element: Any) -> dict[str, Any]:
     return table
 
 
-def convert_to_model(document: Document, data: Table, kind: Kind = "mechanism") -> Any:
+def convert_to_model(
+    document: Document,
+    data: Table,
+    kind: Kind = "mechanism",
+    angle_unit: AngleUnit = "rad",
+) -> Any:
     """Return data with angles in rad, directions as unit vectors and arrays as tuples.
 
     Parameters
@@ -121,18 +135,29 @@ def convert_to_model(document: Document, data: Table, kind: Kind = "mechanism") 
         Tables of the file that fit the schema.
     kind
         The kind of file.
+    angle_unit
+        Unit of angles if the file does not state one.
 
     Raises
     ------
     FileError
-        If an angle in rad looks like degrees, or a direction is no unit vector. For data
-        without a text it is a `ModelError`.
+        If an angle in rad looks like degrees, the unit of a text is wrong, or a direction
+        is no unit vector. For data without a text it is a `ModelError`.
     """
-    unit: AngleUnit = document.data.get("angle_unit", "rad")
+    unit: AngleUnit = document.data.get("angle_unit", angle_unit)
 
     # Each converter takes the path of the key, for messages, and the value in the file.
-    def convert_angle(path: KeyPath, number: float) -> float:
+    def convert_text(path: KeyPath, text: str, dimension: Dimension) -> float:
+        """Return an angle or a rate in rad from a text with a unit, such as ``30deg``."""
+        try:
+            return read_quantity(text, dimension, unit)
+        except QuantityError as problem:
+            raise document.fault(path, str(problem)) from None
+
+    def convert_angle(path: KeyPath, number: float | str) -> float:
         """Return an angle in rad; refuse numbers that look like degrees."""
+        if isinstance(number, str):
+            return convert_text(path, number, ANGLE)
         if unit == "rad" and abs(number) > MAX_PLAUSIBLE_RAD:
             raise document.fault(
                 path,
@@ -141,8 +166,22 @@ def convert_to_model(document: Document, data: Table, kind: Kind = "mechanism") 
             )
         return to_radians(number, unit)
 
-    def convert_unlimited_angle(path: KeyPath, number: float) -> float:
-        """Return an angle or a rate in rad, of any size."""
+    def convert_travel(path: KeyPath, number: float | str) -> float:
+        """Return an angle in rad, of any size."""
+        if isinstance(number, str):
+            return convert_text(path, number, ANGLE)
+        return to_radians(number, unit)
+
+    def convert_rate(path: KeyPath, number: float | str) -> float:
+        """Return an angular speed in rad/s."""
+        if isinstance(number, str):
+            return convert_text(path, number, ANGULAR_SPEED)
+        return to_radians(number, unit)
+
+    def convert_coefficient(path: KeyPath, number: float | str) -> float:
+        """Return a coefficient of a polynomial in time; its index is the power of s."""
+        if isinstance(number, str):
+            return convert_text(path, number, angle_by_time(int(path[-1])))
         return to_radians(number, unit)
 
     def convert_xyz(path: KeyPath, components: Any) -> Vector:
@@ -169,8 +208,9 @@ def convert_to_model(document: Document, data: Table, kind: Kind = "mechanism") 
     # By the names of the parts of the schema that declare the values.
     converters: Converters = {
         "angle": convert_angle,
-        "travel": convert_unlimited_angle,  # ranges of inputs may have many turns
-        "rate": convert_unlimited_angle,
+        "travel": convert_travel,  # ranges of inputs may have many turns
+        "rate": convert_rate,
+        "coefficient": convert_coefficient,
         "xyz": convert_xyz,
         "lonlat": convert_lonlat,
         "series": convert_series,
@@ -193,3 +233,25 @@ def convert_to_file(data: Table, unit: AngleUnit) -> Any:
         return LiteralNumber(to_text(angle, unit))
 
     return convert_values(data, {"angle": convert_angle, "rate": convert_angle})
+
+
+def angle_paths(document: Document) -> set[KeyPath]:
+    """Return the locations of all angles in a mechanism file.
+
+    They are what the schema declares as an angle, and the two numbers of a longitude and a
+    latitude. The location of an array of angles without an index is not included.
+    """
+    paths: set[KeyPath] = set()
+
+    def add_angle(path: KeyPath, number: float) -> float:
+        paths.add(path)
+        return number
+
+    def add_lonlat(path: KeyPath, angles: Any) -> Any:
+        paths.update((*path, index) for index in range(len(angles)))
+        return angles
+
+    convert_values(
+        document.data, {"angle": add_angle, "travel": add_angle, "lonlat": add_lonlat}
+    )
+    return paths

@@ -13,7 +13,8 @@ import numpy as np
 from spherekit.conventions import Names
 from spherekit.errors import ModelError
 from spherekit.mechanism.joint import JOINT_KINDS, Ends, Kind, Links, Numbers, PairType
-from spherekit.mechanism.sizes import AngleUnit, Sizes, Vector, to_radians
+from spherekit.mechanism.sizes import Sizes, Vector, to_radians
+from spherekit.quantity import AngleUnit
 from spherekit.wording import choices, counted
 
 Angles = Mapping[str, float]

@@ -24,8 +24,9 @@ from spherekit.mechanism.inertia import Mass
 from spherekit.mechanism.load_kinds import as_tensor
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import pair_frames
-from spherekit.mechanism.sizes import AngleUnit, to_radians
+from spherekit.mechanism.sizes import to_radians
 from spherekit.mechanism.sizes_from_frames import sizes_from_frames
+from spherekit.quantity import AngleUnit
 from spherekit.wording import listing
 
 REFERENCE_VALUE_TOLERANCE_RAD = 1e-12

@@ -31,19 +31,19 @@ from spherekit.mechanism.joint import JOINT_KINDS
 from spherekit.mechanism.load import Load
 from spherekit.mechanism.load_kinds import JointLimit, check_joint_limit
 from spherekit.mechanism.sizes import (
-    AngleUnit,
     Sizes,
     as_float_rows,
     check_finite,
     to_radians,
     unit_vector_along,
 )
+from spherekit.quantity import AngleUnit
 from spherekit.wording import choices, counted, listing
 
 ONE_TURN_RAD = 2.0 * math.pi
 """Range of an input that is driven without a range."""
 
-UNCOMPARED = ("source", "user", "description")
+UNCOMPARED = ("source", "user", "description", "angle_unit")
 """Fields on which no result depends; mechanisms that differ in them alone are equal."""
 
 _FIELD_KINDS: Mapping[type, Mapping[str, str]] = {
@@ -109,6 +109,10 @@ class Mechanism:
         Data of the user, which spherekit does not read.
     description
         What the mechanism is and what it is used for; empty if the file does not say.
+    angle_unit
+        Unit of angles of the file from which the mechanism was read. Texts without a unit,
+        such as the parameters of analyses, are read in it. It has no influence on numbers
+        in Python, which are in rad. A mechanism without a file has "rad".
 
     Raises
     ------
@@ -130,6 +134,7 @@ class Mechanism:
     source: Source | None = None
     user: Mapping[str, Any] = field(default_factory=dict)
     description: str = ""
+    angle_unit: AngleUnit = field(default="rad", compare=False)
 
     def __post_init__(self) -> None:
         """Put the ground first, check everything, and fill in the default input."""

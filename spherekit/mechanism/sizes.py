@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from spherekit.errors import ModelError
+from spherekit.quantity import AngleUnit
 
 Sizes = float | Sequence[float] | Mapping[str, float]
 """Arcs or angles of a link.
@@ -16,9 +17,6 @@ Either the only one, or all of them, or some of them by the pair that they lead 
 """
 
 Vector = tuple[float, float, float]
-
-AngleUnit = Literal["deg", "rad"]
-"""Unit in which users state angles. Inside the package all angles are in rad."""
 
 
 def to_radians(angle: float, unit: AngleUnit | None) -> float:

@@ -3,8 +3,9 @@
 They are the contract of analyses (`AbstractAnalysis`, `Needs`, `Batch`, `Findings`,
 `FigureOfMerit`, `Sweep`), declared tables, visible objects, poles by name, and errors.
 `conformance` checks an analysis. The functions that analyses of one topic need are in
-`spherekit.plugin.designs`, `dynamics`, `motion`, `rotations`, `singularities` and
-`workspace`. They load more code, so an analysis imports only the modules that it uses.
+`spherekit.plugin.designs`, `dynamics`, `motion`, `quantities`, `rotations`,
+`singularities` and `workspace`. They load more code, so an analysis imports only the
+modules that it uses.
 """
 
 from spherekit.arrays import Floats

@@ -1,11 +1,11 @@
 """Figures of merit: one number of a design in an assembly mode, from its rows."""
 
 import re
-from contextlib import suppress
 from dataclasses import dataclass
 
 from spherekit.errors import AnalysisError, ModelError
 from spherekit.mechanism.load_expression import Expression, parse
+from spherekit.quantity import ANGLE, AngleUnit, QuantityError, read_quantity
 from spherekit.runs.reductions import REDUCTION_BY_NAME, REDUCTIONS
 from spherekit.tables.table import Units
 from spherekit.wording import choices, listing
@@ -131,7 +131,7 @@ class FigureOfMerit:
         return names.get(quantity["name"], "") if quantity else ""
 
 
-def parse_merit(text: str, radians: float) -> FigureOfMerit:
+def parse_merit(text: str, angle_unit: AngleUnit) -> FigureOfMerit:
     """Return the figure of merit of ``NAME=REDUCTION(EXPRESSION)``, the name optional.
 
     Parameters
@@ -140,8 +140,8 @@ def parse_merit(text: str, radians: float) -> FigureOfMerit:
         Such as ``least=min(transmission_angle_43)`` or ``at(theta_41, 30)``; of the rows
         of a table ``max(workspace.areas: size)``, of some of them
         ``max(workspace.areas part=whole: size)``.
-    radians
-        What a unit of an input given by ``at`` is in rad.
+    angle_unit
+        Unit of angles of the mechanism file: that of an input of ``at`` without a unit.
 
     Raises
     ------
@@ -171,11 +171,14 @@ def parse_merit(text: str, radians: float) -> FigureOfMerit:
             expression = point_match["expression"]
             # The inputs, such as ", 30, 45", begin with a comma: the first part is empty.
             arguments = re.split(r"\s*,\s*", point_match["inputs"])[1:]
-        with suppress(ValueError):
-            point = tuple(float(argument) * radians for argument in arguments)
+        try:
+            point = tuple(read_quantity(item, ANGLE, angle_unit) for item in arguments)
+            reason = ""
+        except QuantityError as problem:
+            reason = f": {problem}"
         if not point:
             raise AnalysisError(
-                f'"{text}": at needs an expression and an input, at(theta_41, 30)'
+                f'"{text}": at needs an expression and an input, at(theta_41, 30){reason}'
             )
     elif reduction.startswith("arg") and (
         place_match := _PLACE_PATTERN.fullmatch(expression)

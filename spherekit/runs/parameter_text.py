@@ -7,6 +7,7 @@ from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hint
 
 from spherekit.conventions import Facts, Names
 from spherekit.errors import AnalysisError, SpherekitError
+from spherekit.quantity import AngleUnit, QuantityError, field_unit_of, read_quantity
 from spherekit.type_descriptions import TypeWording, describe_type, read_value
 from spherekit.wording import listing, nearest
 
@@ -37,21 +38,32 @@ class Parameter(NamedTuple):
         Type of the parameter as text.
     default
         Default value of the parameter, `dataclasses.MISSING` if it has none.
+    unit
+        Unit of the default value, empty if the parameter is no angle, rate or time.
     """
 
     type_text: str
     default: Any
+    unit: str = ""
+
+    @property
+    def default_text(self) -> str:
+        """The default value as text, with its unit."""
+        # Only a number has a unit, and not for example None or an empty list.
+        has_unit = self.unit and isinstance(self.default, int | float)
+        return f"{self.default:g} {self.unit}" if has_unit else repr(self.default)
 
 
 def describe_parameters(cls: type) -> dict[str, Parameter]:
     """Return the parameters of a dataclass by their names."""
-    hints = get_type_hints(cls)
+    hints = get_type_hints(cls, include_extras=True)
     parameters = {}
     for item in fields(cls):
         factory = item.default_factory
         default = item.default if factory is MISSING else factory()
         type_text = describe_type(hints[item.name], _TEXT_WORDING)
-        parameters[item.name] = Parameter(type_text, default)
+        unit = field_unit_of(hints[item.name])
+        parameters[item.name] = Parameter(type_text, default, unit.text if unit else "")
     return parameters
 
 
@@ -93,7 +105,7 @@ def read_fields(
         The error of `make_error`, for unknown keys and for missing fields.
     """
     parameters = describe_parameters(cls)
-    hints = get_type_hints(cls)
+    hints = get_type_hints(cls, include_extras=True)
     field_by_key = {(key_of_field or {}).get(field, field): field for field in parameters}
     values: Facts = {}
     for key, given_value in items.items():
@@ -121,7 +133,12 @@ def read_fields(
 
 
 def parse_fields(
-    text: str, cls: type, name: str, key_of_field: Mapping[str, str] | None = None
+    text: str,
+    cls: type,
+    name: str,
+    key_of_field: Mapping[str, str] | None = None,
+    angle_unit: AngleUnit = "rad",
+    readers: Mapping[str, Callable[[str], Any]] | None = None,
 ) -> Facts:
     """Return the values of fields of a dataclass that a text of the command line gives.
 
@@ -133,6 +150,11 @@ def parse_fields(
         The dataclass, and its name in messages.
     key_of_field
         Keys by field name, for fields whose key in the text differs from their name.
+    angle_unit
+        Unit of angles without a unit.
+    readers
+        Functions that read the text of single fields, by field name, and raise
+        `QuantityError`. Other fields are read by their type.
 
     Returns
     -------
@@ -155,16 +177,25 @@ def parse_fields(
     def split_list(text: str) -> list[str]:
         return text.split("+")
 
+    def read_simple(hint: Any, text: str) -> Any:
+        return read_simple_value(hint, text, angle_unit)
+
     def read(key: str, value: str, hint: Any) -> Any:
         """Return the value of a field from its text; `hint` is the type of the field."""
+        read_field = (readers or {}).get(field_of_key.get(key, key))
         try:
-            return read_value(hint, value, _read_simple_value, split_list)
+            if read_field is not None:
+                return read_field(value)
+            return read_value(hint, value, read_simple, split_list)
+        except QuantityError as problem:
+            raise make_error((), f"parameter {key}: {problem}") from None
         except ValueError:
             type_text = describe_type(hint, _TEXT_WORDING)
             raise make_error(
                 (), f'parameter {key}: "{value}" does not read as {type_text}'
             ) from None
 
+    field_of_key = {key: field for field, key in (key_of_field or {}).items()}
     items: dict[str, str] = {}
     # Empty parts are ignored.
     for part in filter(None, text.split(",")):
@@ -175,8 +206,20 @@ def parse_fields(
     return read_fields(cls, name, items, read, make_error, key_of_field)
 
 
-def _read_simple_value(hint: Any, text: str) -> Any:
-    """Return a text as a value of a simple type, or raise `ValueError`."""
+def read_simple_value(hint: Any, text: str, angle_unit: AngleUnit) -> Any:
+    """Return a text as a value of a simple type, or raise `ValueError`.
+
+    Parameters
+    ----------
+    hint
+        The type: a simple one, a choice, or a number with a unit such as `Degrees`.
+    text
+        The text.
+    angle_unit
+        Unit of angles without a unit.
+    """
+    if (unit := field_unit_of(hint)) is not None:
+        return read_quantity(text, unit.dimension, angle_unit, unit.angle_unit)
     if hint is bool and text.lower() in BOOLEAN_BY_TEXT:
         return BOOLEAN_BY_TEXT[text.lower()]
     if hint in (int, float, str):

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from spherekit.conventions import Names
 from spherekit.errors import AnalysisError, PluginError
+from spherekit.quantity import AngleUnit
 from spherekit.runs.analysis_faults import (
     PLUGIN_LOG,
     convert_plugin_errors,
@@ -172,14 +173,21 @@ def load_analysis(name: str) -> type[AbstractAnalysis]:
     return cls  # type: ignore[no-any-return]
 
 
-def create_analysis(request: str) -> AbstractAnalysis:
+def create_analysis(request: str, angle_unit: AngleUnit = "rad") -> AbstractAnalysis:
     """Return an analysis from ``NAME`` or ``NAME:key=value,key=value``.
 
     Lists are written ``a+b+c``. Unknown parameters and unreadable values raise
     `AnalysisError` with what is allowed, a broken plugin `PluginError`.
+
+    Parameters
+    ----------
+    request
+        The name and the parameters of the analysis.
+    angle_unit
+        Unit of angles without a unit: `angle_unit` of the mechanism that is analysed.
     """
     name, _, text = request.partition(":")
     cls = load_analysis(name)
-    parameters = parse_fields(text, cls, name)
+    parameters = parse_fields(text, cls, name, angle_unit=angle_unit)
     with convert_plugin_errors(name, "its constructor"):
         return cls(**parameters)

@@ -9,6 +9,7 @@ from spherekit.conventions import Facts, Names
 from spherekit.errors import PluginError, SpherekitError
 from spherekit.files.schema import mismatch, shown
 from spherekit.files.study import Study
+from spherekit.quantity import AngleUnit, QuantityError, field_unit_of, read_quantity
 from spherekit.runs.analysis_faults import convert_plugin_errors
 from spherekit.runs.contract import AbstractAnalysis, BrokenAnalysis
 from spherekit.runs.declaration_checks import check_needs
@@ -88,7 +89,7 @@ def make_run_analyses(
             analyses.append(request)
             continue
         try:
-            analyses.append(create_analysis(request))
+            analyses.append(create_analysis(request, study.mechanism.angle_unit))
         except PluginError as fault:
             name, _, _ = request.partition(":")
             analyses.append(BrokenAnalysis(name, str(fault)))
@@ -160,10 +161,15 @@ def _read_parameters(
             raise ValueError(value)
         return value
 
+    def read_simple(hint: Any, value: Any) -> Any:
+        return _read_simple_value(hint, value, study.mechanism.angle_unit)
+
     def read(key: str, value: Any, hint: Any) -> Any:
         """Return the value of a field; `hint` is the type of the field."""
         try:
-            return read_value(hint, value, _read_simple_value, read_list)
+            return read_value(hint, value, read_simple, read_list)
+        except QuantityError as problem:
+            raise make_error((key,), str(problem)) from None
         except ValueError:
             expected = describe_type(hint, _FILE_WORDING)
             raise make_error((key,), mismatch(value, expected)) from None
@@ -171,8 +177,22 @@ def _read_parameters(
     return read_fields(cls, cls.name, parameters, read, make_error)
 
 
-def _read_simple_value(hint: Any, value: Any) -> Any:
-    """Return a value of a file as one of a simple type, or raise `ValueError`."""
+def _read_simple_value(hint: Any, value: Any, angle_unit: AngleUnit) -> Any:
+    """Return a value of a file as one of a simple type, or raise `ValueError`.
+
+    Parameters
+    ----------
+    hint
+        The type: a simple one, a choice, or a number with a unit such as `Degrees`.
+    value
+        The value: a number with a unit is a text in the file.
+    angle_unit
+        Unit of angles without a unit.
+    """
+    if (unit := field_unit_of(hint)) is not None:
+        if isinstance(value, bool) or not isinstance(value, int | float | str):
+            raise ValueError(value)
+        return read_quantity(value, unit.dimension, angle_unit, unit.angle_unit)
     if hint is float and isinstance(value, int | float) and not isinstance(value, bool):
         return float(value)
     if hint in (bool, int, str) and type(value) is hint:

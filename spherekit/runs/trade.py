@@ -211,7 +211,7 @@ def trade(
     # Settings of a simulation have tolerances of their own, instead of that of the study.
     study = replace(study, tolerance=DEFAULT_TOLERANCE)
     if isinstance(analysis, str):
-        analysis = create_analysis(analysis)
+        analysis = create_analysis(analysis, study.mechanism.angle_unit)
     # Parameters of the analysis that trade speed for accuracy.
     sweeps = [sweep for sweep in analysis.trades if sweep.applies(study.mechanism)]
     if sweeps:

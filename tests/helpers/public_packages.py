@@ -1,6 +1,14 @@
 """The packages that pages, plugins and users import from; all others are inside."""
 
-TOPICS = ("designs", "dynamics", "motion", "rotations", "singularities", "workspace")
+TOPICS = (
+    "designs",
+    "dynamics",
+    "motion",
+    "quantities",
+    "rotations",
+    "singularities",
+    "workspace",
+)
 """Modules of `spherekit.plugin`: what analyses of one topic compute with."""
 
 PUBLIC = (

@@ -1,0 +1,273 @@
+"""Reads numbers that may carry a unit, such as ``35``, ``35deg`` and ``2rad/s``.
+
+The rule is the same for every option of the command and for every text in Python: a number
+without a unit is in the unit of the file, and a number with a unit is in that unit.
+"""
+
+import math
+import re
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, get_args, get_origin
+
+from spherekit.wording import listing
+
+AngleUnit = Literal["deg", "rad"]
+"""Unit in which users state angles. Inside the package all angles are in rad."""
+
+MAX_TURNS_WITHOUT_UNIT = {"rad": 2.0, "deg": 10.0}
+"""Turns beyond which an angle without a unit is refused, by the unit in which it is read.
+
+In rad the limit is low, because 144 is far more likely to mean 144 degrees than 23 turns.
+Larger: such mistakes pass without a word. Smaller: motions of a few turns need a unit.
+"""
+
+_ANGLE_UNITS: dict[str, tuple[AngleUnit, int]] = {
+    "deg": ("deg", 1),
+    "°": ("deg", 1),
+    "rad": ("rad", 1),
+    "turn": ("deg", 360),
+}
+"""For each unit of angles the unit, deg or rad, and the number of these that it equals."""
+
+_RPM = ("deg", 6)
+"""One revolution per minute in degrees per second."""
+
+_NUMBER_WITH_UNIT = re.compile(
+    r"\s*(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
+    r"\s*(?P<unit>[A-Za-z°][A-Za-z0-9°/^² ]*?)\s*"
+)
+"""A number and a unit, which begins with a letter."""
+
+
+class QuantityError(ValueError):
+    """The error of a text that is no number with a unit; its message says what is wrong."""
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """The kind of a quantity: an angle, a rate of an angle, or a time.
+
+    Attributes
+    ----------
+    noun
+        The quantity in words, with its article, such as ``an angular speed``.
+    time_power
+        Power of seconds by which an angle is divided: 0 for an angle, 1 for its rate, 2 for
+        its acceleration. None for a time.
+    """
+
+    noun: str
+    time_power: int | None
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The units that are allowed, as users write them."""
+        if self.time_power is None:
+            return ("s", "ms")
+        suffix = _per_time(self.time_power)
+        names = [f"{name}{suffix}" for name in ("deg", "rad", "turn")]
+        return (*names, "rpm") if self.time_power == 1 else tuple(names)
+
+    def unit_of_file(self, angle_unit: AngleUnit) -> str:
+        """Return the unit of a number without a unit, where the file has `angle_unit`."""
+        if self.time_power is None:
+            return "s"
+        return f"{angle_unit}{_per_time(self.time_power)}"
+
+
+def _per_time(power: int) -> str:
+    """Return the part of a unit for a division by a power of seconds: "", "/s", "/s2"."""
+    if power == 0:
+        return ""
+    return "/s" if power == 1 else f"/s{power}"
+
+
+ANGLE = Dimension("an angle", 0)
+ANGULAR_SPEED = Dimension("an angular speed", 1)
+ANGULAR_ACCELERATION = Dimension("an angular acceleration", 2)
+DURATION = Dimension("a time", None)
+
+
+def angle_by_time(power: int) -> Dimension:
+    """Return the dimension of an angle divided by a power of time, from 0 on.
+
+    The coefficients of a polynomial in time have these dimensions.
+    """
+    named = (ANGLE, ANGULAR_SPEED, ANGULAR_ACCELERATION)
+    if power < len(named):
+        return named[power]
+    return Dimension(f"an angle per s^{power}", power)
+
+
+@dataclass(frozen=True)
+class FieldUnit:
+    """The unit of a number that is a parameter of an analysis, as part of its type.
+
+    A parameter ``near: Degrees = 5.0`` is a number in degrees in Python. The text of a
+    user, with any unit of angles, is converted to degrees.
+
+    Attributes
+    ----------
+    angle_unit
+        The unit of angles in which the class has its number, deg or rad.
+    dimension
+        The kind of the quantity.
+    """
+
+    angle_unit: AngleUnit
+    dimension: Dimension = ANGLE
+
+    @property
+    def text(self) -> str:
+        """The unit of the number in the class, such as ``deg/s``."""
+        return self.dimension.unit_of_file(self.angle_unit)
+
+
+Degrees = Annotated[float, FieldUnit("deg")]
+DegreesPerSecond = Annotated[float, FieldUnit("deg", ANGULAR_SPEED)]
+DegreesPerSecond2 = Annotated[float, FieldUnit("deg", ANGULAR_ACCELERATION)]
+Radians = Annotated[float, FieldUnit("rad")]
+Seconds = Annotated[float, FieldUnit("rad", DURATION)]
+"""Types of parameters of analyses that are angles, their rates, or times."""
+
+
+def field_unit_of(annotation: Any) -> FieldUnit | None:
+    """Return the unit of a parameter's type; None if the type is no quantity.
+
+    The type may be a union with None, or a tuple, whose items have the unit.
+    """
+    if get_origin(annotation) is Annotated:
+        for extra in annotation.__metadata__:
+            if isinstance(extra, FieldUnit):
+                return extra
+        return None
+    for member in get_args(annotation):
+        if (unit := field_unit_of(member)) is not None:
+            return unit
+    return None
+
+
+def split_unit(text: str) -> tuple[str, str]:
+    """Divide a text into a number and a unit, which is empty if the text has none.
+
+    Raises
+    ------
+    QuantityError
+        If the text does not begin with a number.
+    """
+    # Numbers come first, since 1e9 is a number and not 1 with the unit e9.
+    with suppress(ValueError):
+        float(text)
+        return text.strip(), ""
+    match = _NUMBER_WITH_UNIT.fullmatch(text)
+    if match is None:
+        raise QuantityError(f'"{text}" is not a number, with or without a unit')
+    return match["number"], match["unit"]
+
+
+def angle_unit_and_factor(
+    number: str, unit: str, dimension: Dimension = ANGLE
+) -> tuple[AngleUnit, int]:
+    """Return the unit of angles, deg or rad, that a unit means, and how many it equals.
+
+    Parameters
+    ----------
+    number, unit
+        The number, for messages, and the unit as the user wrote it, such as ``turn/s``.
+    dimension
+        The dimension that is needed: that of an angle or of its rates.
+
+    Raises
+    ------
+    QuantityError
+        If the unit is unknown, or is of another dimension.
+    """
+    assert dimension.time_power is not None
+    word = unit.replace(" ", "").replace("^", "").replace("²", "2")
+    if word == "rpm" and dimension.time_power == 1:
+        return _RPM  # type: ignore[return-value]
+    suffix = _per_time(dimension.time_power)
+    name = word.removesuffix(suffix) if suffix else word
+    if name in _ANGLE_UNITS and word == f"{name}{suffix}":
+        return _ANGLE_UNITS[name]
+    raise _unit_error(number, unit, dimension)
+
+
+def read_quantity(
+    source: str | float,
+    dimension: Dimension,
+    angle_unit: AngleUnit,
+    target: AngleUnit = "rad",
+    is_limited: bool = True,
+) -> float:
+    """Return a number that may carry a unit.
+
+    Parameters
+    ----------
+    source
+        A number, or a text such as ``35``, ``35deg`` or ``2 rad/s``.
+    dimension
+        The kind of the quantity.
+    angle_unit
+        The unit of angles of the file, in which a number without a unit is read.
+    target
+        The unit of angles of the result.
+    is_limited
+        Whether an angle without a unit is refused if it has more turns than
+        `MAX_TURNS_WITHOUT_UNIT`.
+
+    Returns
+    -------
+    The number in `target`, per s or s^2 for rates. A time is in s.
+
+    Raises
+    ------
+    QuantityError
+        If the text is no number, its unit is not one of the dimension, or the angle is
+        implausible.
+    """
+    if isinstance(source, str):
+        number_text, unit = split_unit(source)
+    else:
+        number_text, unit = repr(float(source)), ""
+    number = float(number_text)
+    if dimension.time_power is None:
+        if unit not in ("", *dimension.units):
+            raise _unit_error(number_text, unit, dimension)
+        return number / 1000.0 if unit == "ms" else number
+    if unit:
+        stated_unit, factor = angle_unit_and_factor(number_text, unit, dimension)
+        number *= factor
+    else:
+        stated_unit = angle_unit
+        if is_limited and dimension.time_power == 0:
+            check_turns(number, angle_unit)
+    if stated_unit == target:
+        return number
+    return math.radians(number) if target == "rad" else math.degrees(number)
+
+
+def check_turns(number: float, angle_unit: AngleUnit) -> None:
+    """Raise `QuantityError` if an angle without a unit has implausibly many turns.
+
+    The message says in which unit the number was read.
+    """
+    turn = 360.0 if angle_unit == "deg" else 2.0 * math.pi
+    turns = abs(number) / turn
+    # The comparison is false for NaN, which other checks refuse.
+    if MAX_TURNS_WITHOUT_UNIT[angle_unit] < turns < math.inf:
+        hint = "" if angle_unit == "deg" else f"{number:g}deg if it is in degrees, or "
+        raise QuantityError(
+            f"found {number:g}, which is read in {angle_unit}, the unit of the file: "
+            f"{turns:.3g} turns; write {hint}{number:g}{angle_unit} if so many turns are "
+            "meant"
+        )
+
+
+def _unit_error(number: str, unit: str, dimension: Dimension) -> QuantityError:
+    """Return the error about a unit that a quantity cannot have."""
+    return QuantityError(
+        f'found the unit "{unit}"; {dimension.noun} has one of {listing(dimension.units)}, '
+        f"such as {number}{dimension.units[0]}"
+    )
