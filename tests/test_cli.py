@@ -172,7 +172,7 @@ SERVED_LONG = [
     ("four_bar", "--samples", "2000000", "-a", "singularities", "-a", "poles"),
     ("stephenson", "--samples", "1000000", "--deg"),
     ("five_bar", "--samples", "700x700"),
-    ("four_bar", "-a", "eksergian", "--start", "q=0.3,dq=1", "--duration", "4000"),
+    ("four_bar", "-a", "eksergian", "--start", "q=0.3rad,dq=1rad/s", "--duration", "4000"),
     ("four_bar", "--samples", "2000000", "--verify"),
 ]
 

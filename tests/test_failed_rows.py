@@ -114,7 +114,7 @@ def test_a_load_without_finite_values_fails_only_the_rows_that_need_it(
 CANCELS = '[loads.x]\npair = "32"\ntorque = "1/(theta_32 - theta_32)"\n'
 CANCELLED = "divides by what is zero everywhere"
 POLE = '[loads.x]\npair = "32"\ntorque = "1/theta_21"\n'
-BEGUN = ["--start", "q=0,dq=1", "--duration", "1", "--samples", "5"]
+BEGUN = ["--start", "q=0,dq=1rad/s", "--duration", "1", "--samples", "5"]
 SIZES = ["--vary", "links.2.arc=19:21:3"]
 LIMIT = '[[joint_limits]]\npair = "32"\nlow = -inf\nhigh = 1\n'
 BEARINGS = """
@@ -127,7 +127,13 @@ coefficient = inf
 speed = 1.0
 """
 DYNAMICS = ["run", "-a", "dynamics", *BEGUN]
-LAW = ["run", "--law", "polynomial:coefficients=0+1e308+1e308", "--duration", "9"]
+LAW = [
+    "run",
+    "--law",
+    "polynomial:coefficients=0+1e308rad/s+1e308rad/s2",
+    "--duration",
+    "9",
+]
 REFUSED = [
     *(
         (f'[loads.x]\npair = "32"\ntorque = "{text}"\n', ["validate"], said)

@@ -242,7 +242,9 @@ def test_damaged_coupling_tables_are_refused_or_read_unchanged(count, tmp_path):
 @pytest.fixture(scope="module")
 def sweep():
     """Sweep of two four-bars with the table of poles."""
-    space = DesignSpace.from_variations([parse_variation("links.2.arc", [20.0, 30.0], "deg")])
+    space = DesignSpace.from_variations(
+        [parse_variation("links.2.arc", [20.0, 30.0], "deg")]
+    )
     return sweep_of("four_bar", space, [], [create_analysis("poles")], 3, tables=True)
 
 

@@ -191,7 +191,7 @@ def test_certificates_of_undecided_crossings_are_written(tmp_path):
     path = tmp_path / "fold.toml"
     path.write_text(FOUR_BAR.format(*FOLDS), encoding="utf-8")
     out = tmp_path / "certificate.json"
-    assert main(["certify", str(path), "--tolerance", "1e-12", "-o", str(out)]) == 3
+    assert main(["certify", str(path), "--tolerance", "1e-12rad", "-o", str(out)]) == 3
     certificate = json.loads(out.read_text(encoding="utf-8"))
     assert certificate["singularities"]["undecided_parts"] > 0
 

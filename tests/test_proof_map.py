@@ -91,7 +91,7 @@ def test_the_command_proves_and_draws_a_map_of_two_inputs(tmp_path, capsys):
     picture, path = tmp_path / "map.png", tmp_path / "map.json"
     file = tmp_path / "five_bar.toml"
     file.write_text(wide_five_bar_text(), encoding="utf-8")
-    words = [str(file), "--cell", "0.2", "--figure", str(picture), "-o", str(path)]
+    words = [str(file), "--cell", "0.2rad", "--figure", str(picture), "-o", str(path)]
     assert main(["certify", *words]) == 3
     assert "free of type II" in capsys.readouterr().out and picture.stat().st_size > 1000
     kept = json.loads(path.read_text(encoding="utf-8"))

@@ -129,7 +129,7 @@ def test_a_long_piece_beside_a_turning_point_does_not_hide_it(seed):
 
 @pytest.mark.slow
 def test_a_tolerance_loses_no_stop_where_its_sign_is_open_at_a_centre(capsys):
-    assert main(["certify", "watt", "--tolerance", "1e-6"]) == 0
+    assert main(["certify", "watt", "--tolerance", "1e-6rad"]) == 0
     output = capsys.readouterr().out
     assert output.count("type I at") == 10 and "undecided" not in output
 

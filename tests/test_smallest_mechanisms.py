@@ -151,7 +151,7 @@ def test_every_command_handles_an_open_chain_or_refuses_its_inputs(chain, tmp_pa
     sk.dump(mechanism, file)
     laws = []
     for item in mechanism.inputs:
-        laws += ["--law", f"{item.pair}=constant_speed:speed=1"]
+        laws += ["--law", f"{item.pair}=constant_speed:speed=1rad/s"]
     input_count = len(mechanism.inputs)
     few_samples = ("--samples", "3")
     over_time = (*few_samples, "--duration", "1", *laws)

@@ -211,7 +211,7 @@ def test_the_command_says_that_a_tolerance_is_missed(engine, tmp_path, capsys):
     dump(one_link(torque(repr(16.0 * INERTIA) + "*theta_12")), path)
 
     def run_command(seconds, *flags):
-        start = ["--start", "q=1,dq=-4", "--duration", seconds, "--engine", engine]
+        start = ["--start", "q=1rad,dq=-4rad/s", "--duration", seconds, "--engine", engine]
         status = main(["run", str(path), "-a", "eksergian", *start, *flags])
         output, error_text = capsys.readouterr()
         return status, output, error_text

@@ -246,7 +246,16 @@ def test_a_run_ends_where_its_simulation_reaches_a_joint_limit():
 def test_the_command_says_that_a_simulation_reached_a_joint_limit(tmp_path, capsys):
     path = tmp_path / "stopped.toml"
     sk.dump(four_bar_with_crank_limits(), path)
-    command = ["run", str(path), "--start", "q=0,dq=1rad/s", "--duration", "10", "--tol", "1e-8"]
+    command = [
+        "run",
+        str(path),
+        "--start",
+        "q=0,dq=1rad/s",
+        "--duration",
+        "10",
+        "--tol",
+        "1e-8",
+    ]
     assert main([*command, "-a", "eksergian", "-o", str(tmp_path / "out")]) == 0
     output, error_text = capsys.readouterr()
     assert "ended at" in error_text
@@ -312,7 +321,7 @@ def test_flags_of_the_command_give_the_table_of_a_study(tmp_path, write_study):
 def test_a_law_by_a_flag_replaces_the_start_of_a_study(write_study, capsys):
     """The run is then over time by a law, and no simulation."""
     path = str(write_study(SIMULATION_STUDY))
-    assert main(["run", path, "--law", "constant_speed:speed=1", "--json"]) == 0
+    assert main(["run", path, "--law", "constant_speed:speed=1rad/s", "--json"]) == 0
     output = capsys.readouterr().out
     assert '"time": {' in output
     assert '"simulation"' not in output

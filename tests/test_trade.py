@@ -399,7 +399,7 @@ def store_trade(folder, *flags):
 
 RUN_FLAGS = ("--samples", "200", "--assembly-mode", "0")
 SIMULATION_FLAGS = (
-    *("-a", "eksergian", "--start", "q=0.5,dq=3"),
+    *("-a", "eksergian", "--start", "q=0.5rad,dq=3rad/s"),
     *("--duration", "0.3", "--samples", "9"),
 )
 
@@ -491,7 +491,7 @@ def test_a_simulation_with_an_engine_of_its_own_refuses_a_stored_trade(
         ((*RUN_FLAGS, "-a", "poles:only=31"), "parameters:"),
         ((*RUN_FLAGS, "-a", "eksergian"), "analysis poles, which is not run"),
         ((*RUN_FLAGS, "-a", "poles", "-a", "eksergian"), "there is no trade for eksergian"),
-        ((*RUN_FLAGS, "--law", "constant_speed:speed=2", "--duration", "1"), "laws:"),
+        ((*RUN_FLAGS, "--law", "constant_speed:speed=2rad/s", "--duration", "1"), "laws:"),
     ],
 )
 def test_a_trade_of_another_run_is_refused(flags, message, capsys, stored):

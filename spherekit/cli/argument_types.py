@@ -5,7 +5,7 @@ Each raises `argparse.ArgumentTypeError` with a message that says what is allowe
 
 from argparse import ArgumentTypeError
 
-from spherekit.quantity import DURATION, QuantityError, read_quantity
+from spherekit.quantity import ANGLE, DURATION, QuantityError, read_quantity
 
 
 def number(text: str) -> float:
@@ -22,6 +22,19 @@ def seconds(text: str) -> float:
         return read_quantity(text, DURATION, "rad")
     except QuantityError as problem:
         raise ArgumentTypeError(str(problem)) from None
+
+
+def angles_in_degrees(text: str) -> tuple[float, ...]:
+    """Return the angles in degrees of a list such as ``90,60deg,1rad``.
+
+    Numbers without a unit are in degrees, for options that belong to no file.
+    """
+    try:
+        return tuple(
+            read_quantity(item, ANGLE, "deg", target="deg") for item in text.split(",")
+        )
+    except QuantityError as problem:
+        raise ArgumentTypeError(f"{text}: {problem}") from None
 
 
 def whole_number(text: str) -> int:

@@ -4,7 +4,7 @@ import re
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from spherekit.cli.argument_types import numbers
+from spherekit.cli.argument_types import angles_in_degrees
 from spherekit.cli.completers import complete_mechanisms, set_completer
 from spherekit.cli.screen_report import ScreenReport
 
@@ -72,7 +72,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     set_completer(like_argument, complete_mechanisms)
     parser.add_argument(
         "--sectors",
-        type=numbers,
+        type=angles_in_degrees,
         metavar="A,B,C,D[,...]",
         help=(
             "with --kind vertex: the sector angles, counter-clockwise, in degrees; the "

@@ -38,7 +38,7 @@ EXAMPLES = """examples:
   # a grid of two inputs
   spherekit run five_bar --samples 21x21 -o grid
   # the motion that follows from the loads
-  spherekit run four_bar -a eksergian --start q=0.3,dq=1 --duration 10
+  spherekit run four_bar -a eksergian --start q=20deg,dq=60deg/s --duration 10
 """
 
 

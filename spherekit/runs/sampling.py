@@ -618,7 +618,7 @@ def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, st
         yield (
             ("inputs",),
             f"input {inputs_without_law[0]} has no law; give one for every input, such as "
-            f"--law {inputs_without_law[0]}=constant_speed:speed=1",
+            f"--law {inputs_without_law[0]}=constant_speed:speed=1rad/s",
         )
     if study.path is not None:
         yield (
