@@ -3,7 +3,7 @@
 import subprocess
 import sys
 from dataclasses import dataclass
-from itertools import product
+from itertools import combinations, product
 from typing import ClassVar
 from xml.etree import ElementTree
 
@@ -13,12 +13,15 @@ import pytest
 from helpers.minimal_analysis import MinimalAnalysis, with_row_columns
 
 pytest.importorskip("matplotlib")
+from matplotlib.colors import to_rgb
 
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.display.figures import style
+from spherekit.display.figures.coinciding_paths import find_coinciding_paths
 from spherekit.display.figures.column_plots import draw_columns
 from spherekit.display.figures.contents import plan_figures
+from spherekit.display.figures.dark_figure import DARK_BACKGROUND, dark_copy
 from spherekit.display.figures.sheet import Sheet
 from spherekit.display.figures.sphere_projection import (
     EQUAL_AREA,
@@ -413,6 +416,112 @@ def test_an_unknown_figure_is_refused_with_those_there_are(four_bar):
     with pytest.raises(AnalysisError, match="several figures are meant by 'poles'"):
         four_bar.plot("poles")
     assert "velocity coefficients" in repr(four_bar.plot())
+
+
+def dashes_of(line):
+    """Return the pattern of a line: its dashes and gaps, or "-" for a full line."""
+    _, pattern = line._unscaled_dash_pattern
+    return "-" if pattern is None else tuple(pattern)
+
+
+def test_a_path_on_another_one_is_dashed_so_that_both_are_visible(four_bar):
+    """Modes of the four-bar follow one path of P42, in opposite directions; not of P31."""
+    patterns = {}
+    for panel in four_bar.plot("paths of the axes").axes:
+        lines = [line for line in panel.lines if len(line.get_xdata()) > 2]
+        patterns[panel.get_title().split(",")[0]] = [dashes_of(line) for line in lines]
+    assert patterns["P31"] == ["-", "-"]
+    assert patterns["P42"][0] == "-" and patterns["P42"][1] != "-"
+
+
+def test_paths_coincide_as_sets_of_points_up_to_gaps_and_parts():
+    """A path is compared with the segments of others: samples and direction differ."""
+    t = np.linspace(0.0, 1.0, 40)[:, None]
+    line = np.hstack([t, t])
+    with_gap = np.insert(line, 20, np.nan, axis=0)
+    part = 0.5 * line[::-1]
+    apart = line + [0.0, 0.05]
+    dashes = find_coinciding_paths([line, with_gap, part, apart, np.empty((0, 2))], 1.0)
+    assert [(dash.position, dash.curve_count) for dash in dashes] == [
+        (0, 3),
+        (1, 3),
+        (2, 3),
+        (0, 1),
+        (0, 1),
+    ]
+    assert [dash.linestyle is None for dash in dashes] == [True, False, False, True, True]
+
+
+@pytest.mark.parametrize("name", ["four_bar", "stephenson"])
+def test_names_in_the_chart_cover_no_other_name_and_are_inside_the_panel(name):
+    figure = sk.run(name, "poles", samples=61).plot("gnomonic chart")
+    figure.draw_without_rendering()
+    for panel in figure.axes:
+        # Boxes contain space above and below letters, which may touch.
+        boxes = [text.get_window_extent().padded(-0.5) for text in panel.texts]
+        assert len(boxes) >= 4
+        overlaps = [one.overlaps(other) for one, other in combinations(boxes, 2)]
+        assert not any(overlaps)
+        assert all(panel.bbox.padded(2.0).containsy(box.y0) for box in boxes)
+        assert all(panel.bbox.padded(2.0).containsy(box.y1) for box in boxes)
+
+
+def test_names_avoid_curves():
+    """A name is beside a vertical line through its point, where it was on the line."""
+    places = np.array([[[0.0, 0.0]]])
+    steps = np.linspace(-50.0, 50.0, 101)
+    diagonal = np.stack([steps, steps], axis=1)  # through the preferred position
+    (free,), (avoiding,) = (
+        place_labels(["P31"], places, 6.0, curve_points=curve)[0]
+        for curve in (None, diagonal)
+    )
+    half_size = 6.0 * np.array([0.31 * 3 + 0.1, 0.5])
+    covered = [np.all(np.abs(diagonal - middle) < half_size, axis=1).any() for middle in
+               (free, avoiding)]  # fmt: skip
+    assert covered == [True, False]
+    frame = (np.array([-50.0, -50.0]), np.array([5.0, 5.0]))
+    (inside,) = place_labels(["P31"], places, 6.0, frame=frame)[0]
+    assert np.all(inside + half_size <= 5.0)
+
+
+def test_titles_have_a_margin_from_the_edge_of_their_figure(four_bar):
+    for name, figure in four_bar.plot().items():
+        figure.draw_without_rendering()
+        width, height = figure.bbox.size
+        box = figure.get_tightbbox().transformed(figure.dpi_scale_trans)
+        margin_px = 0.04 * figure.dpi
+        assert box.x0 > margin_px and box.y0 > margin_px, name
+        assert box.x1 < width - margin_px and box.y1 < height - margin_px, name
+
+
+def test_a_dark_copy_can_be_read_on_a_dark_page_and_leaves_the_figure_as_it_is(four_bar):
+    """Texts and lines have the contrast that WCAG 2.1 asks of text, 4.5."""
+    figure = four_bar.plot("gnomonic chart")
+    dark = dark_copy(figure)
+    background = luminance(DARK_BACKGROUND)
+
+    def contrast(artist):
+        return (luminance(to_rgb(artist.get_color())) + 0.05) / (background + 0.05)
+
+    for panel in dark.axes:
+        assert panel.patch.get_alpha() == 0.0
+        names = [text for text in panel.texts if text.get_text()]
+        curves = [line for line in panel.lines if len(line.get_xdata()) > 2]
+        assert names and curves
+        for artist in [panel.title, panel.xaxis.label, *names, *curves]:
+            assert contrast(artist) >= 4.4
+    assert dark.patch.get_alpha() == 0.0
+    for panel, dark_panel in zip(figure.axes, dark.axes, strict=True):
+        assert panel.title.get_color() == style.INK and panel.patch.get_alpha() is None
+        pairs = zip(panel.lines, dark_panel.lines, strict=True)
+        for line, dark_line in pairs:
+            assert np.array_equal(line.get_xydata(), dark_line.get_xydata(), equal_nan=True)
+
+
+def luminance(colour):
+    """Return the relative luminance of WCAG 2.1 of a colour (red, green, blue)."""
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in colour]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
 def test_two_columns_of_a_table_are_drawn_with_a_curve_for_each_mode(four_bar):

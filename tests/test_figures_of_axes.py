@@ -163,7 +163,7 @@ def test_sizes_over_a_grid_are_those_of_the_angular_velocities():
     def relative_speed(inputs):
         """Return the angular velocity |w31| at unit rate of input 21, the other locked."""
         row = sk.evaluate("five_bar", inputs, assembly_mode=0)
-        return np.linalg.norm(row.angular_velocity("3", "21")[0])
+        return np.linalg.norm(row.angular_velocity("3", "21"))
 
     # `over` are the axes of the grid, one for each input.
     q = np.stack([axis.values for axis in scene.over], axis=1)

@@ -13,6 +13,8 @@ from docutils.parsers.rst import directives
 from sphinx.util.docutils import SphinxDirective
 from sphinx.util.typing import OptionSpec
 
+from site_pages.figures import image_nodes, save_versions
+
 FIGURES = "generated/figures"
 FILES = "generated/files"
 """Where the code runs: the folder with the files that pages show."""
@@ -63,9 +65,10 @@ class Run(SphinxDirective):
         images: list[nodes.Node] = []
         for number, figure in enumerate(figures):
             path = home / f"{key}-{number}.png"
-            figure.savefig(path, dpi=130)
+            light, dark = save_versions(figure, path)
             alt = self.options.get("alt", "figure made by the code above")
-            images.append(nodes.image(uri=f"/{FIGURES}/{path.name}", alt=alt))
+            uris = (f"/{FIGURES}/{light.name}", f"/{FIGURES}/{dark.name}")
+            images += image_nodes(uris, alt)
         plt.close("all")
         return images
 

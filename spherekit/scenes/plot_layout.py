@@ -211,12 +211,19 @@ DOT_HALF_WIDTH = 0.4
 """Half the width of a point's dot, over the size of letters."""
 
 
-def place_labels(texts: Sequence[str], places: Floats, letter: float) -> Floats:
+def place_labels(
+    texts: Sequence[str],
+    places: Floats,
+    letter: float,
+    curve_points: Floats | None = None,
+    frame: tuple[Floats, Floats] | None = None,
+) -> Floats:
     """Return positions of labels near their points, where they hide nothing if possible.
 
-    A few positions around its point are tried for each label, the nearest first. The first
-    one that overlaps neither a point nor an earlier label is taken. If all of them overlap
-    something, the nearest is taken.
+    A few positions around its point are tried for each label, the nearest first. Those that
+    overlap neither a point nor an earlier label, and are within the frame, are preferred.
+    Of these the one that covers the fewest points of curves is taken, and of several such
+    ones the nearest.
 
     Parameters
     ----------
@@ -226,6 +233,11 @@ def place_labels(texts: Sequence[str], places: Floats, letter: float) -> Floats:
         (n, k, 2) positions of the points in n pictures, NaN for no point.
     letter
         Size of the letters in the unit of `places`.
+    curve_points
+        (m, 2) points on curves that labels should not cover, equal in all pictures. They
+        have to be nearer to each other than the size of a letter.
+    frame
+        The lower left and the upper right corner of the picture, each (2,).
 
     Returns
     -------
@@ -256,8 +268,23 @@ def place_labels(texts: Sequence[str], places: Floats, letter: float) -> Floats:
             # Rectangles overlap if their middles are nearer than their half sizes together.
             separation = np.abs(candidates - middle[:, None])
             hides_another |= np.all(separation < half_size + occupied_half_size, axis=2)
-        # The first candidate that is free (False), or the first of all if none is.
-        best = np.argmin(hides_another, axis=1)
+        # Candidates are compared by a cost. The first one of the lowest cost is taken.
+        cost = np.zeros(candidates.shape[:2])
+        if curve_points is not None and len(curve_points):
+            distances_from_curves = np.abs(candidates[:, :, None] - curve_points)
+            cost += np.sum(np.all(distances_from_curves < half_size, axis=3), axis=2)
+            # A label that covers another one is worse than any that covers curves.
+            hides_another_cost = len(curve_points) + 1.0
+        else:
+            hides_another_cost = 1.0
+        cost += hides_another_cost * hides_another
+        if frame is not None:
+            low, high = frame
+            is_outside = np.any(
+                (candidates - half_size < low) | (candidates + half_size > high), axis=2
+            )
+            cost += hides_another_cost * is_outside
+        best = np.argmin(cost, axis=1)
         middles[:, number] = candidates[np.arange(len(best)), best]
         occupied.append((middles[:, number], half_size))
     return middles

@@ -2,12 +2,17 @@
 
 from collections.abc import Sequence
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.display.figures import style
+from spherekit.display.figures.coinciding_paths import (
+    COINCIDING_QUANTILE,
+    COINCIDING_RATIO,
+    DashPosition,
+    dash_positions,
+)
 from spherekit.display.figures.matplotlib_sdk import Axes, Figure
 from spherekit.display.figures.sheet import (
     Sheet,
@@ -31,19 +36,6 @@ MAX_CURVES_PER_PANEL = 7
 
 PANEL_RATIO = 0.68
 """Height of a panel, relative to its width."""
-
-DASH_WIDTHS = 5.0
-"""Length of a dash of coinciding curves, in widths of their lines."""
-
-COINCIDING_RATIO = 0.003
-"""Largest distance of curves that coincide, relative to the height of the frame.
-
-Larger: curves are dashed that can be told apart; smaller: one of two curves is hidden.
-"""
-
-COINCIDING_QUANTILE = 0.9
-"""Part of the rows at which coinciding curves are so near. Single rows may differ, as those
-at jumps."""
 
 RULE_LOOK: Look = {"linestyle": (0, (1, 1.5)), "linewidth": 0.8, "zorder": 1.0}
 """Vertical lines at marked inputs."""
@@ -146,12 +138,8 @@ def _draw_panel(
     dashes = _find_coinciding([series.values for _, series in curves], high - low)
     for (scene, series), dash, look in zip(curves, dashes, looks, strict=True):
         has_value = np.isfinite(series.values)
-        if dash.position:
-            # The first of several coinciding curves is a full line. The others are drawn
-            # over it in dashes, each at another offset, so that all colours are visible.
-            offset = DASH_WIDTHS * dash.position
-            gap = DASH_WIDTHS * (dash.curve_count - 1)
-            look["linestyle"] = (offset, (DASH_WIDTHS, gap))
+        if dash.linestyle is not None:
+            look["linestyle"] = dash.linestyle
         if not has_value.any():
             look["label"] = ""
         points = np.stack([scene.over[0].values, series.values], axis=1)
@@ -214,13 +202,6 @@ def _draw_marks(panel: Axes, curve: Curve, input_marks: InputMarks) -> None:
             panel.axvline(position, **look)
 
 
-class DashPosition(NamedTuple):
-    """The number of curves that coincide, and the position of one curve among them."""
-
-    position: int
-    curve_count: int
-
-
 def _find_coinciding(values_by_curve: Sequence[Floats], span: float) -> list[DashPosition]:
     """Return for each curve its position among the curves that coincide with it.
 
@@ -252,9 +233,4 @@ def _find_coinciding(values_by_curve: Sequence[Floats], span: float) -> list[Das
                 leader = earlier_curve
                 break
         leaders.append(leader)
-    return [
-        DashPosition(
-            position=leaders[:curve].count(leader), curve_count=leaders.count(leader)
-        )
-        for curve, leader in enumerate(leaders)
-    ]
+    return dash_positions(leaders)

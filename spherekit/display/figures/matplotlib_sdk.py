@@ -7,7 +7,7 @@ try:
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
     from matplotlib.collections import PolyCollection
-    from matplotlib.colors import BoundaryNorm, Normalize
+    from matplotlib.colors import BoundaryNorm, Normalize, to_rgba, to_rgba_array
     from matplotlib.figure import Figure
     from matplotlib.patheffects import withStroke
     from matplotlib.ticker import MaxNLocator
@@ -28,5 +28,7 @@ __all__ = [
     "ScalarMappable",
     "Triangulation",
     "style",
+    "to_rgba",
+    "to_rgba_array",
     "withStroke",
 ]

@@ -7,7 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.display.figures import style
+from spherekit.display.figures.coinciding_paths import find_coinciding_paths
 from spherekit.display.figures.matplotlib_sdk import Axes, Figure
 from spherekit.display.figures.sheet import (
     Sheet,
@@ -15,6 +17,7 @@ from spherekit.display.figures.sheet import (
     name_points,
     set_degree_ticks,
 )
+from spherekit.display.figures.style import Look
 from spherekit.escaping import plot_text
 from spherekit.geometry.vectors import all_finite
 from spherekit.scenes.plot_layout import MAX_LEGEND_KINDS, TURN_BY_UNIT, insert_gaps
@@ -76,9 +79,17 @@ def draw_plane(items: Sequence[PlaneItem], sheet: Sheet) -> Figure:
             if len(curve.points) == 1:  # a single point is drawn as a marker
                 look = marker_look(curve.tone)
             panel.plot(*curve.points.T, label=plot_text(curve.label), **look)
-        for scene, portrait in paths:
-            title = sheet.title(scene.page) if len(paths) > 1 else ""
-            _draw_path(panel, scene, portrait, title)
+        lines = [_path_line(portrait) for _, portrait in paths]
+        # Paths are compared in units of the frame, whose two axes have different units.
+        ranges = np.array([first_portrait.x_range, first_portrait.y_range])
+        frame_size = np.maximum(np.diff(ranges, axis=1)[:, 0], np.finfo(float).tiny)
+        dashes = find_coinciding_paths([line / frame_size for line in lines], size=1.0)
+        for (scene, portrait), line, dash in zip(paths, lines, dashes, strict=True):
+            look = style.page_look(scene.page)
+            if dash.linestyle is not None:
+                look |= {"linestyle": dash.linestyle, "dash_capstyle": "butt"}
+            look["label"] = sheet.title(scene.page) if len(paths) > 1 else ""
+            _draw_path(panel, line, look, has_start_dot=not portrait.curves)
         for mark in marks:
             label = plot_text(mark.label) if is_named_in_legend else ""
             look = marker_look(mark.tone) | {"label": label}
@@ -98,22 +109,10 @@ def draw_plane(items: Sequence[PlaneItem], sheet: Sheet) -> Figure:
     return figure
 
 
-def _draw_path(panel: Axes, scene: Scene, portrait: Portrait, label: str) -> None:
-    """Draw one quantity against another along the samples of an assembly mode.
+def _path_line(portrait: Portrait) -> Floats:
+    """Return the points (n, 2) of one quantity against another along the samples.
 
-    The curve has the colour of the mode, which is the page of the scene. A dot marks its
-    first point if the panel has no fixed curves.
-
-    Parameters
-    ----------
-    panel
-        The panel of the figure.
-    scene, portrait
-        The scene of the assembly mode, and the two quantities: values `x` and `y` at each
-        sample. `portrait.curves` are fixed curves of the plane, which do not depend on the
-        sample.
-    label
-        Name in the legend.
+    Rows of NaN interrupt the path where an angle jumps.
     """
     line = np.stack([portrait.x, portrait.y], axis=1)
     # Half a revolution or more between two rows is a jump of the angle.
@@ -122,11 +121,27 @@ def _draw_path(panel: Axes, scene: Scene, portrait: Portrait, label: str) -> Non
     ]
     steps = np.abs(np.diff(line, axis=0))
     is_jump = np.any(steps >= np.multiply(0.5, revolutions), 1)
-    line = insert_gaps(line, is_jump)
-    look = style.page_look(scene.page)
-    panel.plot(*line.T, linewidth=1.4, zorder=2.5, label=label, **look)
+    return insert_gaps(line, is_jump)
+
+
+def _draw_path(panel: Axes, line: Floats, look: Look, has_start_dot: bool) -> None:
+    """Draw one quantity against another along the samples of an assembly mode.
+
+    Parameters
+    ----------
+    panel
+        The panel of the figure.
+    line
+        (n, 2) points of the path, NaN in gaps.
+    look
+        Colour and dashes of the mode, and its name in the legend.
+    has_start_dot
+        Whether a dot marks the first point. Among fixed curves of the plane, such as
+        singular curves, it could be taken for a mark.
+    """
+    panel.plot(*line.T, linewidth=1.4, zorder=2.5, **look)
     finite_points = line[all_finite(line, 1)]
-    if len(finite_points) and not portrait.curves:
+    if len(finite_points) and has_start_dot:
         panel.plot(*finite_points[0], "o", color=look["color"], markersize=4.0, zorder=3.0)
 
 

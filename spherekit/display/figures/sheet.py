@@ -4,6 +4,7 @@ import base64
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from textwrap import fill
 from typing import Any, cast
 
@@ -17,6 +18,7 @@ from spherekit.display.figures.matplotlib_sdk import (
     MaxNLocator,
     Normalize,
     ScalarMappable,
+    withStroke,
 )
 from spherekit.display.figures.style import Look
 from spherekit.escaping import plot_text
@@ -210,7 +212,9 @@ def marker_look(tone: int) -> Look:
 def name_points(
     panel: Axes, names: Sequence[str], points: Floats, colours: Sequence[str]
 ) -> None:
-    """Write names beside points, at places where they cover neither points nor names.
+    """Write names beside points, at places where they cover no point, name or curve.
+
+    Where a curve cannot be avoided, a halo keeps the name readable.
 
     Parameters
     ----------
@@ -226,7 +230,13 @@ def name_points(
     pixels_per_point = panel.figure.dpi / 72.0
     pixel_positions: Floats = panel.transData.transform(points)
     letter_size = POINT_NAME_PT * pixels_per_point
-    name_middles = place_labels(names, pixel_positions[None], letter_size)[0]
+    name_middles = place_labels(
+        names,
+        pixel_positions[None],
+        letter_size,
+        curve_points=_points_on_lines(panel, 0.5 * letter_size),
+        frame=(np.array(panel.bbox.min), np.array(panel.bbox.max)),
+    )[0]
     offsets = (name_middles - pixel_positions) / pixels_per_point
     for name, point, offset, colour in zip(names, points, offsets, colours, strict=True):
         panel.annotate(
@@ -238,7 +248,33 @@ def name_points(
             va="center",
             fontsize=POINT_NAME_PT,
             color=colour,
+            path_effects=[withStroke(linewidth=2.0, foreground=style.PAPER)],
+            zorder=5.0,
         )
+
+
+def _points_on_lines(panel: Axes, distance: float) -> Floats:
+    """Return points (m, 2) on all lines within the frame of a panel, in pixels.
+
+    Parameters
+    ----------
+    panel
+        The panel. Its layout must be final.
+    distance
+        Largest distance (pixels) of successive points of a line.
+    """
+    points_of_lines: list[Floats] = [np.empty((0, 2))]
+    for line in panel.lines:
+        corners = np.asarray(line.get_transform().transform(line.get_xydata()), float)
+        for start, end in pairwise(corners):
+            length = np.linalg.norm(end - start)
+            if not np.isfinite(length) or not panel.bbox.padded(distance).contains(*start):
+                continue
+            parts = np.linspace(0.0, 1.0, int(length / distance) + 2)
+            points_of_lines.append(start + parts[:, None] * (end - start))
+    points = np.concatenate(points_of_lines)
+    # Many samples in one place are one point.
+    return np.unique(np.round(points / distance), axis=0) * distance
 
 
 def add_colour_bar(

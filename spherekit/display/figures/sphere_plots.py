@@ -8,6 +8,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.display.figures import style
+from spherekit.display.figures.coinciding_paths import find_coinciding_paths
 from spherekit.display.figures.matplotlib_sdk import (
     Axes,
     BoundaryNorm,
@@ -153,18 +154,27 @@ def draw_paths(arrows: Sequence[tuple[Scene, Arrow]], sheet: Sheet) -> Figure:
         for label, panel in panel_by_label.items():
             title = f"{plot_text(label)}, about {view.centre_name}"
             _draw_graticule(panel, view, title)
-        for scene, arrow in arrows:
-            panel = panel_by_label[arrow.label]
-            look = style.page_look(scene.page)
-            path = turn_to_side(arrow.directions, view.frame[2])
-            # The path has a gap where the axis continues on the other side of the rim.
-            is_jump = np.vecdot(path[1:], path[:-1]) < 0.0
-            path = insert_gaps(path, is_jump)
-            mode_title = sheet.title(scene.page) if has_several_modes else ""
-            panel.plot(*view.project(path).T, label=mode_title, **look)
-            first_direction = path[all_finite(path, 1)][:1]
-            first_point = view.project(first_direction)
-            panel.plot(*first_point.T, "o", color=look["color"], markersize=3.0)
+        for label, panel in panel_by_label.items():
+            shown_arrows = [
+                (scene, arrow) for scene, arrow in arrows if arrow.label == label
+            ]
+            paths: list[Floats] = []
+            for _, arrow in shown_arrows:
+                path = turn_to_side(arrow.directions, view.frame[2])
+                # The path has a gap where the axis continues on the other side of the rim.
+                is_jump = np.vecdot(path[1:], path[:-1]) < 0.0
+                paths.append(insert_gaps(path, is_jump))
+            # The unit sphere is two units wide.
+            dashes = find_coinciding_paths(paths, size=2.0)
+            for (scene, _), path, dash in zip(shown_arrows, paths, dashes, strict=True):
+                look = style.page_look(scene.page)
+                if dash.linestyle is not None:
+                    look |= {"linestyle": dash.linestyle, "dash_capstyle": "butt"}
+                mode_title = sheet.title(scene.page) if has_several_modes else ""
+                panel.plot(*view.project(path).T, label=mode_title, **look)
+                first_direction = path[all_finite(path, 1)][:1]
+                first_point = view.project(first_direction)
+                panel.plot(*first_point.T, "o", color=look["color"], markersize=3.0)
         return sheet.add_legend(figure)
 
 

@@ -26,6 +26,9 @@ FILE_DPI = 300
 INK = "#222222"
 """Colour of text and axes."""
 
+PAPER = "#ffffff"
+"""Colour of the background, and of halos around names."""
+
 FAINT = "#c8c8c8"
 """Colour of lines at zero."""
 
@@ -90,6 +93,9 @@ MATPLOTLIB_SETTINGS: Look = {
     "axes.formatter.use_mathtext": True,
     "axes.formatter.useoffset": False,
     "lines.linewidth": 1.1,
+    # Margins (inches) of the layout. The default of 0.04 puts titles at the edge.
+    "figure.constrained_layout.w_pad": 0.09,
+    "figure.constrained_layout.h_pad": 0.09,
     "savefig.dpi": FILE_DPI,
     "pdf.fonttype": 42,
     "svg.fonttype": "none",

@@ -1,0 +1,120 @@
+"""Finds paths in a plane or on the sphere of which one hides another.
+
+Curves over a common axis are compared sample by sample in `curve_plots`. Paths are compared
+as sets of points, since two modes often follow one path in different directions.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.geometry.vectors import all_finite
+
+DASH_WIDTHS = 5.0
+"""Length of a dash of coinciding curves, in widths of their lines."""
+
+COINCIDING_RATIO = 0.003
+"""Largest distance of curves that coincide, relative to the size of the frame.
+
+Larger: curves are dashed that can be told apart; smaller: one of two curves is hidden.
+"""
+
+COINCIDING_QUANTILE = 0.9
+"""Part of a curve that has to be so near to the other one.
+
+Single rows may differ, as those at jumps.
+"""
+
+MAX_COMPARED_POINTS = 200
+"""Number of points of a path whose distances from another path are computed."""
+
+
+class DashPosition(NamedTuple):
+    """The number of curves that coincide, and the position of one curve among them."""
+
+    position: int
+    curve_count: int
+
+    @property
+    def linestyle(self) -> Any:
+        """The dashes of the curve for matplotlib, None for the first one, a full line.
+
+        The others are drawn over it in dashes, each at another offset, so that all colours
+        are visible.
+        """
+        if not self.position:
+            return None
+        offset = DASH_WIDTHS * self.position
+        gap = DASH_WIDTHS * (self.curve_count - 1)
+        return (offset, (DASH_WIDTHS, gap))
+
+
+def dash_positions(leaders: Sequence[int]) -> list[DashPosition]:
+    """Return for each curve its position among the curves that coincide with it.
+
+    Parameters
+    ----------
+    leaders
+        For each curve the first curve that coincides with it, or the curve itself.
+    """
+    return [
+        DashPosition(
+            position=leaders[:curve].count(leader), curve_count=leaders.count(leader)
+        )
+        for curve, leader in enumerate(leaders)
+    ]
+
+
+def find_coinciding_paths(paths: Sequence[Floats], size: float) -> list[DashPosition]:
+    """Return for each path its position among the paths that coincide with it.
+
+    Two paths coincide if nearly all points of one of them are nearer to the other one than
+    a line is thick.
+
+    Parameters
+    ----------
+    paths
+        (n, k) points of each path, NaN in gaps.
+    size
+        Size of the frame, in the unit of the points.
+    """
+    leaders: list[int] = []
+    for number, path in enumerate(paths):
+        leader = number
+        for earlier_number in range(number):
+            is_leader = leaders[earlier_number] == earlier_number
+            earlier_path = paths[earlier_number]
+            if is_leader and (
+                _lies_on(path, earlier_path, size) or _lies_on(earlier_path, path, size)
+            ):
+                leader = earlier_number
+                break
+        leaders.append(leader)
+    return dash_positions(leaders)
+
+
+def _lies_on(path: Floats, other_path: Floats, size: float) -> bool:
+    """Return whether nearly all points of a path are on another path."""
+    points = path[all_finite(path, 1)]
+    starts = other_path[:-1]
+    ends = other_path[1:]
+    has_ends = all_finite(starts, 1) & all_finite(ends, 1)
+    starts = starts[has_ends]
+    ends = ends[has_ends]
+    # A single point is drawn as a dot and hides no line.
+    if len(points) < 2 or not len(starts):
+        return False
+    step = max(1, len(points) // MAX_COMPARED_POINTS)
+    points = points[::step]
+    # Nearest point of each segment: its start plus a part, from 0 to 1, of the segment.
+    segments = ends - starts
+    squared_lengths = np.vecdot(segments, segments)
+    from_starts = points[:, None] - starts
+    with np.errstate(divide="ignore", invalid="ignore"):
+        parts = np.vecdot(from_starts, segments) / squared_lengths
+    parts = np.clip(np.nan_to_num(parts), 0.0, 1.0)
+    nearest_offsets = from_starts - parts[..., None] * segments
+    distances = np.linalg.norm(nearest_offsets, axis=2).min(axis=1)
+    return bool(np.quantile(distances, COINCIDING_QUANTILE) < COINCIDING_RATIO * size)

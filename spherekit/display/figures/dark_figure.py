@@ -1,0 +1,126 @@
+"""Makes figures for pages with a dark background.
+
+Text, axes and halos exchange light and dark. Colours of curves keep their hue and become
+lighter until they can be read. Images of colour maps stay as they are.
+"""
+
+import colorsys
+import pickle
+from typing import Any
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.display.figures.matplotlib_sdk import Axes, Figure, to_rgba, to_rgba_array
+
+DARK_BACKGROUND = (0.07, 0.08, 0.11)
+"""Colour (red, green, blue) behind dark figures, by which contrasts are computed."""
+
+DARK_INK_LIGHTNESS = 0.87
+"""Lightness of text that is black in light figures."""
+
+MIN_CONTRAST = 4.5
+"""Least contrast of colours with the background, that of the guidelines WCAG for text."""
+
+MAX_GREY_SATURATION = 0.12
+"""Saturation up to which a colour is a grey, which exchanges light and dark."""
+
+COLOUR_PROPERTIES = (
+    "color",
+    "facecolor",
+    "edgecolor",
+    "markerfacecolor",
+    "markeredgecolor",
+)
+"""Properties of artists that are colours."""
+
+LIGHTNESS_STEP = 0.02
+"""Step in which colours become lighter until their contrast is sufficient."""
+
+
+def dark_copy(figure: Figure) -> Figure:
+    """Return a copy of a figure with a transparent background, for a dark page.
+
+    Parameters
+    ----------
+    figure
+        The figure. It is not changed.
+    """
+    dark: Figure = pickle.loads(pickle.dumps(figure))
+    artists = {id(artist): artist for artist in dark.findobj()}.values()
+    for artist in artists:
+        # The colours of panels and of the figure are those of their background patches.
+        if not isinstance(artist, Axes | Figure):
+            _darken(artist)
+    # Several texts can share a halo, which must be changed once.
+    effects = {
+        id(effect): effect
+        for artist in artists
+        for effect in artist.get_path_effects() or ()
+    }
+    for effect in effects.values():
+        stroke = getattr(effect, "_gc", {})
+        if "foreground" in stroke:
+            stroke["foreground"] = _dark_rgba(stroke["foreground"])
+    background = _dark_rgba("white")
+    for patch in (dark.patch, *(panel.patch for panel in dark.axes)):
+        # Panels with a colour of their own show the absence of values by it.
+        if np.allclose(to_rgba(patch.get_facecolor()), background):
+            patch.set_alpha(0.0)
+    return dark
+
+
+def _darken(artist: Any) -> None:
+    """Replace all colours of an artist by those for a dark background.
+
+    An artist of matplotlib is for example a line, a text or a filled area. Each kind has
+    some of these methods.
+    """
+    # The colours of a mapped collection are computed from values by a colour map.
+    if getattr(artist, "get_array", lambda: None)() is not None:
+        return
+    # All colours are read first, since some are equal to others by default.
+    colours = {
+        name: getattr(artist, f"get_{name}")()
+        for name in COLOUR_PROPERTIES
+        if hasattr(artist, f"get_{name}") and hasattr(artist, f"set_{name}")
+    }
+    for name, colour in colours.items():
+        set_colour = getattr(artist, f"set_{name}")
+        if isinstance(colour, np.ndarray) and colour.ndim == 2:
+            set_colour([_dark_rgba(tuple(row)) for row in to_rgba_array(colour)])
+        elif isinstance(colour, str | tuple | np.ndarray):
+            set_colour(_dark_rgba(colour))
+
+
+def _dark_rgba(colour: Any) -> tuple[float, float, float, float]:
+    """Return the colour for a dark background that stands for a colour on white."""
+    red, green, blue, alpha = to_rgba(colour)
+    hue, lightness, saturation = colorsys.rgb_to_hls(red, green, blue)
+    # The range of a grey's channels is small. Its saturation in the model HLS need not be,
+    # since it is relative to the lightness.
+    if max(red, green, blue) - min(red, green, blue) <= MAX_GREY_SATURATION:
+        # White becomes the background, black the ink.
+        background_lightness = np.mean(DARK_BACKGROUND)
+        level = DARK_INK_LIGHTNESS + lightness * (background_lightness - DARK_INK_LIGHTNESS)
+        return (float(level), float(level), float(level), alpha)
+    while lightness < 1.0:
+        dark = colorsys.hls_to_rgb(hue, lightness, saturation)
+        if _contrast(dark) >= MIN_CONTRAST:
+            break
+        lightness += LIGHTNESS_STEP
+    return (*colorsys.hls_to_rgb(hue, min(lightness, 1.0), saturation), alpha)
+
+
+def _contrast(colour: tuple[float, float, float]) -> float:
+    """Return the contrast of a colour with the background, as WCAG 2.1 defines it."""
+    lighter, darker = sorted(
+        (_luminance(np.array(colour)), _luminance(np.array(DARK_BACKGROUND))), reverse=True
+    )
+    return (lighter + 0.05) / (darker + 0.05)
+
+
+def _luminance(colour: Floats) -> float:
+    """Return the relative luminance of a colour in sRGB, from 0 to 1 (WCAG 2.1)."""
+    linear = np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
