@@ -189,18 +189,71 @@ def write_c(source: Source) -> str:
     ]
     if source.smooth_modes is not None:
         declarations.append(f"{_smooth_mode_head(source, 'double')};")
+    # The arrays that callers read are declared before their definitions too.
+    constants = [*_write_constants(source, storage="")]
+    declarations += [
+        f"extern {text.partition(' = ')[0]};"
+        for text in constants
+        if text.startswith("const ")
+    ]
     parts = [
         f"/*\n{head_comment(source)} */\n#include <math.h>\n",
-        "/* To be declared where they are called. */",
+        _prototype_comment(source),
         *declarations,
         "",
-        *_write_constants(source, storage=""),
+        *constants,
         *source.helpers,
         *_write_series(source, "double", "double", type_line=""),
         *(_write_function(source, function, "double") for function in source.functions),
         *_write_smooth_modes(source, "double"),
     ]
     return "\n".join(parts)
+
+
+def _prototype_comment(source: Source) -> str:
+    """Return the comment before the prototypes, with an example call.
+
+    The example computes the results at the known inputs of the first assembly mode. In
+    closed form the mode is selected by the signs of its dyads. Otherwise Newton's method
+    starts from the variables of the mode.
+    """
+    formulas = source.formulas
+    comment = (
+        "/* Prototypes. Copy them, and the names of results below, to the file from which\n"
+        "   the functions are called."
+    )
+    if not formulas.modes:
+        return f"{comment} */"
+    name = source.name
+    mode = formulas.modes[0]
+    # Inputs come first in the motion. Rates and other arguments are zero.
+    motion = [*mode.at, *[0.0] * (len(formulas.motion) - len(mode.at))]
+    # A null pointer stands for an array without elements.
+    size = f"{name}_sizes" if formulas.sizes else "0"
+    mode_count = len(formulas.mode_value_names)
+    mode_values = f"{name}_modes[0]" if mode_count else "0"
+    lines = [
+        f"const double motion[{len(motion)}] = {nested(motion, '{}')};",
+        f"double result[{len(formulas.results)}];",
+    ]
+    if formulas.step:
+        lines += [
+            f"double variables[{mode_count}];",
+            f"for (int i = 0; i < {mode_count}; ++i)",
+            f"    variables[i] = {mode_values}[i];",
+            "for (int steps = 0; steps < 20; ++steps)",
+            f"    if ({name}_step(motion, variables, {size}) < 1e-12)",
+            "        break;",
+        ]
+        mode_values = "variables"
+    lines.append(f"{name}(motion, {mode_values}, {size}, result);")
+    # Results are found by their names in the array.
+    lines += [
+        f'printf("%.9g\\n", result[{name}_{result}]);' for result in source.result_names[:1]
+    ]
+    example = "\n".join(f"       {line}" for line in lines)
+    title = f"Example: assembly mode {mode.number} at inputs at which it is known."
+    return f"{comment}\n\n   {title}\n\n{example}\n*/"
 
 
 def write_cpp(source: Source) -> str:

@@ -6,7 +6,7 @@ import re
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spherekit.arrays import Array
+from spherekit.arrays import Array, Floats
 from spherekit.escaping import c_comment
 from spherekit.exchange import identifiers
 from spherekit.exchange.coupling_table import CouplingTable
@@ -22,8 +22,16 @@ HEADER_TEMPLATE = """\
    Largest error, measured between the nodes: {table.angle_error:.2g} rad of an angle,
    {table.coefficient_error:.2g} of a coefficient.
 
-   C99, no library but <math.h>. Angles go on without a jump through a cell; cells that a
-   jump, a change of assembly mode or the end of one could lie in are not read. */
+   C99, no library but <math.h>. Angles continue without a jump through a cell. Cells in
+   which a jump, a change of assembly mode or the end of one is possible are not read.
+
+   Example: {example_title}
+
+       double q[{m}] = {{{example_inputs}}};
+       double angle[{k}], coefficient[{k}][{m}];
+       if ({name}_at({example_mode}, q, angle, coefficient, 0, 0) == {guard}_OK)
+           printf("%.9g\\n", angle[{name}_{first_variable}]);
+*/
 #ifndef {guard}_COUPLING_H
 #define {guard}_COUPLING_H
 
@@ -196,8 +204,13 @@ def header(table: CouplingTable) -> str:
         _format_array(declaration, values)
         for declaration, values in array_by_declaration.items()
     ]
+    example_row, example_inputs = _find_example(table)
     return HEADER_TEMPLATE.format(
         **sizes,
+        example_title=f"assembly mode {table.modes[example_row]} in the middle of a cell.",
+        example_mode=table.modes[example_row],
+        example_inputs=_format_row(example_inputs),
+        first_variable=variable_names[0],
         table=table,
         mechanism=c_comment(table.mechanism),
         made_by=c_comment(table.made_by),
@@ -216,6 +229,18 @@ def header(table: CouplingTable) -> str:
         arrays="\n".join(arrays),
         turning_code=turning_code,
     )
+
+
+def _find_example(table: CouplingTable) -> tuple[int, Floats]:
+    """Return a row of modes, and inputs (inputs,) in rad at which its table is read.
+
+    The inputs are the middle of the first cell that is read, or of the first cell at all if
+    none is.
+    """
+    row, cell = np.unravel_index(int(np.argmax(table.sure)), table.sure.shape)
+    cell_numbers = np.unravel_index(int(cell), np.asarray(table.count) - 1)
+    middle = np.asarray(table.start) + (np.array(cell_numbers) + 0.5) * table.step
+    return int(row), middle
 
 
 def _format_array(declaration: str, values: Array) -> str:

@@ -271,6 +271,9 @@ class Formulas:
         Stored series of functions that results or the step contain, such as profiles.
     title
         A short description of the formulas.
+    middle_pairs
+        In closed form, the middle pair of the dyad of each sign. Where links replace a
+        contact, it can be a pair that the mechanism does not have.
     """
 
     mechanism: Mechanism
@@ -284,6 +287,7 @@ class Formulas:
     variables: tuple[tuple[ExpressionNode, ...], ...]
     tables: tuple[SeriesTable, ...]
     title: str = "explicit formulas"
+    middle_pairs: Names = ()
 
     @property
     def modes(self) -> tuple[Mode, ...]:

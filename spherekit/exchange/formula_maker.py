@@ -182,6 +182,7 @@ def formulas(
             tuple(size_symbols),
         ),
         tables=_find_profile_tables(design_expressions, [*outputs, *step]),
+        middle_pairs=design_expressions.middle_pairs,
     )
 
     # Find the assembly modes, and compare the formulas with the mechanism in each.

@@ -6,7 +6,7 @@ from textwrap import wrap
 import numpy as np
 
 from spherekit.escaping import one_line
-from spherekit.exchange.formula_expressions import Mode
+from spherekit.exchange.formula_expressions import Formulas, Mode
 from spherekit.exchange.mode_table import UNKNOWN_AT_CROSSING_RAD
 from spherekit.exchange.source_printer import Source
 from spherekit.exchange.source_text import LINE_WIDTH
@@ -72,10 +72,13 @@ def _argument_lines(source: Source) -> Iterator[str]:
     """
     formulas = source.formulas
     # `step` has the expressions of a step of Newton's method. It is empty in closed form.
-    value_note = "rad" if formulas.step else "+1 or -1: the side of a dyad"
+    if formulas.step:
+        mode_notes = ["rad"] * len(formulas.mode_value_names)
+    else:
+        mode_notes = [_sign_note(formulas, pair) for pair in formulas.middle_pairs]
     notes_by_array = {
         "motion": [(argument.name, argument.unit) for argument in formulas.motion],
-        source.mode_argument: [(name, value_note) for name in formulas.mode_value_names],
+        source.mode_argument: [*zip(formulas.mode_value_names, mode_notes, strict=True)],
         # Each size with its key and its value in the mechanism file.
         "size": [
             (size.name, f"{size.unit}; {size.key} = {size.value:.12g}")
@@ -88,6 +91,13 @@ def _argument_lines(source: Source) -> Iterator[str]:
         yield f"{array_name}:" if elements else f"{array_name}: none"
         for index, (name, note) in enumerate(elements, source.language.first_index):
             yield f"  [{index}] {name} ({note})" if note else f"  [{index}] {name}"
+
+
+def _sign_note(formulas: Formulas, middle_pair: str) -> str:
+    """Return what a sign means: the side of a dyad, which is named by its middle pair."""
+    if middle_pair in formulas.mechanism.pair_number:
+        return f"+1 or -1: the side of the dyad with the middle pair {middle_pair}"
+    return "+1 or -1: the side of a dyad that replaces a contact"
 
 
 def _mode_lines(source: Source, position: int, mode: Mode) -> Iterator[str]:

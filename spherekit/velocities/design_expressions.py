@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.conventions import TURN
+from spherekit.conventions import TURN, Names
 from spherekit.errors import EngineError
 from spherekit.mechanism.friction import check_no_reaction_friction
 from spherekit.mechanism.load import TorqueTable
@@ -201,6 +201,14 @@ class DesignExpressions:
     def coordinate_rates(self) -> CoordinateRates:
         """The homogeneous rates of all variables by each input."""
         return CoordinateRates(self.structure, self.variables, self._placed)
+
+    @property
+    def middle_pairs(self) -> Names:
+        """The middle pair of each dyad, in the order of the signs; empty without signs."""
+        if not self.triple_squares:
+            return ()
+        groups = self.structure.assembly.groups
+        return tuple(self.structure.mechanism.names_of(group.middle for group in groups))
 
     @property
     def has_closed_form(self) -> bool:

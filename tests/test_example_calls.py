@@ -1,0 +1,98 @@
+"""The example calls in exported C: compiled as they stand, against `sk.evaluate`."""
+
+import re
+import subprocess
+
+import numpy as np
+import pytest
+from helpers.exported_languages import GCC
+
+import spherekit as sk
+
+pytestmark = pytest.mark.skipif(not GCC, reason="no C compiler")
+
+FLAGS = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror"]
+
+
+def example_in(text):
+    """Return the example call, which is indented by seven spaces in a comment."""
+    return re.search(r"Example: .*?\n\n((?: {7}.*\n)+)\*/", text)[1]
+
+
+def run_program(folder, head, body, sources=()):
+    """Compile a program of C and return the number that it prints.
+
+    Parameters
+    ----------
+    folder
+        Folder of the sources.
+    head, body
+        Text before the function ``main``, and its statements.
+    sources
+        Names of further source files in the folder.
+    """
+    text = f"#include <stdio.h>\n{head}\nint main(void)\n{{\n{body}    return 0;\n}}\n"
+    (folder / "main.c").write_text(text, encoding="ascii")
+    files = ["main.c", *sources]
+    command = [GCC, *FLAGS, "-o", "main", *files, "-lm"]
+    subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=60)
+    finished = subprocess.run(
+        [folder / "main"], check=True, capture_output=True, text=True, timeout=60
+    )
+    return float(finished.stdout)
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("four_bar", {}),
+        ("four_bar", {"vary": ["links.2.arc"]}),
+        ("flat_foldable_vertex", {}),
+        ("five_bar", {}),
+        pytest.param("double_butterfly", {}, marks=pytest.mark.slow),
+    ],
+)
+def test_the_example_call_of_c_gives_the_first_variable(name, options, tmp_path):
+    """The prototypes are copied to another file, as the source says, with the example.
+
+    The example is in assembly mode 0 at the inputs that it states, and prints the first
+    result, which is the angle of a pair.
+    """
+    sk.export(name, tmp_path / "source.c", **options)
+    text = (tmp_path / "source.c").read_text("ascii")
+    example = example_in(text)
+    after_example = text.partition(example)[2]
+    prototypes = re.search(r"^\*/\n(.*?\n)\n(enum \{.*?\};)", after_example, re.S)
+    head = prototypes[1] + prototypes[2]
+    printed = run_program(tmp_path, head, example, ["source.c"])
+
+    stated = re.search(r"motion\[\d+\] = \{(.*?)\}", example)[1].split(",")
+    mechanism = sk.load(name)
+    inputs = [float(number) for number in stated[: len(mechanism.inputs)]]
+    pair = re.search(rf"result\[{name}_theta_(\w+)\]", example)[1]
+    expected = np.ravel(sk.evaluate(mechanism, inputs, assembly_mode=0).variable(pair))
+    assert np.exp(1j * printed) == pytest.approx(np.exp(1j * expected[0]), abs=1e-7)
+
+
+def test_the_example_call_of_a_coupling_table_gives_the_first_variable(tmp_path):
+    sk.export("four_bar", tmp_path / "table.h", to="coupling")
+    example = example_in((tmp_path / "table.h").read_text("ascii"))
+    printed = run_program(tmp_path, '#include "table.h"', example)
+    q = float(re.search(r"q\[1\] = \{(.*?)\}", example)[1])
+    expected = np.ravel(sk.evaluate("four_bar", [q], assembly_mode=0).variable("32"))
+    assert np.exp(1j * printed) == pytest.approx(np.exp(1j * expected[0]), abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "pairs"), [("stephenson", ["34", "56"]), ("flat_foldable_vertex", ["c3"])]
+)
+def test_each_sign_is_named_by_the_middle_pair_of_its_dyad(name, pairs, tmp_path):
+    sk.export(name, tmp_path / "source.c")
+    text = (tmp_path / "source.c").read_text("ascii")
+    assert re.findall(r"sign_\d+ \(.* the middle pair (\w+)\)", text) == pairs
+
+
+def test_the_sign_of_a_dyad_that_replaces_a_contact_says_so(tmp_path):
+    sk.export("roller_cam", tmp_path / "source.c")
+    text = (tmp_path / "source.c").read_text("ascii")
+    assert "the side of a dyad that replaces a contact" in text
