@@ -256,8 +256,8 @@ def test_modes_of_a_hundred_special_four_bars(tmp_path):
 def test_modes_of_shipped_mechanisms(name, tmp_path):
     """Sources of every shipped mechanism but one have all of its modes.
 
-    The Miura unit is over-constrained. Its source has the equations that are independent in
-    the Miura fold. In modes where creases stay flat or folded by 180 deg, others are needed.
+    The Miura unit is over-constrained. Its source has the equations that are independent
+    in the Miura fold. Modes with creases that stay flat or folded by 180 deg need others.
     """
     mechanism = sk.load(name)
     if not mechanism.inputs:
