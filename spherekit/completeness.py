@@ -39,11 +39,14 @@ class Completeness:
     box
         Size (rad) from which on parts of the result were all found, at the level `TO_BOX`.
         Smaller parts may be missing. It is 0 for other levels.
+    sentence
+        The statement in a whole sentence for users, empty if it follows from the level.
     """
 
     guarantee: Guarantee
     reason: str
     box: float = 0.0
+    sentence: str = ""
 
     def __str__(self) -> str:
         level = self.guarantee.value

@@ -163,7 +163,12 @@ class InputTurningPoints(NamedTuple):
             reason += f", and between {count} at which they are known to meet"
             reason += self._crossing_remark
         # Every mode that exists over an interval of the input wider than `gap` is known.
-        return Completeness(Guarantee.TO_BOX, reason, gap)
+        sentence = (
+            f"All assembly modes were found at {counted(len(self.probes(step)), 'input')}. "
+            f"Modes that exist only within {np.degrees(gap):.3g} deg between these inputs "
+            "could be missed."
+        )
+        return Completeness(Guarantee.TO_BOX, reason, gap, sentence)
 
     @property
     def _crossing_remark(self) -> str:

@@ -271,9 +271,11 @@ class ModeSearch:
         if grid.q.shape[1] > 1:
             q = grid.q[spread_rows(len(grid), MAX_PROBED_SAMPLES)]
             reason = f"modes at {len(q)} of the {len(grid)} samples"
+            sentence = f"All assembly modes were found at {len(q)} of the samples."
             if len(q) == len(grid):
                 reason = f"modes at all {len(grid)} samples"
-            return q, Completeness(Guarantee.SAMPLED, reason)
+                sentence = f"All assembly modes were found at the {len(grid)} samples."
+            return q, Completeness(Guarantee.SAMPLED, reason, sentence=sentence)
         # Modes appear or vanish only at turning points. One input between each two of them
         # is examined. Where turning points are unknown, inputs have the distance `step`.
         # No search takes place if one evaluation takes longer than `max_cost_s`, and it is

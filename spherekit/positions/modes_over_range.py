@@ -371,7 +371,11 @@ class ModesOverRange:
             self._compute_modes_at(q[len(q) // 2][None])
         # Messages call a connected curve of configurations, which may consist of several
         # modes, a component.
-        return Completeness(Guarantee.SAMPLED, statistics.describe("components"))
+        return Completeness(
+            Guarantee.SAMPLED,
+            statistics.describe("components"),
+            sentence=statistics.sentence("curve of configurations", "curves"),
+        )
 
     def _find_on_one_curve(self) -> Completeness:
         """Find the modes on one curve, if wheels can be put together in any position.

@@ -229,7 +229,13 @@ class SampledModes:
                 f"{statistics.describe('configurations')}"
             )
             self._graph.join()
-        self.claim = Completeness(Guarantee.SAMPLED, words)
+        sentence = f"All assembly modes were found at {_count_samples(q, len(q))}."
+        if len(incomplete):
+            sentence = (
+                f"At {len(incomplete)} of the {len(q)} samples, assembly modes could have "
+                "been missed."
+            )
+        self.claim = Completeness(Guarantee.SAMPLED, words, sentence=sentence)
 
     def _count_nodes_as_solutions(self, samples: Indices) -> None:
         """Number the configurations at some samples, so that a search counts its hits.
@@ -449,7 +455,11 @@ class SampledModes:
         reason = statistics.describe("modes")
         if self._is_sheet_limit_reached:
             reason += f"; stopped at {self._solution_count} modes, there may be more"
-        return Completeness(Guarantee.SAMPLED, reason)
+        return Completeness(
+            Guarantee.SAMPLED,
+            reason,
+            sentence=statistics.sentence("assembly mode", "assembly modes"),
+        )
 
     def _search_sample(self, sample: int) -> None:
         """Solve all groups of links at one sample, and add the sheets of the solutions.

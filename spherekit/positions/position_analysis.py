@@ -329,6 +329,11 @@ class PositionAnalysis:
         ]
         return "; ".join(dict.fromkeys([str(self.claim), *method_texts]))
 
+    @property
+    def probe_count(self) -> int:
+        """Number of samples at which assembly modes were searched."""
+        return self._probe_count
+
     @cached_property
     def configurations(self) -> Configurations:
         """All configuration curves that have a point in the range of the only input.

@@ -140,6 +140,28 @@ class SearchStatistics:
         """
         return 1.0 - MISS_PROBABILITY ** (1.0 / max(self.starts, 1))
 
+    def sentence(self, thing: str, plural: str) -> str:
+        """Return a whole sentence for users about how sure the search is.
+
+        Parameters
+        ----------
+        thing, plural
+            The word for a solution, such as ``assembly mode``, and its plural.
+        """
+        starts = counted(self.starts, "random start")
+        if not self.closed_starts:
+            result = f"{starts} led to no {thing}"
+        else:
+            count = len(self.counts)
+            words = f"1 {thing}" if count == 1 else f"{count} {plural}"
+            least = min(self.counts.values())
+            reached = f", each at least {least} times" if least > 1 else ""
+            result = f"{starts} led to {words}{reached}"
+        return (
+            f"{result}. Others to which less than {self.missed_share:.2%} of the starts "
+            "lead could have been missed."
+        )
+
     def describe(self, things: str) -> str:
         """Return a sentence about how surely the search has met all solutions.
 

@@ -8,7 +8,7 @@ that, block by block or for all samples at once, and returns its declared tables
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, Self
 
 from spherekit.conventions import Names
 from spherekit.errors import AnalysisError, PluginError
@@ -17,6 +17,7 @@ from spherekit.runs.batch import Batch
 from spherekit.runs.figure_of_merit import FigureOfMerit
 from spherekit.runs.needs import Needs
 from spherekit.scenes.scene import Scene
+from spherekit.tables.screen_table import ScreenColumn, ScreenTable
 from spherekit.tables.table import Table, TableArrays, Tables
 
 CONTRACT = 1
@@ -83,11 +84,33 @@ class Findings:
         Warnings for the user, as whole sentences.
     remarks
         The main results for the user, in a line or two.
+    tables
+        The main results for the user as small tables, which the screen shows in front of
+        the remarks. The cells are texts.
     """
 
     figures: Mapping[str, Any] = field(default_factory=dict)
     warnings: Names = ()
     remarks: Names = ()
+    tables: tuple[ScreenTable, ...] = ()
+
+    @classmethod
+    def from_json(cls, entries: Mapping[str, Any]) -> Self:
+        """Return findings from the data of `dataclasses.asdict` after JSON."""
+        tables = tuple(
+            ScreenTable(
+                columns=tuple(ScreenColumn(**column) for column in table["columns"]),
+                rows=tuple(tuple(row) for row in table["rows"]),
+                title=table["title"],
+            )
+            for table in entries["tables"]
+        )
+        return cls(
+            entries["figures"],
+            tuple(entries["warnings"]),
+            tuple(entries["remarks"]),
+            tables,
+        )
 
 
 class AbstractAnalysis(ABC):

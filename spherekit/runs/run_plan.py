@@ -25,6 +25,7 @@ from spherekit.runs.batch_runner import BatchRunner
 from spherekit.runs.contract import AbstractAnalysis, Analyses
 from spherekit.runs.declaration_checks import check_needs
 from spherekit.runs.evaluation_options import ORDINARY, Setting
+from spherekit.runs.motion_overview import OverviewPlan
 from spherekit.runs.needs import Needs
 from spherekit.runs.resource_checks import need_memory
 from spherekit.runs.result_checks import compute_checked_tables
@@ -122,6 +123,11 @@ class RunPlan:
     def plans(self) -> tuple[Plan, ...]:
         """The plan of the poles for each input that moves."""
         return tuple(request.plan for request in self.requests)
+
+    @cached_property
+    def overview_plan(self) -> OverviewPlan:
+        """What the overview of the motion examines."""
+        return OverviewPlan(self.sampling)
 
     @property
     def is_single_block(self) -> bool:

@@ -18,6 +18,7 @@ from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.runs.batch import Batch, PoleFields, run_status
 from spherekit.runs.contract import Analyses, Findings
 from spherekit.runs.kernel_columns import LazyField, largest_errors
+from spherekit.runs.motion_overview import MotionOverview
 from spherekit.status import STATUS_MEANING, Status
 from spherekit.storage.json_data import as_json
 from spherekit.tables.table import ASSEMBLY_MODE, SAMPLE, Table, TableData, row_count
@@ -90,6 +91,8 @@ class RunState:
         Mobility by the rank of the closure Jacobian, at the first valid configuration.
     redundant_constraints
         Number of redundant constraints there, and the pairs that have them.
+    overview
+        Where assembly modes close, and how far outputs move.
     """
 
     sign_continuations: list[SignContinuation]
@@ -102,6 +105,7 @@ class RunState:
     error_maxima: dict[str, float] = field(default_factory=dict)
     mobility_by_rank: int | None = None
     redundant_constraints: Facts | None = None
+    overview: MotionOverview = field(default_factory=MotionOverview)
 
     def to_journal(self) -> Facts:
         """Return the state ready for JSON. The keys are those of earlier versions."""
@@ -116,6 +120,7 @@ class RunState:
             "largest": self.error_maxima,
             "rank": self.mobility_by_rank,
             "redundant": self.redundant_constraints,
+            "overview": self.overview.to_json(),
         }
 
     @classmethod
@@ -132,7 +137,7 @@ class RunState:
             The entries of the journal that `to_journal` has made.
         """
         findings = {
-            name: Findings(item["figures"], tuple(item["warnings"]), tuple(item["remarks"]))
+            name: Findings.from_json(item)
             for name, item in entries["findings"].items()
         }
         # JSON has no tuples as keys. Each count is a list: the texts of its key, and then
@@ -153,6 +158,7 @@ class RunState:
             error_maxima=entries["largest"],
             mobility_by_rank=entries["rank"],
             redundant_constraints=entries["redundant"],
+            overview=MotionOverview.from_json(entries["overview"]),
         )
 
     def count_block(

@@ -379,6 +379,9 @@ def evaluate_block(
         configuration_rows = motion_rows(run_plan.sampling, motion, pole_fields)
         run_plan.append_rows(MOTION, table, configuration_rows, run_state, table_store)
     run_state.count_block(run_plan.sampling.position_analysis, motion, pole_fields)
+    # A run that only measures the size of its tables has no right numbers to report.
+    if run_plan.max_poles is None:
+        run_state.overview.add_block(run_plan.overview_plan, motion)
     run_state.samples_done += motion.samples
     return pole_fields, continued_angles
 

@@ -37,6 +37,9 @@ Rates are proportional to it, accelerations to its square. The value is that of 
 example.
 """
 
+MAX_LISTED_EVENTS = 100
+"""Number of events of a simulation in the summary; the table of events has all."""
+
 DIRECTION_CANCELS = 1e-9
 """Length of the mean of unit vectors below which they have no mean direction.
 
@@ -297,6 +300,19 @@ class Sampling:
             "closure_drift_rad": checks.closure,
             "engine": {"name": simulation.engine.name, "steps": simulation.engine.steps},
             "events": len(simulation.events),
+            "event_list": [
+                {"kind": event.kind, "t": event.t, "pair": event.pair}
+                for event in simulation.events[:MAX_LISTED_EVENTS]
+            ],
+            "start": {
+                pair: {"q_rad": float(q), "dq_rad_per_s": float(dq)}
+                for pair, q, dq in zip(
+                    self.position_analysis.inputs,
+                    self.inputs[0],
+                    [] if self.timing is None else self.timing.dq[0],
+                    strict=True,
+                )
+            },
         }
         return {"simulation": facts}
 

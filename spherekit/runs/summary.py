@@ -10,7 +10,9 @@ import numpy as np
 from spherekit.conventions import Facts
 from spherekit.files.mechanism_writer import mechanism_hash
 from spherekit.planning.mobility import graph_mobility
+from spherekit.runs.completeness_text import describe_completeness
 from spherekit.runs.contract import Findings
+from spherekit.runs.motion_overview import summarize_overview
 from spherekit.runs.run_cost import RECORDING, Timer, count_evaluations
 from spherekit.runs.run_plan import RunPlan
 from spherekit.runs.run_result import tables_by_file_stem
@@ -65,9 +67,13 @@ def summarize_run(run_plan: RunPlan, run_state: RunState) -> Facts:
             "failed": analysis.name in run_state.failures,
             "failed_rows": run_state.failed_rows(analysis.name),
             "cites": analysis.cites,
-            "findings": dict(run_state.findings.get(analysis.name, Findings()).figures),
+            "findings": dict(findings.figures),
+            "remarks": with_counts(findings.remarks),
+            "warnings": with_counts(findings.warnings),
+            "screen_tables": [asdict(table) for table in findings.tables],
         }
         for analysis in run_plan.analyses
+        for findings in [run_state.findings.get(analysis.name, Findings())]
     ]
     remarks = []
     warnings = [*sampling.warnings]
@@ -94,6 +100,8 @@ def summarize_run(run_plan: RunPlan, run_state: RunState) -> Facts:
         "plans": plans,
         "assembly_modes": assembly_modes,
         "search": position_analysis.search,
+        "completeness": describe_completeness(position_analysis),
+        "overview": summarize_overview(run_state.overview, run_plan.overview_plan),
         "crossings": position_analysis.crossings,
         "mode_meetings": _mode_meetings(sampling),
         **run_state.status_summary(),
@@ -102,6 +110,7 @@ def summarize_run(run_plan: RunPlan, run_state: RunState) -> Facts:
         "analyses": analyses,
         "remarks": remarks,
         "warnings": warnings,
+        "motion_warnings": list(sampling.warnings),
     }
 
 

@@ -1,0 +1,34 @@
+"""One plain sentence on whether assembly modes may have been missed."""
+
+from spherekit.completeness import Guarantee
+from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.wording import listing
+
+
+def describe_completeness(position_analysis: PositionAnalysis) -> str:
+    """Return whether assembly modes may have been missed, in whole sentences.
+
+    Parameters
+    ----------
+    position_analysis
+        The assembly modes, and how they were searched.
+
+    Returns
+    -------
+    One or two sentences; empty if no motion was computed.
+    """
+    if not position_analysis.assembly_modes:
+        return ""
+    claim = position_analysis.claim
+    probe_count = position_analysis.probe_count
+    methods = dict.fromkeys(
+        method.description for method in position_analysis.methods if method is not None
+    )
+    how = f" ({listing(methods)})" if methods else ""
+    if not probe_count:
+        return f"Only {claim.reason} was computed. Others were not searched."
+    if claim.sentence:
+        return claim.sentence
+    if claim.guarantee in (Guarantee.CERTIFIED, Guarantee.COMPLETE):
+        return f"All assembly modes were found{how}."
+    return f"Assembly modes could be missed: {claim.reason}."
