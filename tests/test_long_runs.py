@@ -655,7 +655,7 @@ def test_a_long_recording_has_one_of_many_samples(monkeypatch, capsys, tmp_path)
     assert len(result.frame("motion")) == 90
     arguments = ["run", "four_bar", "--samples", "50", "--save", str(tmp_path / "x.rrd")]
     assert main(arguments) == 0
-    assert "one of 5 samples of each assembly mode" in capsys.readouterr().err
+    assert "one of 5 samples of each assembly mode" in capsys.readouterr().out
 
 
 def test_log_every_chooses_the_recorded_samples(monkeypatch):

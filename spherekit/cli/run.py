@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from spherekit.cli.argument_types import number, row_count, whole_number
 from spherekit.cli.completers import complete_analyses, set_completer
 from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES, note, print_json, say
-from spherekit.cli.run_report import progress, report
+from spherekit.cli.run_report import RunOutput, make_report, progress
 from spherekit.cli.study_arguments import (
     add_study_arguments,
     add_time_arguments,
@@ -227,12 +227,10 @@ def execute(options: Namespace) -> int:
                 new_folder.rmdir()
         _add_resume_hint(error, study, options)
         raise
-    if study.recording:
-        note(options, f"recording in {study.recording}")
-        if options.view:
-            from spherekit.display.rerun.viewer import open_viewer
+    if study.recording and options.view:
+        from spherekit.display.rerun.viewer import open_viewer
 
-            note(options, open_viewer(study.recording))
+        note(options, open_viewer(study.recording))
     return _exit_status(result, exceeded_bounds, options.strict)
 
 
@@ -290,17 +288,13 @@ def _run_and_report(
             progress=progress(),
             **choice,
         )
-        # The summary is printed before the figures, so that a figure that fails does not
-        # hide it.
-        _print_result(options, study, result)
-        if collector and study.folder:
-            from spherekit.display.figures.contents import plan_figures
-            from spherekit.display.figures.figure_files import write_figures
-
-            figures = plan_figures(collector.scenes(), collector.titles)
-            folder = study.folder / "figures"
-            paths = write_figures(figures, folder, options.figures)
-            note(options, f"{counted(len(paths), 'figure')} in {folder}")
+        figures = ""
+        try:
+            if collector and study.folder:
+                figures = _draw_figures(collector, study.folder, options.figures)
+        finally:
+            # A figure that fails does not hide the results.
+            _print_result(options, study, result, figures)
         exceeded_bounds = _prove_poles(options, study, result) if options.prove else 0
         if options.serve is not None:
             # Ctrl-C may come as soon as the message is printed, before the wait begins.
@@ -308,6 +302,17 @@ def _run_and_report(
                 note(options, "the run is done and still served; stop with Ctrl-C")
                 recorder.serve_until_interrupted()
     return result, exceeded_bounds
+
+
+def _draw_figures(collector: Any, folder: Path, file_format: Any) -> str:
+    """Draw the figures of a run into its folder; return how many, and where they are."""
+    from spherekit.display.figures.contents import plan_figures
+    from spherekit.display.figures.figure_files import write_figures
+
+    figures = plan_figures(collector.scenes(), collector.titles)
+    figure_folder = folder / "figures"
+    paths = write_figures(figures, figure_folder, file_format)
+    return f"{counted(len(paths), 'figure')} in {figure_folder}"
 
 
 def _exit_status(result: "RunResult", exceeded_bounds: int, is_strict: bool) -> int:
@@ -377,48 +382,37 @@ def _prove_poles(options: Namespace, study: "Study", result: "RunResult") -> int
     return proven.exceeded
 
 
-def _print_result(options: Namespace, study: "Study", result: "RunResult") -> None:
-    """Print the summary to stdout, and notes and failures to stderr.
+def _print_result(
+    options: Namespace, study: "Study", result: "RunResult", figures: str
+) -> None:
+    """Print the report or the summary of a run to stdout, and failures to stderr.
 
-    The notes say where the files are, that a simulation ended early, and that the recording
-    leaves out samples.
+    Parameters
+    ----------
+    options
+        Values of the arguments of the command.
+    study, result
+        What was run, and its result.
+    figures
+        How many figures were drawn, and where; empty without figures.
     """
     from spherekit.runs.analysis_faults import describe_failure
-    from spherekit.tables.table import COLUMNS
 
-    summary = result.summary
-    if study.folder:
-        note(
-            options,
-            f"{counted(len(result.files), 'file')} in {study.folder}, angles in "
-            f"{'deg' if study.degrees else 'rad'}; the unit of every column is in "
-            f"{COLUMNS}",
-        )
     if options.json:
-        print_json(summary)
-    elif not options.quiet:
-        print(report(summary))
+        print_json(result.summary)
+    else:
+        output = RunOutput(
+            file=options.file,
+            folder=str(study.folder) if study.folder else None,
+            file_names=[path.name for path in result.files],
+            is_in_degrees=study.degrees,
+            recording=str(study.recording) if study.recording else None,
+            figures=figures,
+        )
+        make_report(result.summary, output).print(options)
     sys.stdout.flush()
     for name, why in result.failures.items():
         say(describe_failure(name, why))
-    if not (study.folder or options.json or _makes_recording(options, study)):
-        note(options, "nothing was written: use -o DIR for tables")
-    simulation_end = summary.get("simulation", {}).get("end", {"kind": "time"})
-    if simulation_end["kind"] != "time":
-        note(
-            options,
-            f"spherekit: the simulation ended at {simulation_end['t']:.9g} s: "
-            f"{simulation_end['reason']}; what was found until then is kept",
-        )
-    # By default every sample is recorded, from the first one on.
-    recording = summary.get("recording", {"one_of": 1, "from_sample": 0})
-    if recording["one_of"] > 1 or recording["from_sample"] > 0:
-        note(
-            options,
-            f"the recording has one of {counted(recording['one_of'], 'sample')} of each "
-            f"assembly mode, from sample {recording['from_sample']} on (--log-every K for "
-            "another number)",
-        )
 
 
 def _check_options(study: "Study", options: Namespace) -> None:

@@ -1,196 +1,468 @@
-"""The summary of a run as text, and the progress that is printed during a run."""
+"""The report of a run for the screen, and the progress that is printed during a run."""
 
+import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
+from spherekit.cli.motion_screen import (
+    PlaceText,
+    describe_modes,
+    number_list,
+    output_table,
+    table_notes,
+)
+from spherekit.cli.screen_report import ScreenReport
 from spherekit.conventions import Lines
+from spherekit.number_text import degree_range_text, degrees_text, number_text
 from spherekit.progress import ProgressReporter
-from spherekit.wording import counted, numbered, size_text
+from spherekit.runs.contract import table_from_json
+from spherekit.tables.screen_table import ScreenTable
+from spherekit.wording import counted, listing, numbered, size_text
 
 MAX_LISTED_MEETINGS = 6
 """Number of inputs at which modes meet that are printed; summary.json has all of them."""
 
+MAX_LISTED_EVENTS = 6
+"""Number of events of a simulation that are printed; the table of events has all."""
+
 MIN_STAGE_SHARE = 0.005
 """Share of the time of a run below which a stage is not printed."""
 
+DEFAULT_ANALYSES = ["poles"]
+"""The analyses of a run that are not named in its question."""
 
-def report(summary: Any) -> str:
-    """Return the text that is printed for the summary of a run.
+EVENT_TEXTS = {
+    "dead_centre": "dead centre of {pair}",
+    "type_2": "singularity of type II",
+    "crossing": "crossing of configuration curves",
+    "rest": "rest",
+    "joint_limit": "joint limit of {pair}",
+    "switch": "switch of a load",
+    "lift_off": "lift-off of {pair}",
+}
+"""Words for the kinds of events of a simulation."""
 
-    It begins with the samples and assembly modes, then says what failed, and ends with the
-    errors that were reached and the cost.
+
+@dataclass(frozen=True)
+class RunOutput:
+    """What a run has written, and what the user could want next.
+
+    Attributes
+    ----------
+    file
+        The mechanism or study as the user has named it.
+    folder
+        The folder of the run, None if no tables were written.
+    file_names
+        Names of the files in it.
+    is_in_degrees
+        Whether angles in the files are in degrees.
+    recording
+        Path of the recording, None if none was written.
+    figures
+        How many figures were drawn, and where; empty without figures.
+    """
+
+    file: str
+    folder: str | None = None
+    file_names: Sequence[str] = ()
+    is_in_degrees: bool = False
+    recording: str | None = None
+    figures: str = ""
+
+
+def make_report(summary: Any, output: RunOutput) -> ScreenReport:
+    """Return the report of a run.
 
     Parameters
     ----------
     summary
         The content of ``summary.json``.
+    output
+        What the run has written.
     """
-    from spherekit.runs.analysis_faults import describe_failed_rows
+    return ScreenReport(
+        question=_question(summary),
+        results=_results(summary),
+        warnings=_warnings(summary),
+        accuracy=_accuracy(summary),
+        files=_files(summary, output),
+        next_steps=_next_steps(summary, output),
+        details=_details(summary),
+    )
 
-    lines = [
-        f"{summary['mechanism']}: {_describe_samples(summary)}; groups: "
-        f"{', '.join(summary['groups']) or 'none'}"
-    ]
-    lines += summary["remarks"]
-    lines += [f"warning: {text}" for text in summary["warnings"]]
-    redundant = summary["redundant_constraints"]
-    if redundant and redundant["count"]:
-        lines.append(
-            f"  {counted(redundant['count'], 'redundant constraint')} among pairs "
-            f"{', '.join(redundant['pairs'])}"
-        )
-    # Assembly modes: the ways to close the loops at the same inputs.
-    lines += by_equal_counts(summary["assembly_modes"])
-    if summary["assembly_modes"]:
-        lines.append(f"assembly modes: {summary['search']}")
-        lines += _describe_mode_meetings(summary)
-    # Failures: the number of poles with each status except OK, and rows of tables.
-    pole_counts = summary["pole_status"]
-    not_ok = [
-        f"{count} {status}" for status, count in pole_counts.items() if status != "OK"
-    ]
-    if not_ok:
-        lines.append(f"  of {sum(pole_counts.values())} pole axes: {', '.join(not_ok)}")
-    lines += [f"  {sentence}" for sentence in describe_failed_rows(summary)]
-    lines += [
-        f"  {name}: {meaning}"
-        for name, meaning in summary["status_meaning"].items()
-        if name != "OK"
-    ]
+
+def _question(summary: Any) -> str:
+    """Return what was asked: mechanism, ranges of the inputs, samples and analyses."""
+    names = [analysis["name"] for analysis in summary["analyses"]]
+    asked = "" if names == DEFAULT_ANALYSES else f"; {', '.join(names)}"
+    mechanism = summary["mechanism"]
+    samples = counted(summary["sampling"], "sample")
     if "simulation" in summary:
         simulation = summary["simulation"]
-        lines.append(_describe_simulation(simulation, summary["cost"]["simulate"]))
-    lines += _describe_errors(summary["errors_reached"])
+        start = ", ".join(
+            f"{pair} = {degrees_text(state['q_rad'])} deg at "
+            f"{number_text(state['dq_rad_per_s'])} rad/s"
+            for pair, state in simulation["start"].items()
+        )
+        return (
+            f"{mechanism}: simulation of {simulation['duration_s']:.6g} s from {start}, "
+            f"{samples}{asked}"
+        )
+    if not summary["assembly_modes"]:
+        return f"{mechanism}: {numbered('input', summary['inputs'])}{asked}"
+    ranges = []
+    for pair, (low, high) in summary["inputs"].items():
+        if low == high:
+            ranges.append(f"{pair} = {degrees_text(low)} deg")
+        else:
+            low_text, high_text = degree_range_text(low, high).split(" to ")
+            ranges.append(f"{pair} from {low_text} to {high_text} deg")
+    word = "input" if len(ranges) == 1 else "inputs"
+    how = ""
+    if "time" in summary:
+        how = f" in {summary['time']['duration_s']:.6g} s"
+    elif len(ranges) > 1:
+        how = " on one path" if summary["overview"]["is_path"] else " on a grid"
+    return f"{mechanism}: {word} {' and '.join(ranges)}{how}, {samples}{asked}"
+
+
+def _results(summary: Any) -> list[str | ScreenTable]:
+    """Return the results: modes, outputs, results of analyses, and completeness."""
+    results: list[str | ScreenTable] = []
+    if summary["assembly_modes"]:
+        results += describe_modes(summary)
+        if "simulation" in summary:
+            results += _describe_simulation(summary["simulation"])
+        else:
+            results.append(summary["completeness"])
+            results += _describe_meetings(summary)
+            results += _describe_dead_centres(summary)
+        table = output_table(summary)
+        if table is not None:
+            results.append(table)
+            results += table_notes(summary, table)
+    if count := summary["pole_status"].get("NO_POLE"):
+        results.append(
+            f"{count} of {sum(summary['pole_status'].values())} pole axes do not exist "
+            "(NO_POLE): two links have no relative motion there."
+        )
+    names = [analysis["name"] for analysis in summary["analyses"]]
+    for analysis in summary["analyses"]:
+        tables = [table_from_json(entry) for entry in analysis["screen_tables"]]
+        remarks = analysis["remarks"]
+        if len(names) > 1 and (tables or remarks):
+            results.append(f"{analysis['name']}:")
+        results += tables
+        results += remarks
     if "verified" in summary:
         from spherekit.runs.verification_text import format_verification
 
-        lines += format_verification(summary["verified"])
-    lines += spent(summary["cost"])
+        results += format_verification(summary["verified"])
     if "accuracy" in summary:
-        lines.append(accuracy_line(summary["accuracy"]))
-    return "\n".join(lines)
+        results.append(accuracy_line(summary["accuracy"]))
+    return results
 
 
-def _describe_mode_meetings(summary: Any) -> Lines:
+def _describe_dead_centres(summary: Any) -> Lines:
+    """Return a line on where modes of a mechanism with one input end at dead centres.
+
+    The number of modes is constant between dead centres, so that modes that close
+    everywhere have none.
+    """
+    overview = summary["overview"]
+    if len(summary["inputs"]) != 1 or overview["place"]["kind"] != "input":
+        return []
+    place_text = PlaceText(overview)
+    first, last = overview["place_range"]
+    modes_by_places: dict[str, list[int]] = {}
+    for mode in summary["assembly_modes"]:
+        entry = overview["modes"].get(str(mode["number"]))
+        if entry is None or set(entry["statuses"]) - {"OUT_OF_REACH"}:
+            return []  # a mode may end for another reason
+        ends = {end for span in entry["closes"] for end in span} - {first, last}
+        if ends:
+            text = listing(map(place_text.value, sorted(ends)), MAX_LISTED_EVENTS)
+            modes_by_places.setdefault(text, []).append(mode["number"])
+    if not modes_by_places:
+        is_one = len(summary["assembly_modes"]) == 1
+        which = "This mode has" if is_one else "These modes have"
+        return [f"{which} no dead centre of the input (type II) in this range."]
+    return [
+        f"Dead centres (type II) end {'mode' if len(numbers) == 1 else 'modes'} "
+        f"{number_list(numbers)} near {overview['place']['name']} = {text} deg."
+        for text, numbers in modes_by_places.items()
+    ]
+
+
+def _describe_meetings(summary: Any) -> Lines:
     """Return lines for the inputs at which assembly modes meet, each with its sentence.
 
     These inputs are computed from the equations, so they lie between the samples.
     """
     sentences = [meeting["sentence"] for meeting in summary["mode_meetings"]]
-    lines = [f"  {sentence}" for sentence in sentences[:MAX_LISTED_MEETINGS]]
+    lines = list(sentences[:MAX_LISTED_MEETINGS])
     unlisted = len(sentences) - MAX_LISTED_MEETINGS
     if unlisted > 0:
-        lines.append(f"  and at {counted(unlisted, 'other input')}: summary.json has all")
+        lines.append(f"Modes meet at {counted(unlisted, 'other input')}: see summary.json.")
     return lines
 
 
-def _describe_samples(summary: Any) -> str:
-    """Return the samples, inputs and modes of a run, and the mobility of the mechanism.
-
-    The mobility by the graph follows from the numbers of links and pairs; the mobility by
-    rank follows from the rank of the velocity equations.
-
-    Parameters
-    ----------
-    summary
-        The content of ``summary.json``.
-    """
-    mobility = summary["mobility"]
-    mode_count = len(summary["assembly_modes"])
-    inputs = numbered("input", summary["inputs"])
-    if not mode_count:
-        return (
-            f"{inputs}; no motion was traced, as no analysis reads samples; mobility "
-            f"{mobility['graph']} by the graph"
-        )
-    return (
-        f"{counted(summary['sampling'], 'sample')} of {inputs}, "
-        f"{counted(mode_count, 'assembly mode')}; mobility {mobility['graph']} by the "
-        f"graph, {mobility['rank']} by rank"
-    )
-
-
-def _describe_simulation(simulation: Any, cost: Any) -> str:
-    """Return one line about a simulation: its end, engine, errors and energy balance."""
+def _describe_simulation(simulation: Any) -> Lines:
+    """Return lines on the end, the events, the error and the energy of a simulation."""
     end = simulation["end"]
-    return (
-        f"simulated {end['t']:.6g} of {simulation['duration_s']:.6g} s "
-        f"({end['reason']}), {counted(simulation['events'], 'event')}, "
-        f"engine {simulation['engine']['name']} ({cost['reason']}); "
-        f"error {simulation['achieved_error_rad']:.1e} rad at tolerance "
-        f"{simulation['tolerance']:.1e}{' (MISSED)' if simulation['missed'] else ''}, "
-        f"energy balanced to {simulation['energy_imbalance_J']:.1e} of "
-        f"{simulation['energy_scale_J']:.1e} J"
-    )
-
-
-_ERROR_LINES = (
-    (
-        ("largest_closure_residual_rad", "largest closure residual {:.1e} rad"),
-        ("largest_configuration_error_rad", "; configurations known to {:.1e} rad"),
-    ),
-    (
-        (
-            "largest_direction_error_bound_rad",
-            "largest error bound of a pole direction {:.1e} rad",
-        ),
-        ("largest_velocity_coefficient_error_bound", ", of a velocity coefficient {:.1e}"),
-        (
-            "largest_acceleration_coefficient_error_bound",
-            ", of an acceleration coefficient {:.1e} 1/rad",
-        ),
-    ),
-)
-"""For each line: keys of ``errors_reached``, and the format of the text for each key.
-
-The text of the first key begins the line, and the other texts continue its sentence. The
-line is therefore left out if the first error is None.
-"""
-
-
-def _describe_errors(errors: Any) -> Lines:
-    """Return lines for the largest errors of a run; errors that are None are left out.
-
-    Parameters
-    ----------
-    errors
-        The entry ``errors_reached`` of the summary.
-    """
     lines = []
-    for line_parts in _ERROR_LINES:  # pairs of a key and a format such as "{:.1e} rad"
-        # The text of the first error begins the sentence that the other texts continue.
-        first_key, _ = line_parts[0]
-        if errors[first_key] is not None:
-            texts = [
-                text.format(errors[key])
-                for key, text in line_parts
-                if errors[key] is not None
-            ]
-            lines.append("".join(texts))
+    if end["kind"] == "time":
+        lines.append(f"It ran to the end, {end['t']:.6g} s.")
+    else:
+        lines.append(
+            f"It ended at {end['t']:.6g} of {simulation['duration_s']:.6g} s: "
+            f"{end['reason']}. The results until then are kept."
+        )
+    if simulation["events"]:
+        times_by_event: dict[str, Lines] = {}
+        for event in simulation["event_list"]:
+            text = EVENT_TEXTS.get(event["kind"], event["kind"])
+            text = text.format(pair=event["pair"] or "the input")
+            times_by_event.setdefault(text, []).append(number_text(event["t"], digits=4))
+        texts = [
+            f"{text} at t (s) = {listing(times, MAX_LISTED_EVENTS)}"
+            for text, times in times_by_event.items()
+        ]
+        lines.append(f"{counted(simulation['events'], 'event')}: {'; '.join(texts)}")
     return lines
 
 
-def by_equal_counts(assembly_modes: Sequence[Any]) -> Lines:
-    """Return lines for assembly modes.
+def _warnings(summary: Any) -> Lines:
+    """Return faults and failures, one line for each status, with cause and cure."""
+    warnings = list(summary["motion_warnings"])
+    names = [analysis["name"] for analysis in summary["analyses"]]
+    for analysis in summary["analyses"]:
+        prefix = f"{analysis['name']}: " if len(names) > 1 else ""
+        warnings += [prefix + text for text in analysis["warnings"]]
+    # Warnings of the run that are neither of the motion nor of an analysis, such as those
+    # of a verification.
+    known = {
+        *summary["motion_warnings"],
+        *(
+            f"{analysis['name']}: {text}"
+            for analysis in summary["analyses"]
+            for text in analysis["warnings"]
+        ),
+    }
+    warnings += [text for text in summary["warnings"] if text not in known]
+    warnings += _status_warnings(summary)
+    return warnings
 
-    Modes with equally many samples of each status (such as OK) share a line.
 
-    Parameters
-    ----------
-    assembly_modes
-        The entry ``assembly_modes`` of the summary, with four keys for each mode:
-        ``number``, ``mode`` (its signs, such as ``+-``), ``name`` (if it has one) and
-        ``status`` (the number of samples of each status).
-    """
-    modes_of_counts: dict[str, Lines] = {}
-    for mode in assembly_modes:
-        counts = ", ".join(f"{count} {status}" for status, count in mode["status"].items())
-        title = ", ".join(filter(None, (mode["mode"], mode.get("name"))))
-        modes_of_counts.setdefault(counts, []).append(f"{mode['number']} ({title})")
-    return [
-        f"  {numbered('assembly mode', modes)}: {'each ' if len(modes) > 1 else ''}{counts}"
-        for counts, modes in modes_of_counts.items()
+def _status_warnings(summary: Any) -> Lines:
+    """Return a line for each status that is not OK: count, places, cause and cure."""
+    warnings = []
+    overview = summary["overview"]
+    place_text = PlaceText(overview)
+    meanings = summary["status_meaning"]
+    for status, count in summary["status"].items():
+        if status == "OK":
+            continue
+        spans_by_modes: dict[str, list[int]] = {}
+        for mode in summary["assembly_modes"]:
+            entry = overview["modes"].get(str(mode["number"]), {})
+            spans = entry.get("statuses", {}).get(status)
+            if not spans:
+                continue
+            place = ""
+            if overview["is_path"] and place_text.kind != "sample":
+                place = f" {place_text.named_spans(spans)}"
+            spans_by_modes.setdefault(place, []).append(mode["number"])
+        places = [
+            f"{'mode' if len(numbers) == 1 else 'modes'} {number_list(numbers)}{place}"
+            for place, numbers in spans_by_modes.items()
+        ]
+        cause = _cause(status, summary) or meanings[status]
+        warnings.append(
+            f"{counted(count, 'row')} {'has' if count == 1 else 'have'} no result, "
+            f"{status} ({'; '.join(places)}): {cause}."
+        )
+    pole_counts = summary["pole_status"]
+    total = sum(pole_counts.values())
+    for status, count in pole_counts.items():
+        if status not in ("OK", "NO_POLE"):
+            warnings.append(
+                f"{count} of {total} pole axes have no result, {status}: "
+                f"{meanings[status]}."
+            )
+    for analysis in summary["analyses"]:
+        for table, count_by_status in analysis["failed_rows"].items():
+            # Rows without a configuration have a line of their own.
+            further = {
+                status: count
+                for status, count in count_by_status.items()
+                if status not in summary["status"]
+            }
+            for status, count in further.items():
+                warnings.append(
+                    f"{counted(count, 'row')} of table {table} of {analysis['name']} "
+                    f"{'has' if count == 1 else 'have'} no result, {status}: "
+                    f"{meanings[status]}."
+                )
+    return warnings
+
+
+def _cause(status: str, summary: Any) -> str:
+    """Return the cause and cure of a status that apply to this run, "" if unknown."""
+    if status != "OUT_OF_REACH":
+        return ""
+    if len(summary["inputs"]) > 1:
+        if set(summary["groups"]) <= {"dyad"}:
+            return (
+                "the links cannot be assembled at these inputs; narrow the ranges of the "
+                "inputs or change the arcs"
+            )
+        return (
+            "the links cannot be assembled at these inputs, or no verified path leads "
+            "there from a neighbouring sample; narrow the ranges, or take more samples"
+        )
+    closes_somewhere = any(
+        entry["closes"] for entry in summary["overview"]["modes"].values()
+    )
+    if closes_somewhere:
+        return (
+            "the modes end at dead centres, beyond which the links cannot be assembled; "
+            "narrow the range of the input, drive another pair (--input), or change arcs"
+        )
+    return "the links cannot be assembled at these inputs; change the range or the arcs"
+
+
+ERROR_TEXTS = (
+    ("largest_configuration_error_rad", "positions to {} rad"),
+    ("largest_direction_error_bound_rad", "pole axes to {} rad"),
+    ("largest_velocity_coefficient_error_bound", "velocity coefficients to {}"),
+)
+"""For each error bound on the screen: its key in ``errors_reached``, and its format."""
+
+
+def _accuracy(summary: Any) -> str:
+    """Return one line on the accuracy of the results."""
+    errors = summary["errors_reached"]
+    texts = [
+        text.format(_round_up(errors[key]))
+        for key, text in ERROR_TEXTS
+        if errors[key] is not None
     ]
+    if "simulation" in summary:
+        simulation = summary["simulation"]
+        missed = ", which was MISSED" if simulation["missed"] else ""
+        texts.insert(
+            0,
+            f"simulation to {simulation['achieved_error_rad']:.0e} rad (tolerance "
+            f"{simulation['tolerance']:.0e}{missed}), energy to "
+            f"{simulation['energy_imbalance_J']:.0e} of "
+            f"{simulation['energy_scale_J']:.2g} J",
+        )
+    if not texts:
+        return ""
+    return f"{', '.join(texts)} (error bounds)"
+
+
+def _round_up(bound: float) -> str:
+    """Return an error bound with one digit, rounded up so that it stays a bound."""
+    if not bound > 0.0:
+        return "0"
+    exponent = math.floor(math.log10(bound))
+    # The factor keeps a bound such as 3e-14 from being rounded up to 4e-14.
+    digit = math.ceil(bound / 10.0**exponent * (1.0 - 1e-12))
+    return f"{digit * 10.0**exponent:.0e}"
+
+
+def _files(summary: Any, output: RunOutput) -> str:
+    """Return one line on what was written, or on how to write it."""
+    parts = []
+    if output.folder is None:
+        recording = "" if output.recording else ", --save X.rrd for a recording"
+        parts.append(f"no tables saved; add -o DIR for tables{recording}")
+    else:
+        size = sum(summary.get("bytes", {}).values())
+        unit = "deg" if output.is_in_degrees else "rad"
+        names = listing(output.file_names, 8)
+        size_words = f", {size_text(size)}" if size else ""
+        parts.append(f"{output.folder}: {names}{size_words}, angles in {unit}")
+    if summary.get("replaced_files"):
+        parts.append(
+            "replaced tables of an earlier run: " + listing(summary["replaced_files"], 8)
+        )
+    if output.figures:
+        parts.append(output.figures)
+    if output.recording:
+        cost = summary["cost"].get("recording")
+        size_words = f" ({size_text(cost['bytes'])})" if cost else ""
+        parts.append(f"recording {output.recording}{size_words}")
+    recording = summary.get("recording", {"one_of": 1, "from_sample": 0})
+    if recording["one_of"] > 1 or recording["from_sample"] > 0:
+        parts.append(
+            f"the recording has one of {counted(recording['one_of'], 'sample')} of each "
+            f"assembly mode, from sample {recording['from_sample']} on (--log-every K for "
+            "another number)"
+        )
+    return "; ".join(parts)
+
+
+MAX_NEXT_STEPS = 3
+"""Number of commands that are suggested."""
+
+
+def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
+    """Return commands that fit what this run has not answered yet."""
+    names = {analysis["name"] for analysis in summary["analyses"]}
+    command = f"spherekit run {output.file}"
+    outputs = summary["overview"]["outputs"] if summary["assembly_modes"] else []
+    steps = []
+    if "simulation" in summary:
+        steps.append((f"{command} ... -o DIR --figures", "tables and figures over time"))
+        steps.append((f"{command} ... --view", "watch the motion"))
+    elif not summary["assembly_modes"]:
+        steps.append((command, "motion: ranges of outputs and velocity ratios"))
+    if outputs and "singularities" not in names and "simulation" not in summary:
+        steps.append((f"{command} -a singularities", "exact places of singularities"))
+    if summary["has_masses"] and not names & {"eksergian", "dynamics", "statics"}:
+        name = "eksergian" if len(summary["inputs"]) == 1 else "dynamics"
+        steps.append((f"{command} -a {name}", "driving torques"))
+    if output.folder is None and "simulation" not in summary:
+        steps.append((f"{command} -o DIR --figures", "tables and figures of this run"))
+    steps.append((f"spherekit page {output.file}", "a page on which the mechanism moves"))
+    return steps[:MAX_NEXT_STEPS]
+
+
+def _details(summary: Any) -> Lines:
+    """Return how the results were computed."""
+    mobility = summary["mobility"]
+    rank = mobility["rank"]
+    text = f"mobility {mobility['graph']} by the numbers of links and pairs"
+    if rank is not None:
+        text += f", {rank} by the rank of the velocity equations"
+    lines = [text]
+    redundant = summary["redundant_constraints"]
+    if redundant and redundant["count"]:
+        lines.append(
+            f"{counted(redundant['count'], 'redundant constraint')} among pairs "
+            f"{', '.join(redundant['pairs'])}"
+        )
+    lines.append(f"groups: {', '.join(summary['groups']) or 'none'}")
+    if summary["assembly_modes"]:
+        lines.append(f"search of assembly modes: {summary['search']}")
+    errors = summary["errors_reached"]
+    if errors["largest_closure_residual_rad"] is not None:
+        lines.append(
+            f"largest closure residual {errors['largest_closure_residual_rad']:.1e} rad"
+        )
+    key = "largest_acceleration_coefficient_error_bound"
+    if errors[key] is not None:
+        lines.append(f"acceleration coefficients to {_round_up(errors[key])} 1/rad")
+    if "simulation" in summary:
+        simulation = summary["simulation"]
+        reason = summary["cost"]["simulate"]["reason"]
+        lines.append(f"engine {simulation['engine']['name']} ({reason})")
+    return lines + spent(summary["cost"])
 
 
 def spent(cost: Any) -> Lines:

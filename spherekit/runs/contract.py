@@ -97,20 +97,21 @@ class Findings:
     @classmethod
     def from_json(cls, entries: Mapping[str, Any]) -> Self:
         """Return findings from the data of `dataclasses.asdict` after JSON."""
-        tables = tuple(
-            ScreenTable(
-                columns=tuple(ScreenColumn(**column) for column in table["columns"]),
-                rows=tuple(tuple(row) for row in table["rows"]),
-                title=table["title"],
-            )
-            for table in entries["tables"]
-        )
         return cls(
             entries["figures"],
             tuple(entries["warnings"]),
             tuple(entries["remarks"]),
-            tables,
+            tuple(table_from_json(table) for table in entries["tables"]),
         )
+
+
+def table_from_json(entries: Mapping[str, Any]) -> ScreenTable:
+    """Return a table of the screen from the data of `dataclasses.asdict` after JSON."""
+    return ScreenTable(
+        columns=tuple(ScreenColumn(**column) for column in entries["columns"]),
+        rows=tuple(tuple(row) for row in entries["rows"]),
+        title=entries["title"],
+    )
 
 
 class AbstractAnalysis(ABC):

@@ -14,13 +14,14 @@ from typing import Any, Self
 
 import numpy as np
 
-from spherekit.arrays import Bools, Floats, SmallIntegers
+from spherekit.arrays import Bools, Floats, Indices, Integers, SmallIntegers
 from spherekit.conventions import TURN, Facts
 from spherekit.mechanism.elements import Output
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import wrap
 from spherekit.positions.assembly_mode import has_configuration
 from spherekit.positions.motion import Motion
+from spherekit.positions.timing import Timing
 from spherekit.runs.sampling import Sampling
 from spherekit.status import Status
 from spherekit.velocities.transmission_angle import ARRAYS, transmission_angle
@@ -37,6 +38,14 @@ MAX_SPANS = 32
 RESTING_RATIO = 1e-9
 """Velocity ratio below which an output counts as resting. Larger: slow outputs seem to
 rest; smaller: rounding errors seem to be motions."""
+
+
+MAX_RATE_CURVATURE = 0.01
+"""How far a rate may be from linear between two samples for a place of rest between them.
+
+It is the error of the trapezoidal rule over the change of the rate times the step. Larger:
+places between distant samples are less accurate; smaller: they are given as intervals.
+"""
 
 
 @dataclass(frozen=True)
@@ -210,6 +219,8 @@ class OutputOverview:
         simulation there is one entry, the rate in rad/s.
     rests
         Places at which the rate of the output changes its sign.
+    uncertain_rests
+        Places of two samples between which it does so, if they are too far apart.
     further_rests
         Number of such places that are not listed.
     first_pose, last_row
@@ -222,6 +233,7 @@ class OutputOverview:
     lowest_ratio: list[float | None] = field(default_factory=list)
     highest_ratio: list[float | None] = field(default_factory=list)
     rests: list[float] = field(default_factory=list)
+    uncertain_rests: list[list[float]] = field(default_factory=list)
     further_rests: int = 0
     first_pose: list[float] | None = None
     last_row: list[float | None] | None = None
@@ -254,6 +266,13 @@ class OutputOverview:
             self.highest_ratio[number] = (
                 high if earlier_high is None else max(earlier_high, high)
             )
+
+    def add_uncertain_rest(self, first: float, last: float) -> None:
+        """Note that the output comes to rest somewhere between two distant samples."""
+        if len(self.uncertain_rests) < MAX_SPANS:
+            self.uncertain_rests.append([first, last])
+        else:
+            self.further_rests += 1
 
     def add_rest(self, place: float) -> None:
         """Note a place at which the output comes to rest."""
@@ -311,6 +330,103 @@ class ModeOverview:
 
 
 @dataclass
+class PendingRows:
+    """Rows of a motion that are not examined yet, mode after mode.
+
+    Attributes
+    ----------
+    sample
+        (k,) numbers of the samples.
+    inputs, values, status
+        (modes, k, ...) inputs and variables (rad), and status codes.
+    times
+        (3, modes, k, inputs) times, rates and accelerations of the inputs, None without
+        times. Times are repeated for each input.
+    """
+
+    sample: Integers
+    inputs: Floats
+    values: Floats
+    status: SmallIntegers
+    times: Floats | None
+
+    @classmethod
+    def from_motion(cls, motion: Motion, examined: Indices) -> Self:
+        """Return the rows of some samples of a block, given by their positions (k,)."""
+        shape = (len(motion.assembly_modes), motion.samples)
+        inputs = motion.inputs.reshape(*shape, -1)[:, examined]
+        times = None
+        if motion.timing is not None:
+            timing = motion.timing
+            t = np.broadcast_to(timing.t[:, None], timing.dq.shape)
+            times = np.stack(
+                [x.reshape(*shape, -1)[:, examined] for x in (t, timing.dq, timing.ddq)]
+            )
+        return cls(
+            motion.sample[examined],
+            inputs,
+            motion.values.reshape(*shape, -1)[:, examined],
+            motion.status.reshape(shape)[:, examined],
+            times,
+        )
+
+    @classmethod
+    def join(cls, parts: Sequence[Self]) -> Self:
+        """Return the rows of successive parts together."""
+        times = [part.times for part in parts if part.times is not None]
+        return cls(
+            np.concatenate([part.sample for part in parts]),
+            np.concatenate([part.inputs for part in parts], axis=1),
+            np.concatenate([part.values for part in parts], axis=1),
+            np.concatenate([part.status for part in parts], axis=1),
+            np.concatenate(times, axis=2) if times else None,
+        )
+
+    def to_motion(self, motion: Motion) -> Motion:
+        """Return the rows as a motion of the same mechanism as another motion."""
+        modes, k = self.status.shape
+        row_count = modes * k
+        timing = None
+        if self.times is not None:
+            t, dq, ddq = self.times.reshape(3, row_count, -1)
+            timing = Timing(t[:, 0], dq, ddq)
+        numbers = [mode.number for mode in motion.assembly_modes]
+        return replace(
+            motion,
+            samples=k,
+            sample=np.tile(self.sample, modes),
+            assembly_mode=np.repeat(numbers, k),
+            inputs=self.inputs.reshape(row_count, -1),
+            values=self.values.reshape(row_count, -1),
+            status=self.status.ravel(),
+            residual=np.zeros(row_count),
+            placed=None,
+            timing=timing,
+            sense=None,
+            singular_error=None,
+        )
+
+    def to_json(self) -> Facts:
+        """Return the rows ready for JSON."""
+        return {
+            name: None if array is None else array.tolist()
+            for name, array in vars(self).items()
+        }
+
+    @classmethod
+    def from_json(cls, entries: Facts) -> Self:
+        """Return the rows from the data of `to_json`."""
+        times = entries["times"]
+        return cls(
+            np.array(entries["sample"], dtype=int),
+            np.array(entries["inputs"], dtype=float),
+            np.array(entries["values"], dtype=float),
+            np.array(entries["status"], dtype=np.int8),
+            None if times is None else np.array(times, dtype=float),
+        )
+
+
+@dataclass
 class MotionOverview:
     """The overview of the motion of a run, by the number of the assembly mode.
 
@@ -322,21 +438,26 @@ class MotionOverview:
 
     modes: dict[str, ModeOverview] = field(default_factory=dict)
 
-    # Examined rows of the last blocks, which are evaluated together: blocks of long runs
-    # have few of them.
-    _plan: OverviewPlan | None = None
-    _pending: list[Motion] = field(default_factory=list, repr=False)
+    # Examined rows that wait until there are enough to evaluate them together, since
+    # blocks of long runs have few of them.
+    pending: list[PendingRows] = field(default_factory=list)
 
     def to_json(self) -> Facts:
         """Return the overview ready for JSON."""
-        self.examine_pending()
-        return {number: asdict(mode) for number, mode in self.modes.items()}
+        return {
+            "modes": {number: asdict(mode) for number, mode in self.modes.items()},
+            "pending": [rows.to_json() for rows in self.pending],
+        }
 
     @classmethod
     def from_json(cls, entries: Facts) -> Self:
         """Return the overview from the data of `to_json`."""
         return cls(
-            {number: ModeOverview.from_json(mode) for number, mode in entries.items()}
+            {
+                number: ModeOverview.from_json(mode)
+                for number, mode in entries["modes"].items()
+            },
+            [PendingRows.from_json(rows) for rows in entries["pending"]],
         )
 
     def add_block(self, plan: OverviewPlan, motion: Motion) -> None:
@@ -351,7 +472,6 @@ class MotionOverview:
         """
         if not motion.samples or not motion.assembly_modes:
             return
-        self._plan = plan
         samples = motion.sample[: motion.samples]
         first, last = int(samples[0]), int(samples[-1])
         for position, mode in enumerate(motion.assembly_modes):
@@ -367,37 +487,35 @@ class MotionOverview:
         examined = np.arange(-(-first // plan.step) * plan.step, last + 1, plan.step)
         if last == len(plan.sampling) - 1 and last % plan.step:
             examined = np.append(examined, last)
-        if not len(examined):
+        if not self.pending and len(examined) == motion.samples:
+            self._examine(plan, motion)  # this uses what the motion has computed already
             return
-        part = motion
-        if len(examined) < motion.samples:
-            starts = np.arange(len(motion.assembly_modes)) * motion.samples
-            rows_of_modes = starts[:, None] + examined - first
-            part = motion.rows(rows_of_modes.ravel())
-        self._pending.append(part)
-        if sum(len(part) for part in self._pending) >= MAX_EXAMINED_SAMPLES:
-            self.examine_pending()
+        if len(examined):
+            self.pending.append(PendingRows.from_motion(motion, examined - first))
+        count = sum(rows.status.size for rows in self.pending)
+        if count >= MAX_EXAMINED_SAMPLES:
+            self.examine_pending(plan, motion)
 
-    def examine_pending(self) -> None:
-        """Evaluate the rows that wait for it."""
-        if not self._pending:
+    def examine_pending(self, plan: OverviewPlan, motion: Motion | None = None) -> None:
+        """Evaluate the rows that wait for it.
+
+        Parameters
+        ----------
+        plan
+            What is examined.
+        motion
+            Any motion of the mechanism; by default one is computed.
+        """
+        if not self.pending:
             return
-        plan = self._plan
-        assert plan is not None
-        modes = self._pending[0].assembly_modes
-        part = self._pending[0]
-        if len(self._pending) > 1:
-            # Rotations and error bounds are not needed, and only some parts have them.
-            parts = [
-                replace(part, placed=None, singular_error=None) for part in self._pending
-            ]
-            part = Motion.concatenate(parts)
-            # Each part has its samples mode after mode. Put those of a mode together.
-            mode_of_row = np.concatenate(
-                [np.arange(len(part)) // (len(part) // len(modes)) for part in parts]
-            )
-            part = part.rows(np.argsort(mode_of_row, kind="stable"))
-        self._pending = []
+        motion = motion or plan.sampling.motion_at(np.arange(1))
+        part = PendingRows.join(self.pending).to_motion(motion)
+        self.pending = []
+        self._examine(plan, part)
+
+    def _examine(self, plan: OverviewPlan, part: Motion) -> None:
+        """Add the outputs and transmission angles at all rows of a motion."""
+        modes = part.assembly_modes
         examined_rows = _ExaminedRows(plan, part)
         sample_count = len(part) // len(modes)
         places = plan.places[part.sample[:sample_count]]
@@ -628,14 +746,24 @@ class _ExaminedRows:
             moving[reversals].tolist(), moving[reversals + 1].tolist(), strict=True
         ):
             share = rates[before] / (rates[before] - rates[after])
-            overview.add_rest(
-                float(places[before] + share * (places[after] - places[before]))
-            )
-            if not takes_rate_of_steps:
-                path = places if self.plan.moves_over_time else inputs[:, 0]
-                step = share * (path[after] - path[before])
-                extreme = angles[before] + 0.5 * rates[before] * step
-                overview.widen_angle(np.array([extreme]))
+            distance = places[after] - places[before]
+            place = float(places[before] + share * distance)
+            if takes_rate_of_steps:
+                overview.add_rest(place)
+                continue
+            # The step of the angle shows whether the rate is linear: the trapezoidal rule
+            # then gives this step.
+            path = places if self.plan.moves_over_time else inputs[:, 0]
+            step = path[after] - path[before]
+            error = 0.5 * (rates[before] + rates[after]) * step
+            error -= angles[after] - angles[before]
+            variation = abs((rates[after] - rates[before]) * step)
+            if abs(error) > MAX_RATE_CURVATURE * variation:
+                overview.add_uncertain_rest(float(places[before]), float(places[after]))
+                continue
+            overview.add_rest(place)
+            extreme = angles[before] + 0.5 * rates[before] * share * step
+            overview.widen_angle(np.array([extreme]))
         last_row = rows[-1]
         if not abs(last_row[2]) > RESTING_RATIO and len(moving):
             # The next block needs the last rate that is not zero, and its place.
@@ -706,7 +834,7 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
     which it closes, spans of other statuses, the least transmission angle, and for each
     output the range of its angle, its velocity ratios, and where it comes to rest.
     """
-    overview.examine_pending()
+    overview.examine_pending(plan)
     mechanism = plan.mechanism
     places = plan.places
     names: dict[str, tuple[str, str]] = {
@@ -750,6 +878,7 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
                     "lowest_ratio": output.lowest_ratio,
                     "highest_ratio": output.highest_ratio,
                     "rests": output.rests,
+                    "uncertain_rests": output.uncertain_rests,
                     "further_rests": output.further_rests,
                 }
                 for output in mode.outputs

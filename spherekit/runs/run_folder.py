@@ -228,6 +228,10 @@ class RunFolder:
             if Path(name).name == name and _file_size(self.path / name) == size
         ]
 
+    def earlier_files(self) -> list[str]:
+        """Return the names of the files of an earlier run, which `publish` replaces."""
+        return self._written_files(self.path / SUMMARY)
+
     def publish(self) -> list[Path]:
         """Move complete results from the work folder to the folder of the run.
 

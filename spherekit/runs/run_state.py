@@ -137,8 +137,7 @@ class RunState:
             The entries of the journal that `to_journal` has made.
         """
         findings = {
-            name: Findings.from_json(item)
-            for name, item in entries["findings"].items()
+            name: Findings.from_json(item) for name, item in entries["findings"].items()
         }
         # JSON has no tuples as keys. Each count is a list: the texts of its key, and then
         # the number. A key is, for example, ("poles", status).

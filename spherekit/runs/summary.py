@@ -111,6 +111,7 @@ def summarize_run(run_plan: RunPlan, run_state: RunState) -> Facts:
         "remarks": remarks,
         "warnings": warnings,
         "motion_warnings": list(sampling.warnings),
+        "has_masses": bool(mechanism.masses),
     }
 
 
