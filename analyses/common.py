@@ -15,7 +15,9 @@ from spherekit.plugin import (
     Scene,
     Series,
     TableData,
+    degrees_text,
     input_columns,
+    number_text,
 )
 from spherekit.plugin.motion import Motion
 from spherekit.plugin.rotations import MidPlaneArchitecture
@@ -145,6 +147,21 @@ def plots_by_mode(batch: Batch, plots: Sequence[Series]) -> tuple[Scene, ...]:
     return tuple(scenes)
 
 
+def describe_place(batch: Batch, row: int) -> str:
+    """Return where a row is: its time, or its inputs in degrees, and its assembly mode.
+
+    An example is ``21 = 30 deg, mode 0``.
+    """
+    mode = f"mode {batch.assembly_mode[row]}"
+    if batch.timed:
+        return f"t = {number_text(float(batch.t[row]))} s, {mode}"
+    inputs = [
+        f"{pair} = {degrees_text(float(q))} deg"
+        for pair, q in zip(batch.moving_inputs, batch.inputs[row], strict=True)
+    ]
+    return ", ".join([*inputs, mode])
+
+
 def find_largest_torques(batch: Batch, torques: Floats, key: str) -> dict[str, Any]:
     """Return the torque of largest size at each input, and where it occurs.
 
@@ -160,7 +177,8 @@ def find_largest_torques(batch: Batch, torques: Floats, key: str) -> dict[str, A
     Returns
     -------
     For each input by name a record with the torque (N m), and with the sample, assembly
-    mode and inputs (rad) at which it occurs. Inputs without a known torque are left out.
+    mode and inputs (rad) at which it occurs, also in words (``place``). Inputs without a
+    known torque are left out.
     """
     records: dict[str, Any] = {}
     for number, name in enumerate(batch.moving_inputs):
@@ -173,6 +191,7 @@ def find_largest_torques(batch: Batch, torques: Floats, key: str) -> dict[str, A
             "at_sample": int(batch.sample[row]),
             "at_assembly_mode": int(batch.assembly_mode[row]),
             "at_rad": batch.inputs[row].tolist(),
+            "place": describe_place(batch, row),
         }
     return records
 
@@ -196,11 +215,10 @@ def describe_largest_torques(
     for name, record in records.items():
         if record[key]:
             sentences.append(
-                f"largest {quantity} at {name}: {record[key]:.6g} N m at sample "
-                f"{record['at_sample']} of assembly mode {record['at_assembly_mode']}"
+                f"largest {quantity} at {name}: {record[key]:.6g} N m at {record['place']}"
             )
         else:
-            sentences.append(f"{quantity} at {name}: zero in every row, to rounding")
+            sentences.append(f"no {quantity} at {name}: it is 0 in every row")
     return tuple(sentences)
 
 

@@ -37,6 +37,7 @@ from spherekit.plugin.dynamics import (
 
 from .common import (
     continue_load_angles,
+    describe_place,
     plot_series,
     plots_by_mode,
     repeat_rows,
@@ -428,9 +429,9 @@ def _find_maxima(batch: Batch, columns: Mapping[str, Floats]) -> dict[str, Any]:
     Returns
     -------
     The maxima by name, None if no value is known, and under ``at`` the sample and assembly
-    mode of each.
+    mode of each, and its place in words.
     """
-    positions: dict[str, list[int]] = {}
+    positions: dict[str, list[Any]] = {}
     record: dict[str, Any] = {"at": positions}
     for name, column in columns.items():
         largest = _largest_or_none(column)
@@ -438,7 +439,11 @@ def _find_maxima(batch: Batch, columns: Mapping[str, Floats]) -> dict[str, Any]:
         if largest is not None:
             # The first row whose value is the maximum, up to rounding.
             row = np.argmax(column >= largest * (1.0 - EQUAL_MAXIMUM_RATIO))
-            positions[name] = [int(batch.sample[row]), int(batch.assembly_mode[row])]
+            positions[name] = [
+                int(batch.sample[row]),
+                int(batch.assembly_mode[row]),
+                describe_place(batch, int(row)),
+            ]
     return record
 
 
@@ -572,13 +577,10 @@ def _describe_maximum(
         record.get("largest_couple_force_N") or 0.0 for record in records.values()
     )
     if values[name] <= ZERO_LOAD_RATIO * largest_couple_force:
-        return [f"{quantity}: zero in every row, to rounding"]
+        return [f"{quantity}: 0 in every row"]
     location = f"({name})" if are_bearings else f"in pair {name}"
-    sample, mode = records[name]["at"][key]
-    return [
-        f"largest {quantity}: {values[name]:.6g} {unit} {location} at sample {sample} of "
-        f"assembly mode {mode}"
-    ]
+    _sample, _mode, place = records[name]["at"][key]
+    return [f"largest {quantity}: {values[name]:.6g} {unit} {location} at {place}"]
 
 
 def _describe_open_forces(summary: Mapping[str, Any]) -> list[str]:

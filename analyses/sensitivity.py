@@ -493,8 +493,8 @@ class SensitivityAnalysis(AbstractAnalysis):
             remarks.append(
                 f"{name}: standard deviation up to "
                 f"{_format_deviation(record['spread'], name)}"
-                f"{_describe_draws(record, name)}, at the sample q = "
-                f"{inputs} deg, most of it from {record['size']}"
+                f"{_describe_draws(record, name)} at q = "
+                f"{inputs} deg, mostly from {record['size']}"
             )
         if independent:
             remarks.append(f"{listing(independent)}: changed by none of the sizes varied")

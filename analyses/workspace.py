@@ -20,14 +20,13 @@ from spherekit.plugin import (
     Sweep,
     Table,
     TableData,
-    numbered,
 )
 from spherekit.plugin.quantities import Degrees
 from spherekit.plugin.workspace import Constraints, closed_kinematics, label_of
 
 from .common import DIRECTION_COLUMNS, MID_PLANE_COLUMNS, POSE_COLUMNS, WORKING_MODE
 from .output_poses import read_interference_limit, read_joint_range
-from .workspace_modes import WorkspaceModes, describe_size, read_distinct_poses
+from .workspace_modes import WorkspaceModes, read_distinct_poses, size_table
 
 AREA_TOLERANCE = 1e-4
 """Default relative error of the area of a set of directions."""
@@ -249,18 +248,18 @@ class WorkspaceAnalysis(AbstractAnalysis):
         for label, record in modes.items():
             first_mode = record.get("same_as", label)
             labels_by_first_mode.setdefault(first_mode, []).append(label)
-        remarks = []
-        for first_mode, labels in labels_by_first_mode.items():
-            each_word = "each " if len(labels) > 1 else ""
-            size = describe_size(modes[first_mode])
-            remarks.append(f"{numbered('mode', labels)}: {each_word}{size}")
+        sizes = [
+            (labels, modes[first_mode])
+            for first_mode, labels in labels_by_first_mode.items()
+        ]
+        remarks: list[str] = []
         # For the poses that the user names: in which modes they are in the workspace.
         if self.pose:
             pose_findings = workspaces.examine_poses()
             summary["pose"] = pose_findings.records
             warnings += pose_findings.warnings
             remarks += pose_findings.remarks
-        return Findings(summary, tuple(warnings), tuple(remarks))
+        return Findings(summary, tuple(warnings), tuple(remarks), (size_table(sizes),))
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return a page for each workspace.

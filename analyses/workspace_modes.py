@@ -13,11 +13,14 @@ from spherekit.plugin import (
     Mechanism,
     Primitive,
     Scene,
+    ScreenColumn,
+    ScreenTable,
     SphereCurves,
     SphereMap,
     Surface,
     Text,
     input_columns,
+    number_text,
 )
 from spherekit.plugin.rotations import (
     azimuth_tilt,
@@ -606,7 +609,7 @@ class WorkspaceModes:
         record, warning = self.summarize(workspace)
         paragraphs = (
             f"# Workspace of {self.kinematics.output.name}",
-            f"Mode {label_of(workspace.signs)}: {describe_size(record)}.",
+            f"Mode {label_of(workspace.signs)}: {_describe_size(record)}.",
             warning,
             f"Signs of a mode: {'; '.join(self.kinematics.legs)}.",
         )
@@ -670,7 +673,7 @@ def read_distinct_poses(text: str, kinematics: ClosedKinematics) -> Floats:
     return poses[np.sort(first_rows)]
 
 
-def describe_size(record: Mapping[str, Any]) -> str:
+def _describe_size(record: Mapping[str, Any]) -> str:
     """Return the size of a workspace in words, from the record of the summary."""
     if "volume" in record:
         if not record["error"] and record["fraction"] > 0.5:
@@ -684,3 +687,44 @@ def describe_size(record: Mapping[str, Any]) -> str:
         f"{len(record['components'])}, holes {len(record['holes'])}, bounded by "
         f"{', '.join(record['bounded_by']) or 'nothing'}"
     )
+
+
+def size_table(sizes: Sequence[tuple[Sequence[str], Mapping[str, Any]]]) -> ScreenTable:
+    """Return the sizes of workspaces as a table for the screen.
+
+    Parameters
+    ----------
+    sizes
+        For each workspace the labels of its working modes, and its record of the summary.
+    """
+    has_volumes = any("volume" in record for _, record in sizes)
+    rows = []
+    for labels, record in sizes:
+        modes = ", ".join(labels)
+        if has_volumes:
+            volume = number_text(record["volume"])
+            rows.append(
+                (modes, volume, f"{record['error']:.1g}", f"{record['fraction']:.1%}")
+            )
+            continue
+        share = record["area_sr"] / (4.0 * np.pi)
+        rows.append(
+            (
+                modes,
+                number_text(record["area_sr"]),
+                f"{record['error_sr']:.1g}",
+                f"{share:.1%}",
+                str(len(record["components"])),
+                str(len(record["holes"])),
+                ", ".join(record["bounded_by"]) or "nothing",
+            )
+        )
+    if has_volumes:
+        headings = ["volume (rad^3)", "error", "share of all orientations"]
+    else:
+        headings = ["area (sr)", "error (sr)", "share of the sphere", "parts", "holes"]
+    columns = [ScreenColumn("working mode")]
+    columns += [ScreenColumn(heading, "right") for heading in headings]
+    if not has_volumes:
+        columns.append(ScreenColumn("border"))
+    return ScreenTable(tuple(columns), tuple(rows))

@@ -168,7 +168,7 @@ def test_numbers_that_are_never_finite_are_refused_in_one_sentence(
 @pytest.mark.parametrize(
     ("name", "analysis", "sentence"),
     [
-        ("bevel_differential", "dynamics", "zero in every row, to rounding"),
+        ("bevel_differential", "dynamics", "it is 0 in every row"),
         ("five_bar", "statics", "no loads, so there is nothing to hold"),
         ("five_bar", "dynamics", "no loads: the torques are against inertia alone"),
     ],

@@ -168,9 +168,10 @@ def test_redundant_constraints_are_named_and_left_open(capsys):
 
 def test_the_remark_names_the_row_with_the_largest_reaction():
     result = sk.run("roller_cam", "reactions", samples=9)
-    pattern = r"([\d.]+) N m in pair (\w+) at sample (\d+) of assembly mode (\d+)"
+    pattern = r"([\d.]+) N m in pair (\w+) at cam_shaft = (\S+) deg, mode (\d+)"
     remarks = " ".join(result.summary["remarks"])
-    ((size, pair, sample, mode),) = re.findall(pattern, remarks)
+    ((size, pair, input_deg, mode),) = re.findall(pattern, remarks)
+    sample = round(float(input_deg) / 45.0)  # nine samples over a turn
     table = result.frame("reactions").astype({"pair": str})
     table = table.set_index(["pair", "sample", "assembly_mode"])
     moments = table["transverse_moment"]
@@ -181,9 +182,10 @@ def test_the_remark_names_the_row_with_the_largest_reaction():
 
 def test_the_remark_names_the_row_with_the_largest_holding_torque():
     result = sk.run("four_bar", "statics", samples=9)
-    pattern = r"torque at 21: (\S+) N m at sample (\d+) of assembly mode (\d+)"
+    pattern = r"torque at 21: (\S+) N m at 21 = (\S+) deg, mode (\d+)"
     remarks = " ".join(result.summary["remarks"])
-    ((size, sample, mode),) = re.findall(pattern, remarks)
+    ((size, input_deg, mode),) = re.findall(pattern, remarks)
+    sample = round(float(input_deg) / 45.0)  # nine samples over a turn
     torques = result.frame("statics").set_index(["sample", "assembly_mode"])["tau"]
     named_torque = torques.loc[(int(sample), int(mode))]
     assert named_torque == pytest.approx(float(size), rel=1e-4)

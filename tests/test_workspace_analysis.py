@@ -502,7 +502,8 @@ def test_orientations_are_written_as_unit_quaternions():
     assert len(table) == 4000
     assert np.allclose(np.linalg.norm(table[["x", "y", "z", "w"]], axis=1), 1.0)
     assert len(findings["pose"]) == 1
-    assert "mode +++: the whole volume, all orientations" in result.summary["remarks"][0]
+    (table,) = result.summary["analyses"][0]["screen_tables"]
+    assert table["rows"][0][0].startswith("+++") and table["rows"][0][-1] == "100.0%"
 
 
 def test_pages_of_a_workspace_show_map_border_mark_and_text():

@@ -25,10 +25,10 @@ FULL_TURN_DEG = 355.0
 """An output that turned by more between the sampled points of a curve turns fully. Smaller
 than 360, because the last sample is before the end of the curve."""
 MEANING_OF_KIND = {
-    "I": "it rests or turns back",
-    "II": "the locked input does not hold it",
-    SELF_MOTION: "it rests with the input while other links move",
-    "III": "curves of configurations cross",
+    "I": "comes to rest",
+    "II": "is not held by the locked input",
+    SELF_MOTION: "rests with the input while other links move",
+    "III": "is where curves of configurations cross",
 }
 """What each kind of singularity means for an output, in the order of the sentences."""
 
@@ -57,7 +57,7 @@ def describe_inputs_of_kinds(
         if not np.any(rows):
             continue
         inputs_deg = np.degrees(points["q"][rows])
-        location = "everywhere on a curve"
+        location = "everywhere on a configuration curve"
         if np.all(np.isfinite(inputs_deg)):
             parts = []
             inputs_by_modes = _group_by_modes(inputs_deg, points["assembly_mode"][rows])
@@ -65,7 +65,7 @@ def describe_inputs_of_kinds(
                 in_modes = f" in {modes}" if modes else ""
                 parts.append(f"{_list_angles(inputs)} deg{in_modes}")
             location = f"at {input_pair} = " + "; ".join(parts)
-        sentences.append(f"{name_kind(kind)} of {output}, {meaning}: {location}")
+        sentences.append(f"output {output} {meaning} ({name_kind(kind)}) {location}")
     return sentences
 
 

@@ -26,9 +26,12 @@ from spherekit.plugin import (
     counted,
     link_bodies,
     listing,
+    number_text,
 )
 from spherekit.plugin.rotations import wrap
 from spherekit.plugin.singularities import (
+    Completeness,
+    Guarantee,
     NearMiss,
     SampledSingularities,
     SingularPoint,
@@ -391,7 +394,9 @@ class OneInput:
         range of the input.
         """
         sampled = self.sampled
-        counts = _format_counts(counts_inside) or "no singularities"
+        counts = "no singularities"
+        if counts_inside:
+            counts = f"singularities: {_format_counts(counts_inside)}"
         if sampled.is_simulation:
             counts += " passed"
         else:
@@ -404,7 +409,7 @@ class OneInput:
         if len(links_of_part) < len(self.batch.mechanism.links):
             curves += f" of the links {listing(links_of_part)}"
         # The claim says whether all configuration curves were found.
-        return f"{counts} on {curves}; {sampled.configurations.claim}"
+        return f"{counts} on {curves}; {_describe_claim(sampled.configurations.claim)}"
 
     def scenes(self) -> tuple[Scene, ...]:
         """Return the page of singularities, if there are points, and one of each mode."""
@@ -619,6 +624,18 @@ def _describe_crossing(point: SingularPoint) -> list[str]:
         f"{counted(curve_count, 'curve')} cross" if curve_count else "curves end",
         f"ends of curves {_join_numbers(numbers, ', ')}",
     ]
+
+
+def _describe_claim(claim: Completeness) -> str:
+    """Return in words whether curves of configurations may have been missed."""
+    if claim.guarantee in (Guarantee.CERTIFIED, Guarantee.COMPLETE):
+        return "these are all"
+    if claim.guarantee is Guarantee.TO_BOX:
+        return (
+            f"curves over less than {number_text(np.degrees(claim.box), digits=3)} deg of "
+            "the input could be missed"
+        )
+    return f"further curves could be missed: {claim.reason}"
 
 
 def _count_kinds(kinds: Any) -> dict[str, int]:

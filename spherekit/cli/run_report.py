@@ -129,8 +129,11 @@ def _question(summary: Any) -> str:
 
 
 def _results(summary: Any) -> list[str | ScreenTable]:
-    """Return the results: modes, outputs, results of analyses, and completeness."""
-    results: list[str | ScreenTable] = []
+    """Return the results: of the analyses that were asked for, then of the motion.
+
+    The default analysis has no results beside those of the motion.
+    """
+    results = _analysis_results(summary)
     if summary["assembly_modes"]:
         results += describe_modes(summary)
         if "simulation" in summary:
@@ -148,6 +151,18 @@ def _results(summary: Any) -> list[str | ScreenTable]:
             f"{count} of {sum(summary['pole_status'].values())} pole axes do not exist "
             "(NO_POLE): two links have no relative motion there."
         )
+    if "verified" in summary:
+        from spherekit.runs.verification_text import format_verification
+
+        results += format_verification(summary["verified"])
+    if "accuracy" in summary:
+        results.append(accuracy_line(summary["accuracy"]))
+    return results
+
+
+def _analysis_results(summary: Any) -> list[str | ScreenTable]:
+    """Return the tables and remarks of each analysis; with several under their names."""
+    results: list[str | ScreenTable] = []
     names = [analysis["name"] for analysis in summary["analyses"]]
     for analysis in summary["analyses"]:
         tables = [table_from_json(entry) for entry in analysis["screen_tables"]]
@@ -156,12 +171,6 @@ def _results(summary: Any) -> list[str | ScreenTable]:
             results.append(f"{analysis['name']}:")
         results += tables
         results += remarks
-    if "verified" in summary:
-        from spherekit.runs.verification_text import format_verification
-
-        results += format_verification(summary["verified"])
-    if "accuracy" in summary:
-        results.append(accuracy_line(summary["accuracy"]))
     return results
 
 

@@ -14,6 +14,7 @@ from spherekit.geometry.rotation import quaternion
 from spherekit.mechanism.elements import Output
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import link_axes
+from spherekit.number_text import degree_range_text, degrees_text, number_text
 from spherekit.planning.pole_plan import Pole, all_poles, parse_pole, pole_of
 from spherekit.plugin.checks import conformance
 from spherekit.runs.batch import Batch
@@ -43,6 +44,7 @@ from spherekit.scenes.scene import (
     Trace,
 )
 from spherekit.status import Status
+from spherekit.tables.screen_table import ScreenColumn, ScreenTable
 from spherekit.tables.table import (
     ASSEMBLY_MODE,
     INPUT,
@@ -90,6 +92,8 @@ __all__ = [
     "Portrait",
     "Primitive",
     "Scene",
+    "ScreenColumn",
+    "ScreenTable",
     "Series",
     "SolveError",
     "SphereCurves",
@@ -104,11 +108,14 @@ __all__ = [
     "all_poles",
     "conformance",
     "counted",
+    "degree_range_text",
+    "degrees_text",
     "input_columns",
     "link_axes",
     "link_bodies",
     "listing",
     "nearest",
+    "number_text",
     "numbered",
     "parse_pole",
     "pole_of",

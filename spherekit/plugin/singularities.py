@@ -1,6 +1,6 @@
 """Functions for analyses of singularities: points, relations, curves and aspects."""
 
-from spherekit.completeness import Completeness
+from spherekit.completeness import Completeness, Guarantee
 from spherekit.outputs.mid_plane_loci import mid_plane_loci
 from spherekit.planning.pole_plan import ordered_pole
 from spherekit.positions.assembly_enumeration import group_signs
@@ -41,6 +41,7 @@ __all__ = [
     "Completeness",
     "CurveSeen",
     "Grashof",
+    "Guarantee",
     "LockedInputSection",
     "LocusName",
     "NearMiss",

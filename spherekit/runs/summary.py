@@ -18,6 +18,7 @@ from spherekit.runs.run_plan import RunPlan
 from spherekit.runs.run_result import tables_by_file_stem
 from spherekit.runs.run_state import BY_EQUATIONS, MODE, ROWS, RunState
 from spherekit.runs.sampling import Sampling
+from spherekit.tables.screen_table import row_sentences
 from spherekit.tolerances import CLOSURE_TOLERANCE
 from spherekit.version import __version__
 
@@ -78,6 +79,9 @@ def summarize_run(run_plan: RunPlan, run_state: RunState) -> Facts:
     remarks = []
     warnings = [*sampling.warnings]
     for name, findings in run_state.findings.items():
+        # Readers of the remarks alone get the rows of tables as sentences.
+        for table in findings.tables:
+            remarks += [f"{name}: {text}" for text in row_sentences(table)]
         remarks += [f"{name}: {text}" for text in with_counts(findings.remarks)]
         warnings += [f"{name}: {text}" for text in with_counts(findings.warnings)]
     return {

@@ -50,3 +50,12 @@ class ScreenTable:
                     f"the row {row} has {len(row)} cells, the table has "
                     f"{len(self.columns)} columns"
                 )
+
+
+def row_sentences(table: ScreenTable) -> list[str]:
+    """Return each row as a text with the headings of its cells."""
+    headings = [column.heading for column in table.columns]
+    return [
+        ", ".join(f"{heading} {cell}" for heading, cell in zip(headings, row, strict=True))
+        for row in table.rows
+    ]
