@@ -141,7 +141,7 @@ def test_pages_list_every_singularity_and_mark_it_on_the_phase_portrait(rocker_r
 SWINGING = [
     "4/1 swings 180 deg, from 0 to 180 deg on configuration curves",
     "4/1 swings 180 deg, from -180 to 0 deg on configuration curves",
-    "curves of configurations cross: at 21 = 0, 180 deg",
+    "curves of configurations cross (type III of output 4/1) at 21 = 0, 180 deg",
     "least transmission angle of 4/1: 0 deg",
 ]
 FOLDING = {

@@ -14,7 +14,7 @@ from spherekit.plugin.singularities import (
     least_transmission,
 )
 
-from .scenes import SELF_MOTION, name_kind
+from .scenes import SELF_MOTION
 
 MAX_LISTED_INPUTS = 6
 """Inputs of one kind of singularity that are listed; of others the number is stated."""
@@ -25,10 +25,12 @@ FULL_TURN_DEG = 355.0
 """An output that turned by more between the sampled points of a curve turns fully. Smaller
 than 360, because the last sample is before the end of the curve."""
 MEANING_OF_KIND = {
-    "I": "comes to rest",
-    "II": "is not held by the locked input",
-    SELF_MOTION: "rests with the input while other links move",
-    "III": "is where curves of configurations cross",
+    "I": "output {output} comes to rest (type I)",
+    "II": "the locked input does not hold output {output} (type II)",
+    SELF_MOTION: (
+        "output {output} rests with the input while other links move (self-motion)"
+    ),
+    "III": "curves of configurations cross (type III of output {output})",
 }
 """What each kind of singularity means for an output, in the order of the sentences."""
 
@@ -65,7 +67,7 @@ def describe_inputs_of_kinds(
                 in_modes = f" in {modes}" if modes else ""
                 parts.append(f"{_list_angles(inputs)} deg{in_modes}")
             location = f"at {input_pair} = " + "; ".join(parts)
-        sentences.append(f"output {output} {meaning} ({name_kind(kind)}) {location}")
+        sentences.append(f"{meaning.format(output=output)} {location}")
     return sentences
 
 

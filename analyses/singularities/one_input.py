@@ -396,7 +396,7 @@ class OneInput:
         sampled = self.sampled
         counts = "no singularities"
         if counts_inside:
-            counts = f"singularities: {_format_counts(counts_inside)}"
+            counts = f"singular configurations: {_format_counts(counts_inside)}"
         if sampled.is_simulation:
             counts += " passed"
         else:

@@ -252,7 +252,7 @@ def _warnings(summary: Any) -> Lines:
         warnings += [prefix + text for text in analysis["warnings"]]
     # Warnings of the run that are neither of the motion nor of an analysis, such as those
     # of a verification.
-    known = {
+    printed_already = {
         *summary["motion_warnings"],
         *(
             f"{analysis['name']}: {text}"
@@ -260,7 +260,7 @@ def _warnings(summary: Any) -> Lines:
             for text in analysis["warnings"]
         ),
     }
-    warnings += [text for text in summary["warnings"] if text not in known]
+    warnings += [text for text in summary["warnings"] if text not in printed_already]
     warnings += _status_warnings(summary)
     return warnings
 

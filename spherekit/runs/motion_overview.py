@@ -26,7 +26,7 @@ from spherekit.runs.sampling import Sampling
 from spherekit.status import Status
 from spherekit.velocities.transmission_angle import ARRAYS, transmission_angle
 
-MAX_EXAMINED_SAMPLES = 721
+MAX_OVERVIEW_SAMPLES = 721
 """Number of samples at which outputs are examined: one for each half degree of a turn.
 
 Larger: narrow extremes are met more often, and long runs take more time.
@@ -165,7 +165,7 @@ class OverviewPlan:
     @cached_property
     def step(self) -> int:
         """One of so many samples is examined."""
-        return -(-len(self.sampling) // MAX_EXAMINED_SAMPLES)
+        return -(-len(self.sampling) // MAX_OVERVIEW_SAMPLES)
 
     @cached_property
     def is_path(self) -> bool:
@@ -493,7 +493,7 @@ class MotionOverview:
         if len(examined):
             self.pending.append(PendingRows.from_motion(motion, examined - first))
         count = sum(rows.status.size for rows in self.pending)
-        if count >= MAX_EXAMINED_SAMPLES:
+        if count >= MAX_OVERVIEW_SAMPLES:
             self.examine_pending(plan, motion)
 
     def examine_pending(self, plan: OverviewPlan, motion: Motion | None = None) -> None:

@@ -37,7 +37,7 @@ Rates are proportional to it, accelerations to its square. The value is that of 
 example.
 """
 
-MAX_LISTED_EVENTS = 100
+MAX_SUMMARIZED_EVENTS = 100
 """Number of events of a simulation in the summary; the table of events has all."""
 
 DIRECTION_CANCELS = 1e-9
@@ -302,7 +302,7 @@ class Sampling:
             "events": len(simulation.events),
             "event_list": [
                 {"kind": event.kind, "t": event.t, "pair": event.pair}
-                for event in simulation.events[:MAX_LISTED_EVENTS]
+                for event in simulation.events[:MAX_SUMMARIZED_EVENTS]
             ],
             "start": {
                 pair: {"q_rad": float(q), "dq_rad_per_s": float(dq)}
