@@ -698,7 +698,7 @@ def size_table(sizes: Sequence[tuple[Sequence[str], Mapping[str, Any]]]) -> Scre
         For each workspace the labels of its working modes, and its record of the summary.
     """
     has_volumes = any("volume" in record for _, record in sizes)
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for labels, record in sizes:
         modes = ", ".join(labels)
         if has_volumes:
