@@ -5,11 +5,21 @@ from typing import Any
 
 from spherekit.escaping import html_text
 
+CAPTION_STYLE = "caption-side: top; text-align: left; font-weight: 600; padding: 0.3em 0"
+"""Style of captions. Notebooks would centre them in the colour of remarks."""
+
 
 def html_table(
-    header: Sequence[str], rows: Iterable[Sequence[Any]], caption: str = ""
+    header: Sequence[str],
+    rows: Iterable[Sequence[Any]],
+    caption: str = "",
+    note: str = "",
+    is_centred: bool = False,
 ) -> str:
     """Return a table as HTML. All texts are escaped.
+
+    Texts are aligned at the left and numbers at the right. Notebooks would align all cells
+    at the right.
 
     Parameters
     ----------
@@ -19,15 +29,34 @@ def html_table(
         Cells of each row: texts or numbers.
     caption
         Caption of the table, or empty.
+    note
+        Explanation below the table, or empty.
+    is_centred
+        Whether all cells are centred, as the marks of a square table.
     """
-    head = "".join(f"<th>{html_text(title)}</th>" for title in header)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{html_text(cell_text(cell))}</td>" for cell in row) + "</tr>"
-        for row in rows
-    )
-    caption_html = f"<caption>{html_text(caption)}</caption>" if caption else ""
-    head_html = f"<thead><tr>{head}</tr></thead>"
-    return f"<table>{caption_html}{head_html}<tbody>{body}</tbody></table>"
+    row_list = [list(row) for row in rows]
+    alignments = ["center" if is_centred else "left"] * len(header)
+    # All cells of a column are of the kind of its first cell.
+    if row_list and not is_centred:
+        alignments = [
+            "right" if isinstance(cell, int | float) else "left" for cell in row_list[0]
+        ]
+
+    def row_html(tag: str, cells: Sequence[Any]) -> str:
+        """Return a row of the head (tag th) or of the body (tag td)."""
+        cells_html = "".join(
+            f'<{tag} style="text-align: {alignment}">{html_text(cell_text(cell))}</{tag}>'
+            for cell, alignment in zip(cells, alignments, strict=True)
+        )
+        return f"<tr>{cells_html}</tr>"
+
+    head_html = f"<thead>{row_html('th', header)}</thead>"
+    body = "".join(row_html("td", row) for row in row_list)
+    caption_html = ""
+    if caption:
+        caption_html = f'<caption style="{CAPTION_STYLE}">{html_text(caption)}</caption>'
+    note_html = f"<p>{html_text(note)}</p>" if note else ""
+    return f"<table>{caption_html}{head_html}<tbody>{body}</tbody></table>{note_html}"
 
 
 def html_list(title: str, lines: Sequence[str]) -> str:

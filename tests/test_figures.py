@@ -660,8 +660,23 @@ def test_pages_of_notebooks_show_plan_mechanism_and_result(four_bar):
         text for tag, text in elements_of(sk.plan(mechanism)._repr_html_()) if tag == "td"
     ]
     assert marks.count("x") == 8 and marks.count("I") == 4 and marks.count("■") == 4
-    # The table of pairs says that pair 21 is the input.
-    assert {("td", "21"), ("td", "input")} <= {*elements_of(mechanism._repr_html_())}
+    assert (
+        "p",
+        "Each cell is the pole axis of two links. x: axis of a pair; I: pass that finds "
+        "the pole as the intersection of great circles.",
+    ) in elements_of(sk.plan(mechanism)._repr_html_())
+    # The tables of pairs and links have the range of the input and the arcs in degrees.
+    assert {
+        ("td", "21"),
+        ("td", "R (revolute)"),
+        ("td", "1 and 2"),
+        ("td", "input from 0 to 360 deg"),
+        ("td", "41 to 21: 60"),
+        ("td", "ground"),
+    } <= {*elements_of(mechanism._repr_html_())}
+    # Without arcs the table of links has no column of them.
+    gears = elements_of(sk.load("bevel_differential")._repr_html_())
+    assert ("td", "Cr (rolling contact)") in gears and ("th", "arcs (deg)") not in gears
     cells = elements_of(four_bar._repr_html_())
     frame = four_bar.frame("poles")
     assert ("caption", f"poles: {len(frame)} rows") in cells
@@ -674,7 +689,7 @@ def test_pages_of_notebooks_show_plan_mechanism_and_result(four_bar):
 
 
 def test_names_in_pages_are_escaped():
-    text = html_table(["<a>"], [["<script>", "a & b"]], "<b>")
+    text = html_table(["<a>", "b"], [["<script>", "a & b"]], "<b>")
     assert "<script>" not in text and "<b>" not in text
     shown = [words for _, words in elements_of(text) if words]
-    assert shown == ["<b>", "<a>", "<script>", "a & b"]
+    assert shown == ["<b>", "<a>", "b", "<script>", "a & b"]

@@ -37,6 +37,7 @@ from spherekit.mechanism.sizes import (
     to_radians,
     unit_vector_along,
 )
+from spherekit.number_text import degree_range_text, degrees_text
 from spherekit.quantity import AngleUnit
 from spherekit.wording import choices, counted, listing
 
@@ -267,13 +268,51 @@ class Mechanism:
         return self.link_number[name]
 
     def _repr_html_(self) -> str:
-        """Return a table of the pairs with their links as HTML, for notebooks."""
-        inputs = self.input_pairs
-        rows = [
-            [pair.name, pair.type, *pair.links, "input" * (pair.name in inputs)]
+        """Return tables of the pairs and of the links as HTML, for notebooks."""
+        range_by_pair = {
+            driven.pair: f"input from {degree_range_text(driven.start, driven.stop)} deg"
+            for driven in self.inputs
+        }
+        pair_rows = [
+            [
+                pair.name,
+                f"{pair.type} ({JOINT_KINDS[pair.type].description})",
+                " and ".join(pair.links),
+                range_by_pair.get(pair.name, ""),
+            ]
             for pair in self.pairs
         ]
-        return html_table(["pair", "type", "link", "link", ""], rows, repr(self)[1:-1])
+        masses = {mass.link for mass in self.masses}
+        link_rows = []
+        for number, link in enumerate(self.links):
+            pairs = listing(pair.name for pair in self.pairs if link in pair.links)
+            remarks = ["ground"] if number == 0 else []
+            remarks += ["has inertia"] if link in masses else []
+            link_rows.append([link, pairs, self._arcs_text(link), ", ".join(remarks)])
+        pair_titles = ["pair", "type", "joins the links", "driven"]
+        link_titles = ["link", "pairs", "arcs (deg)", "remarks"]
+        # A reference pose, and links with contacts alone, have no arcs.
+        for column in (3, 2):
+            if not any(row[column] for row in link_rows):
+                del link_titles[column]
+                link_rows = [row[:column] + row[column + 1 :] for row in link_rows]
+        return html_table(pair_titles, pair_rows, repr(self)[1:-1]) + html_table(
+            link_titles, link_rows, f"Links of {self.name}"
+        )
+
+    def _arcs_text(self, link: str) -> str:
+        """Return the arcs of a link in degrees, such as ``41-21: 60``.
+
+        It is empty if the geometry is given by a reference pose, or the link has no arcs.
+        """
+        if not isinstance(self.geometry, SizeGeometry) or link not in self.geometry.links:
+            return ""
+        sizes = self.geometry.links[link]
+        first_axis, *other_axes = sizes.axes
+        return ", ".join(
+            f"{first_axis} to {axis}: {degrees_text(arc)}"
+            for axis, arc in zip(other_axes, sizes.arcs, strict=False)
+        )
 
     def __repr__(self) -> str:
         types = Counter(pair.type for pair in self.pairs)

@@ -200,10 +200,27 @@ class Plan:
         )
 
     def _repr_html_(self) -> str:
-        """Return the pole table for notebooks."""
+        """Return the pole table for notebooks, with the meaning of its marks."""
         titles, *rows = titled_rows(self)
         moving_input = self.mechanism.pairs[self.input].name
-        return html_table(titles, rows, f"{self.mechanism.name}, {moving_input} moves")
+        meanings = [f"{PRIMARY_MARK}: axis of a pair"]
+        last_round = max(self.rounds.values(), default=0)
+        if last_round:
+            passes = roman_numeral(1)
+            if last_round > 1:
+                passes += f" to {roman_numeral(last_round)}"
+            meanings.append(
+                f"{passes}: pass that finds the pole as the intersection of great circles"
+            )
+        if self.blocks:
+            meanings.append("*: solved together with others from the velocity equations")
+        return html_table(
+            titles,
+            rows,
+            f"Pole table of {self.mechanism.name} while {moving_input} moves",
+            f"Each cell is the pole axis of two links. {'; '.join(meanings)}.",
+            is_centred=True,
+        )
 
     @cached_property
     def bodies(self) -> tuple[int, ...]:
