@@ -88,7 +88,7 @@ def test_humpages_gear_is_kept_in_files_and_certified(tmp_path, capsys):
 
     sun, ring = np.sin(np.radians([18.0, 78.0]))
     assert main(["certify", str(path)]) == 0
-    assert f"arm_shaft turns {sun / (sun + ring):+.10f}" in capsys.readouterr().out
+    assert f"arm_shaft turns by {sun / (sun + ring):+.10f}" in capsys.readouterr().out
 
     # The arc between the axes of the sun's pair and the arm's pair becomes 10 deg.
     path.write_text(HUMPAGE.replace("arcs = [0.0, 180.0]", "arcs = [10.0, 180.0]"))

@@ -131,7 +131,7 @@ def test_a_long_piece_beside_a_turning_point_does_not_hide_it(seed):
 def test_a_tolerance_loses_no_stop_where_its_sign_is_open_at_a_centre(capsys):
     assert main(["certify", "watt", "--tolerance", "1e-6rad"]) == 0
     output = capsys.readouterr().out
-    assert output.count("type I at") == 10 and "undecided" not in output
+    assert output.count("type I,") == 10 and "undecided" not in output
 
 
 @pytest.mark.many

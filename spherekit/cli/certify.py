@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from spherekit.cli.completers import complete_mechanisms, set_completer
-from spherekit.cli.main import say
+from spherekit.cli.screen_report import ScreenReport
 from spherekit.cli.study_arguments import (
     UNIT_RULE,
     add_input_argument,
@@ -20,9 +20,11 @@ from spherekit.cli.study_arguments import (
     with_locks,
 )
 from spherekit.conventions import Facts, Lines
+from spherekit.tables.screen_table import ScreenColumn, ScreenTable
 from spherekit.wording import counted
 
 if TYPE_CHECKING:
+    from spherekit.completeness import Completeness
     from spherekit.proof.certified_modes import CertifiedModes
     from spherekit.proof.certified_singularities import CertifiedSingularities
     from spherekit.proof.configuration_curves import CertifiedCurves
@@ -45,6 +47,9 @@ MAX_CELL_RAD = 1.0
 
 MAX_LISTED_RANGES = 8
 """Number of undecided ranges that are printed."""
+
+SINGULARITY_TYPES = {"I": "type I, output at rest", "II": "type II, dead centre"}
+"""The types of singularities on the screen, by their names in certificates."""
 
 PRECISION_BITS = 80
 """Working precision of the few numbers that are computed here."""
@@ -133,19 +138,19 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 @dataclass(frozen=True)
 class Certification:
-    """The result of certifying one mechanism: lines to print and a certificate.
+    """The result of certifying one mechanism: what is printed, and a certificate.
 
     Attributes
     ----------
-    lines
-        Lines to print.
+    report
+        What is printed.
     certificate
         The certificate, ready for JSON.
     is_complete
         Whether everything is proven.
     """
 
-    lines: Lines
+    report: ScreenReport
     certificate: Facts
     is_complete: bool
 
@@ -217,11 +222,42 @@ def execute(options: Namespace) -> int:
         result = _certify_map(decimal_mechanism, options)
     else:
         result = _certify_range(decimal_mechanism, options.range, options.clear_of)
+    report = result.report
     if options.out:
         write_text(Path(options.out), json.dumps(result.certificate, indent=1) + "\n")
-        say(f"wrote {options.out}")
-    print("\n".join(result.lines))
+        files = [f"certificate in {options.out}"]
+    else:
+        files = ["certificate not saved; add -o FILE.json"]
+    if options.figure:
+        files.append(f"figure in {options.figure}")
+    report.files = ", ".join(files)
+    report.print(options)
     return 0 if result.is_complete else INCOMPLETE
+
+
+def _make_report(
+    question: str, completeness: "Completeness", proven_sentence: str
+) -> ScreenReport:
+    """Return a report that begins with what is proven, or warns that something is not.
+
+    Parameters
+    ----------
+    question
+        The first line: the mechanism and what was to be proven.
+    completeness
+        What is proven, with the reason.
+    proven_sentence
+        The result if everything is proven.
+    """
+    from spherekit.completeness import Guarantee
+
+    report = ScreenReport(question)
+    if completeness.guarantee is Guarantee.CERTIFIED:
+        report.results.append(f"Proven: {proven_sentence}")
+        report.details.append(str(completeness))
+    else:
+        report.warnings.append(f"not everything is proven; {completeness}")
+    return report
 
 
 def _certify_inputs(
@@ -253,33 +289,59 @@ def _certify_inputs(
             "values were given; give one for each, with commas between them"
         )
     modes = certify_modes(decimal_mechanism, values)
-    lines = [f"{mechanism.name}: {modes.completeness}", *_describe_modes(modes)]
+    inputs = ", ".join(
+        f"{pair} = {value} {mechanism.angle_unit}"
+        for pair, value in zip(mechanism.input_pairs, values, strict=True)
+    )
+    mode_table = _mode_table(modes)
+    report = _make_report(
+        f"{mechanism.name}: proof of all assembly modes at {inputs}",
+        modes.completeness,
+        f"there are exactly {counted(len(mode_table.rows), 'assembly mode')}.",
+    )
+    report.results.append(mode_table)
+    report.warnings += _describe_clusters(modes)
     certificate = modes_certificate(modes)
     if with_poles:
         certificate["poles"] = pole_table(modes)
-        lines += [_describe_pole(row) for row in certificate["poles"]]
-    return Certification(lines, certificate, modes.is_complete)
+        report.results.append(_screen_table_of_poles(certificate["poles"]))
+    return Certification(report, certificate, modes.is_complete)
 
 
-def _describe_pole(row: Facts) -> str:
-    """Return one line for a row of the table of poles.
+def _screen_table_of_poles(rows: Sequence[Facts]) -> ScreenTable:
+    """Return the proven pole axes and velocity coefficients as a table.
 
     Parameters
     ----------
-    row
-        The mode, the input that moves while the others are locked, the two links, their
-        pole axis (a unit vector, or None) and velocity coefficient (angular rate per rate
-        of the input). Keys with ``off`` are proven error bounds.
+    rows
+        For each pole: the mode, the input that moves while the others are locked, the two
+        links, their pole axis (a unit vector, or None) and velocity coefficient (angular
+        rate per rate of the input). Keys with ``off`` are proven error bounds.
     """
-    axis = "may rest"  # a link at rest relative to another has no pole axis
-    if row["direction"] is not None:
-        components = ", ".join(f"{component:.12f}" for component in row["direction"])
-        axis = f"axis {components} to {row['direction_off']:.0e}"
-    return (
-        f"  mode {row['mode']}, {row['moving']} moving, "
-        f"{row['link']}/{row['relative_to']}: {axis}, coefficient "
-        f"{row['velocity_coefficient']:.12g} to {row['velocity_coefficient_off']:.0e}"
+    headings = ["mode", "moving input", "pole", "axis x", "y", "z", "error bound"]
+    headings += ["velocity coefficient", "error bound"]
+    cells = []
+    for row in rows:
+        # A link at rest relative to another has no pole axis.
+        axis = ["may rest", "", "", ""]
+        if row["direction"] is not None:
+            axis = [f"{component:.12f}" for component in row["direction"]]
+            axis.append(f"{row['direction_off']:.0e}")
+        cells.append(
+            (
+                str(row["mode"]),
+                row["moving"],
+                f"{row['link']}/{row['relative_to']}",
+                *axis,
+                f"{row['velocity_coefficient']:.12g}",
+                f"{row['velocity_coefficient_off']:.0e}",
+            )
+        )
+    columns = tuple(
+        ScreenColumn(heading, "left" if number < 3 else "right")
+        for number, heading in enumerate(headings)
     )
+    return ScreenTable(columns, tuple(cells), title="Pole axes and velocity coefficients:")
 
 
 def _decimal_text(option: str, text: str, unit: "AngleUnit") -> str:
@@ -322,12 +384,10 @@ def _decimal_text(option: str, text: str, unit: "AngleUnit") -> str:
     )
 
 
-def _describe_modes(modes: "CertifiedModes") -> Lines:
-    """Return a line for each mode, with the angles of all pairs and their error bound.
+def _mode_table(modes: "CertifiedModes") -> ScreenTable:
+    """Return a table with the angles of all pairs in each mode, and their error bound.
 
-    The angles are balls: numbers with a proven bound of their error. Clusters are small
-    regions in which the number of solutions could not be decided; they have lines of their
-    own.
+    The angles are balls: numbers with a proven bound of their error.
 
     Parameters
     ----------
@@ -339,19 +399,31 @@ def _describe_modes(modes: "CertifiedModes") -> Lines:
     from spherekit.proof.balls import centre_float, upper_magnitude
 
     pair_names = modes.decimal_mechanism.structure.pairs
-    lines = []
+    rows = []
     for mode_index, angles in enumerate(modes.angles()):
         degrees = np.degrees([centre_float(angle) for angle in angles])
         wrapped = 180.0 - np.remainder(180.0 - degrees, 360.0)  # above -180, up to 180
-        angle_list = ", ".join(
-            f"{name} {angle:.9f}" for name, angle in zip(pair_names, wrapped, strict=True)
-        )
         errors = [np.degrees(upper_magnitude(angle - angle.mid())) for angle in angles]
-        lines.append(f"  mode {mode_index}, deg: {angle_list}; each to {max(errors):.0e}")
+        angle_texts = [f"{angle:.9f}" for angle in wrapped]
+        rows.append((str(mode_index), *angle_texts, f"{max(errors):.0e}"))
+    columns = [ScreenColumn("mode")]
+    columns += [ScreenColumn(f"pair {name} (deg)", "right") for name in pair_names]
+    columns.append(ScreenColumn("error bound (deg)", "right"))
+    return ScreenTable(tuple(columns), tuple(rows))
+
+
+def _describe_clusters(modes: "CertifiedModes") -> Lines:
+    """Return a line for each region in which the number of solutions is undecided."""
+    import numpy as np
+
+    lines = []
     for centre, half_widths in modes.clusters:
         centre_text = ", ".join(f"{angle:.6f}" for angle in np.degrees(centre))
         width = np.degrees(2.0 * np.max(half_widths))
-        lines.append(f"  undecided: a cluster at {centre_text} deg, {width:.1e} deg wide")
+        lines.append(
+            f"undecided: several solutions, or none, near {centre_text} deg, within "
+            f"{width:.1e} deg; compute with another input value close by"
+        )
     return lines
 
 
@@ -368,7 +440,7 @@ def _certify_wheels(decimal_mechanism: "DecimalMechanism") -> Certification:
 
     Returns
     -------
-    The lines to print, with the ratios of each follower, and the certificate.
+    The report, with the ratios of each follower, and the certificate.
     """
     from spherekit.proof.balls import centre_float, upper_magnitude, working_precision
     from spherekit.proof.certificate import wheels_certificate
@@ -377,10 +449,13 @@ def _certify_wheels(decimal_mechanism: "DecimalMechanism") -> Certification:
     with working_precision(PRECISION_BITS):
         ratios = decimal_mechanism.follower_ratios()  # (followers, inputs)
     inputs = structure.names_of(structure.inputs)
-    lines = [
-        f"{structure.name}: certified: one mode at all inputs, no dead centre; wheels in "
-        "mesh fix every angle by the inputs"
-    ]
+    report = ScreenReport(
+        f"{structure.name}: proof of assembly modes and dead centres for all inputs"
+    )
+    report.results.append(
+        "Proven: there is one assembly mode and no dead centre, because wheels in mesh "
+        "determine every angle by the inputs."
+    )
     for pair, pair_ratios in zip(structure.followers, ratios, strict=True):
         terms = " ".join(
             f"{centre_float(ratio):+.12g} x {name}"
@@ -388,13 +463,17 @@ def _certify_wheels(decimal_mechanism: "DecimalMechanism") -> Certification:
         )
         # The bound of the error of all ratios that this line prints.
         error = max(upper_magnitude(ratio - ratio.mid()) for ratio in pair_ratios)
-        lines.append(f"  {structure.pairs[pair]} turns {terms}, factors to {error:.0e}")
+        report.results.append(
+            f"{structure.pairs[pair]} turns by {terms}, factors exact to {error:.0e}"
+        )
     certificate = wheels_certificate(decimal_mechanism, list(ratios))
-    return Certification(lines, certificate, is_complete=True)
+    return Certification(report, certificate, is_complete=True)
 
 
 def _certify_range(
-    decimal_mechanism: "DecimalMechanism", ends: Lines | None, clear_of: str | None
+    decimal_mechanism: "DecimalMechanism",
+    ends: Lines | None,
+    clear_of: str | None,
 ) -> Certification:
     """Certify the curves of modes and the singularities over the range of the only input.
 
@@ -436,9 +515,15 @@ def _certify_range(
     )
     curves = certify_curves(decimal_mechanism, (low, high), construction)
     located = locate_singularities(curves)
-    lines = [f"{mechanism.name}: {curves.completeness}"]
-    lines += _describe_curves(curves)
-    lines += _describe_singularities(curves, located)
+    input_pair = mechanism.input_pairs[0]
+    report = _make_report(
+        f"{mechanism.name}: proof of assembly modes and singularities, input {input_pair} "
+        f"from {low} to {high} {mechanism.angle_unit}",
+        curves.completeness,
+        "all assembly modes and their curves were found over the whole range.",
+    )
+    _report_curves(report, curves)
+    _report_singularities(report, curves, located)
     if clear_of:
         position = _decimal_text("--clear-of", clear_of, mechanism.angle_unit)
         is_in_range = float(low) <= float(position) <= float(high)
@@ -451,14 +536,14 @@ def _certify_range(
         # themselves. The angle below is the only ball that is computed here.
         with working_precision(PRECISION_BITS):
             q = centre_float(decimal_mechanism.input_angle(position))  # rad
-        lines.append(
-            f"  within {np.degrees(located.clearance(q)):.9f} deg of {clear_of} there is "
-            "no singularity, in any mode"
+        report.results.append(
+            f"Within {np.degrees(located.clearance(q)):.9f} deg of input {clear_of} there "
+            "is no singularity, in any mode."
         )
     certificate = {**curves_certificate(curves), "singularities": singular_table(located)}
     is_certified = curves.completeness.guarantee is Guarantee.CERTIFIED
     is_complete = is_certified and not located.undecided
-    return Certification(lines, certificate, is_complete)
+    return Certification(report, certificate, is_complete)
 
 
 def _certify_map(
@@ -501,14 +586,29 @@ def _certify_map(
     # Ends of both ranges as decimal texts, in the unit of the file.
     ranges = [decimal_mechanism.input_range_text(name) for name in names]
     input_map = certify_input_map(decimal_mechanism, ranges, largest_side)
-    lines = [f"{mechanism.name}: {input_map.completeness}"]
-    for mode_count, share in input_map.mode_shares.items():
-        lines.append(f"  {counted(mode_count, 'mode')} in {100 * share:.3f} % of the area")
+    range_texts = [
+        f"{name} from {low} to {high} {mechanism.angle_unit}"
+        for name, (low, high) in zip(names, ranges, strict=True)
+    ]
+    report = _make_report(
+        f"{mechanism.name}: proof of the number of assembly modes, inputs "
+        f"{' and '.join(range_texts)}",
+        input_map.completeness,
+        "the number of assembly modes is known everywhere.",
+    )
+    rows = [
+        (str(mode_count), f"{100 * share:.3f}")
+        for mode_count, share in input_map.mode_shares.items()
+    ]
+    columns = (
+        ScreenColumn("assembly modes", "right"),
+        ScreenColumn("share of the area of inputs (%)", "right"),
+    )
+    report.results.append(ScreenTable(columns, tuple(rows)))
     if options.figure:
         _draw_map(input_map, names, options.figure)
-        lines.append(f"  drawn in {options.figure}")
     is_complete = not input_map.share(UNDECIDED)
-    return Certification(lines, map_certificate(input_map), is_complete)
+    return Certification(report, map_certificate(input_map), is_complete)
 
 
 def _draw_map(input_map: "InputMap", names: Sequence[str], path: str) -> None:
@@ -570,42 +670,56 @@ def _crossing_sentences(curves: "CertifiedCurves") -> Iterator[str]:
         yield f"{sentence} at {_degrees(q)} deg"
 
 
-def _describe_curves(curves: "CertifiedCurves") -> Lines:
-    """Return lines for the numbers of modes, crossings of curves, and undecided ranges.
+def _report_curves(report: ScreenReport, curves: "CertifiedCurves") -> None:
+    """Report the numbers of modes, crossings of curves, and undecided ranges.
 
     A configuration curve consists of configurations that join each other. Each input of an
     interval has the same number of modes: configurations with this input.
 
     Parameters
     ----------
+    report
+        The report to which the results are added.
     curves
         The certified curves of configurations over the range of the input (rad).
     """
-    lines = []
-    for low, high, mode_count in curves.intervals:
-        modes = counted(mode_count, "mode")
-        lines.append(f"  {_degrees(low)} to {_degrees(high)} deg: {modes}")
+    columns = (
+        ScreenColumn("input from (deg)", "right"),
+        ScreenColumn("to (deg)", "right"),
+        ScreenColumn("assembly modes", "right"),
+    )
+    rows = [
+        (_degrees(low), _degrees(high), str(mode_count))
+        for low, high, mode_count in curves.intervals
+    ]
+    report.results.append(ScreenTable(columns, tuple(rows)))
     for sentence, count in Counter(_crossing_sentences(curves)).items():
         configurations = f", in {count} configurations" if count > 1 else ""
-        lines.append(f"  {sentence}{configurations}")
+        report.results.append(f"{sentence}{configurations}")
     # The mechanism moves along such a curve while the input stands still.
     for q in curves.constant_input_values:
-        lines.append(f"  a whole curve of modes at {_degrees(q)} deg")
+        report.results.append(
+            f"at {_degrees(q)} deg the mechanism can move while the input is at rest"
+        )
     for low, high in curves.undecided_ranges[:MAX_LISTED_RANGES]:
-        lines.append(f"  undecided: {_degrees(low)} to {_degrees(high)} deg")
-    return lines
+        report.warnings.append(f"undecided from {_degrees(low)} to {_degrees(high)} deg")
+    unlisted = len(curves.undecided_ranges) - MAX_LISTED_RANGES
+    if unlisted > 0:
+        report.warnings.append(f"undecided in {counted(unlisted, 'more range')}")
 
 
-def _describe_singularities(
-    curves: "CertifiedCurves", located: "CertifiedSingularities"
-) -> Lines:
-    """Return lines for the singularities of all outputs, and for what stays undecided.
+def _report_singularities(
+    report: ScreenReport, curves: "CertifiedCurves", located: "CertifiedSingularities"
+) -> None:
+    """Report the singularities of all outputs, and what stays undecided.
 
     In a type I singularity the output is at rest while the input moves; in one of type II
     the input is at rest while the mechanism moves.
 
     Parameters
     ----------
+    report
+        The report to which the results are added.
     curves
         The certified curves of configurations over the range of the input.
     located
@@ -613,25 +727,50 @@ def _describe_singularities(
     """
     import numpy as np
 
-    lines = []
+    rows = []
+    singularities_outside = []
     for singularity in located.singularities:
         is_outside = curves.wrap_into_range(singularity.q) is None
-        outside = ", out of the range" if is_outside else ""
+        singularities_outside.append(is_outside)
         # The curve has a variable that makes one turn until all links are back in their
         # first pose. With toothed wheels, the input makes `cycle_turns` turns in this time,
         # otherwise one. The error of the input is larger than that of the variable by this
         # factor.
         error = np.degrees(singularity.point.error * curves.cycle_turns)
-        lines.append(
-            f"  output {singularity.output}: type {singularity.type} at "
-            f"{np.degrees(singularity.q):.9f} deg, to {error:.0e}, on curve "
-            f"{singularity.curve}{outside}"
+        rows.append(
+            (
+                singularity.output,
+                SINGULARITY_TYPES[singularity.type],
+                f"{np.degrees(singularity.q):.9f}",
+                f"{error:.0e}",
+                str(singularity.curve),
+                "outside" if is_outside else "inside",
+            )
         )
+    if rows:
+        columns = [
+            ScreenColumn("output"),
+            ScreenColumn("singularity"),
+            ScreenColumn("input (deg)", "right"),
+            ScreenColumn("error bound (deg)", "right"),
+            ScreenColumn("curve", "right"),
+        ]
+        if any(singularities_outside):
+            columns.append(ScreenColumn("range"))
+        # Without this column, the last cell of each row is left out.
+        cells = tuple(tuple(row[: len(columns)]) for row in rows)
+        report.results.append(ScreenTable(tuple(columns), cells))
+    elif not located.undecided:
+        report.results.append("There are no singularities.")
     if located.undecided:
-        lines.append(f"  singularities undecided in {located.undecided} parts of curves")
+        report.warnings.append(
+            f"singularities are undecided in {counted(located.undecided, 'part')} of curves"
+        )
     for name, curve in located.resting:
-        lines.append(f"  output {name}: at rest all along curve {curve}")
+        report.results.append(f"output {name} is at rest all along curve {curve}")
     # The equations have no angle of these outputs, so it is unknown where they are at rest.
     for name in located.skipped:
-        lines.append(f"  output {name}: no pair measures it; type II only")
-    return lines
+        report.warnings.append(
+            f"output {name}: only singularities of type II are proven, because no pair "
+            "measures its angle"
+        )

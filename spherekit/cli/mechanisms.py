@@ -3,7 +3,10 @@
 from argparse import ArgumentParser, Namespace
 
 from spherekit.cli.main import print_json, say
+from spherekit.cli.screen_report import ScreenReport
+from spherekit.conventions import Facts
 from spherekit.escaping import one_line
+from spherekit.tables.screen_table import ScreenColumn, ScreenTable
 
 EXAMPLES = """examples:
   # names that commands take instead of a path
@@ -23,7 +26,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """List the shipped mechanisms, one a line, and then the shipped studies.
+    """List the shipped mechanisms, and then the shipped studies.
 
     Packages ship mechanisms as packs, which are folders of files. A pack or a mechanism
     that cannot be read is reported on stderr and left out. Returns the exit status 0.
@@ -31,8 +34,9 @@ def execute(options: Namespace) -> int:
     from spherekit.errors import SpherekitError
     from spherekit.files.library import shipped
     from spherekit.files.mechanism_reader import load
+    from spherekit.planning.assembly_plan import driven_pairs
 
-    rows = []
+    rows: list[Facts] = []
     for pack in shipped():
         if pack.fault:
             say(f"pack {pack.name}: {pack.fault}")
@@ -42,16 +46,72 @@ def execute(options: Namespace) -> int:
             except SpherekitError as problem:
                 say(str(problem))
                 continue
-            source = mechanism.source.citation if mechanism.source else ""
-            rows.append((name, len(mechanism.links), len(mechanism.pairs), source))
+            rows.append(
+                {
+                    "name": name,
+                    "links": len(mechanism.links),
+                    "pairs": len(mechanism.pairs),
+                    "freedoms": len(driven_pairs(mechanism)),
+                    "description": mechanism.description,
+                    "source": mechanism.source.citation if mechanism.source else "",
+                }
+            )
     if options.json:
-        keys = ("name", "links", "pairs", "source")
-        print_json([dict(zip(keys, row, strict=True)) for row in rows])
+        print_json(rows)
         return 0
-    width = max((len(row[0]) for row in rows), default=0)
-    for name, links, pairs, source in rows:
-        print(f"{name:{width}}  {links:3d} links {pairs:3d} pairs  {one_line(source)}")
+    ScreenReport(
+        "Shipped mechanisms, whose names commands take instead of a file",
+        results=[_mechanism_table(rows), *_study_tables()],
+        next_steps=[
+            ("spherekit run NAME", "compute the motion and the pole axes"),
+            ("spherekit new mechanism MINE --like NAME", "start from one of them"),
+        ],
+    ).print(options)
+    return 0
+
+
+def _mechanism_table(rows: list[Facts]) -> ScreenTable:
+    """Return a table of mechanisms with the first sentence of each description."""
+    columns = (
+        ScreenColumn("name"),
+        ScreenColumn("links", "right"),
+        ScreenColumn("pairs", "right"),
+        ScreenColumn("freedoms", "right"),
+        ScreenColumn("what it is"),
+    )
+    cells = [
+        (
+            row["name"],
+            str(row["links"]),
+            str(row["pairs"]),
+            str(row["freedoms"]),
+            one_line(_first_sentence(row["description"] or row["source"])),
+        )
+        for row in rows
+    ]
+    return ScreenTable(columns, tuple(cells))
+
+
+def _study_tables() -> list[ScreenTable]:
+    """Return a table of the shipped studies; none if there are no studies."""
+    from spherekit.errors import SpherekitError
+    from spherekit.files.library import shipped
+    from spherekit.files.study_reader import load_study
+
+    rows = []
     for pack in shipped():
         for name in sorted(pack.studies):
-            print(f"{name:{width}}  study")
-    return 0
+            try:
+                study = load_study(name)
+            except SpherekitError as problem:
+                say(str(problem))
+                continue
+            rows.append((name, study.mechanism.name))
+    columns = (ScreenColumn("study"), ScreenColumn("of the mechanism"))
+    return [ScreenTable(columns, tuple(rows))] if rows else []
+
+
+def _first_sentence(text: str) -> str:
+    """Return the first sentence of a text, without its full stop."""
+    sentence, _, _ = text.partition(". ")
+    return sentence.removesuffix(".")
