@@ -4,17 +4,25 @@ import ast
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 NOTEBOOKS = sorted((Path(__file__).parent.parent / "docs" / "notebooks").glob("*.md"))
 CELL = re.compile(r"^```\{code-cell\} ipython3\n(.*?)^```$", re.M | re.S)
 CHECKS = {
-    "first_steps": lambda names, last: last,
+    "first_steps": lambda names, last: (
+        last
+        and len(names["roots"]) == 2
+        and np.degrees(names["roots"]) == pytest.approx(sorted(names["in_mode_0"]["q"]))
+    ),
     "wrist": lambda names, last: (
         any("30.9007" in text for text in last)
         and min(abs(d - names["wanted"]).max() for d in names["pointed"]) < 1e-12
     ),
-    "dynamics": lambda names, last: abs(names["work"] - names["loads"]) < 1e-3,
+    "dynamics": lambda names, last: (
+        abs(names["work"] - names["work_against_loads"]) < 1e-3
+        and abs(names["states"].q.ravel() - names["simulated"]["q"]).max() < 1e-9
+    ),
 }
 """What the text around the cells says of them."""
 
