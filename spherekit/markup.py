@@ -5,8 +5,18 @@ from typing import Any
 
 from spherekit.escaping import html_text
 
-CAPTION_STYLE = "caption-side: top; text-align: left; font-weight: 600; padding: 0.3em 0"
-"""Style of captions. Notebooks would centre them in the colour of remarks."""
+CAPTION_STYLE = (
+    "caption-side: top; text-align: left; color: inherit; font-weight: 600; "
+    "white-space: nowrap; padding: 0.3em 0"
+)
+"""Style of captions.
+
+Notebooks would centre them in the colour of remarks, and break them at the width of the
+table.
+"""
+
+CELL_STYLE = "padding: 0.2em 0.7em"
+"""Style of cells, with a distance between columns."""
 
 
 def html_table(
@@ -44,10 +54,10 @@ def html_table(
 
     def row_html(tag: str, cells: Sequence[Any]) -> str:
         """Return a row of the head (tag th) or of the body (tag td)."""
-        cells_html = "".join(
-            f'<{tag} style="text-align: {alignment}">{html_text(cell_text(cell))}</{tag}>'
-            for cell, alignment in zip(cells, alignments, strict=True)
-        )
+        cells_html = ""
+        for cell, alignment in zip(cells, alignments, strict=True):
+            style = f"{CELL_STYLE}; text-align: {alignment}"
+            cells_html += f'<{tag} style="{style}">{html_text(cell_text(cell))}</{tag}>'
         return f"<tr>{cells_html}</tr>"
 
     head_html = f"<thead>{row_html('th', header)}</thead>"
@@ -56,7 +66,9 @@ def html_table(
     if caption:
         caption_html = f'<caption style="{CAPTION_STYLE}">{html_text(caption)}</caption>'
     note_html = f"<p>{html_text(note)}</p>" if note else ""
-    return f"<table>{caption_html}{head_html}<tbody>{body}</tbody></table>{note_html}"
+    # Pages of Sphinx show tables of this class in the colours of their theme.
+    table_html = f"{caption_html}{head_html}<tbody>{body}</tbody>"
+    return f'<table class="dataframe">{table_html}</table>{note_html}'
 
 
 def html_list(title: str, lines: Sequence[str]) -> str:

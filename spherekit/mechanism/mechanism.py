@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from spherekit.argument_validation import checked
 from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, Names
 from spherekit.errors import ModelError
+from spherekit.escaping import html_text
 from spherekit.markup import html_table
 from spherekit.mechanism.elements import (
     Angles,
@@ -296,8 +297,12 @@ class Mechanism:
             if not any(row[column] for row in link_rows):
                 del link_titles[column]
                 link_rows = [row[:column] + row[column + 1 :] for row in link_rows]
-        return html_table(pair_titles, pair_rows, repr(self)[1:-1]) + html_table(
-            link_titles, link_rows, f"Links of {self.name}"
+        summary = f"<p>{html_text(repr(self)[1:-1])}</p>"
+        pair_table = html_table(pair_titles, pair_rows, f"Pairs of {self.name}")
+        return (
+            summary
+            + pair_table
+            + html_table(link_titles, link_rows, f"Links of {self.name}")
         )
 
     def _arcs_text(self, link: str) -> str:

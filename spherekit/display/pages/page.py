@@ -69,7 +69,7 @@ SCRIPTS = (
 )
 """Scripts of the page, in the order in which they run."""
 
-JOINT_LIMIT_KEY = ' <i class="limit"></i> beyond a joint limit'
+JOINT_LIMIT_KEY = ' <span><i class="limit"></i>beyond a joint limit</span>'
 """Entry of the legend that pages of mechanisms with joint limits have."""
 
 MOTION_ARGUMENTS = ("q", "dq", "ddq")
@@ -238,8 +238,8 @@ class PageMaker:
                 unknown_arguments.append(argument.name)
         if unknown_arguments:
             raise EngineError(
-                f"loads depend on {listing(unknown_arguments)}, which a page does not "
-                "know; leave these loads out"
+                f"loads depend on {listing(unknown_arguments)}, which pages do not "
+                "support; remove these loads from the file to see the torque of the others"
             )
         return page_formulas
 
@@ -328,7 +328,7 @@ class PageMaker:
         except SpherekitError as problem:
             if not self._mechanism.masses:
                 raise  # there were no torques, so the error has another reason
-            self.notes.append(f"no driving torque: {problem}")
+            self.notes.append(f"driving torque left out: {problem}")
             names = self._page_quantities.default_names(with_torques=False)
             return self._make_formulas([*names, *needed_names])
 

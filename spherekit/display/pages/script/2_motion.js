@@ -183,11 +183,12 @@ class FollowedMode {
   }
 }
 
-/** Returns the name of a mode in the file, or its number and the signs of its dyads. */
+/** Returns the number of a mode with its name in the file, or with the signs of its dyads. */
 function modeTitle({number, name}) {
   const lastPart = name.split(", ").at(-1);
   const isSigns = /^[-+~]*$/.test(lastPart);
-  return isSigns ? `mode ${number} ${lastPart.replaceAll("-", "−").replaceAll("~", "")}`.trim() : lastPart;
+  const label = isSigns ? lastPart.replaceAll("-", "−").replaceAll("~", "") : lastPart;
+  return label ? `mode ${number} (${label})` : `mode ${number}`;
 }
 
 const KindOfMode = !rows.about.closed_form ? FollowedMode : model.crossings ? SmoothMode : SignedMode;

@@ -29,6 +29,7 @@ function buildTable() {
   });
   poleTable.tBodies[0]?.remove();
   poleTable.append(body);
+  document.getElementById("starred").hidden = !cells.flat().some(mark => mark.includes("*"));
 }
 
 /** Returns a heading of the table; its scope is "row" or "col". */
@@ -70,7 +71,7 @@ function showStep() {
   }
   document.getElementById("step").textContent = step
     ? `${state.step + 1} of ${steps.length}: ${step.text}`
-    : `${steps.length} steps give every pole; choose one, or a cell of the Table.`;
+    : `All poles are constructed in ${steps.length} steps. Pick a step, or click a cell of the table.`;
   document.getElementById("every").checked = state.every;
 }
 

@@ -8,8 +8,11 @@ const CURVE_PADDING = 0.06;                // part of the span of a curve above 
 const CONSTANT_PADDING = 0.1;              // part of the size of a constant above and below it
 const CLOSE_SAMPLES_RAD = 1e-3;            // between samples; a gap between nearer ones would not be seen
 const MANY_FIGURES = 4;                    // from this number of figures on they are lower
-const PLOT_HEIGHT_PX = 158;
-const LOW_PLOT_HEIGHT_PX = 130;
+const PLOT_HEIGHT_PX = 174;
+const LOW_PLOT_HEIGHT_PX = 146;
+const AXIS_LABEL_PX = 15;                  // height of the name of the input below a plot
+// Steps of ticks that divide a revolution. Angles in radians have decimal ones.
+const DEGREE_TICK_STEPS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 45, 60, 90, 180, 360, 720, 1800, 3600];
 const FIGURE_PADDING_PX = 16;              // width of a figure beside its plot
 const ANNOUNCEMENT_DELAY_MS = 700;         // from the last change to the text for screen readers
 const SHORT_DIGITS = 6;
@@ -49,8 +52,13 @@ function makeAxisOptions(options) {
   };
 }
 
+/** Returns the name of the input over which the curves are drawn, with its unit. */
+const inputLabel = () => `input ${inputs[state.over].pair} (${SIGN})`;
+
 /** Returns the plot of a figure. Dragging in it moves the input, and keys act as on the sphere. */
 function makePlot(figure) {
+  const inputAxis = {size: 22, gap: 2, label: inputLabel(), labelSize: AXIS_LABEL_PX, labelGap: -2, labelFont: "11px system-ui, sans-serif"};
+  if (SIGN === "°") inputAxis.incrs = DEGREE_TICK_STEPS;
   const options = {
     width: figure.figure.clientWidth - FIGURE_PADDING_PX,
     height: figures.length >= MANY_FIGURES ? LOW_PLOT_HEIGHT_PX : PLOT_HEIGHT_PX,
@@ -58,7 +66,7 @@ function makePlot(figure) {
     cursor: {show: false},
     padding: [8, 16, 0, 0],
     scales: {x: {time: false}, y: {range: () => figure.range}},
-    axes: [makeAxisOptions({size: 24, gap: 2}), makeAxisOptions({size: 46, gap: 3, space: 26})],
+    axes: [makeAxisOptions(inputAxis), makeAxisOptions({size: 46, gap: 3, space: 26})],
     // Lines are in the order of drawing, which changes, so each asks for the colour of its mode.
     series: [{}, ...modes.map((_, k) => ({stroke: () => modeColour(figure.curves[k].mode), points: {show: false}}))],
     hooks: {drawClear: [drawLimits], draw: [plot => drawMarks(plot, figure)]},
@@ -121,6 +129,7 @@ function fillCurves() {
     figure.curves = orderCurves(columns, state.mode, high - low);
     figure.plot ??= makePlot(figure);
     figure.curves.forEach(({dash, width}, k) => Object.assign(figure.plot.series[k + 1], {dash, width}));
+    figure.plot.axes[0].label = inputLabel();
     figure.plot.setData([shownInputs, ...figure.curves.map(({mode}) => columns[mode])]);
   }
 }

@@ -200,7 +200,7 @@ function drawMap(size, ratio) {
   context.fillStyle = themeColour("--soft");
   context.font = "11px system-ui, sans-serif";
   context.textAlign = "center";
-  const rangeText = ({pair, from, to}) => `${pair}: ${formatNumber(from / UNIT, false)} … ${formatNumber(to / UNIT, false)} ${SIGN}`;
+  const rangeText = ({pair, from, to}) => `input ${pair}: ${formatNumber(from / UNIT, false)} to ${formatNumber(to / UNIT, false)}${SIGN === "°" ? "" : " "}${SIGN}`;
   context.fillText(rangeText(inputs[0]), size / 2, size - 6);
   context.translate(11, size / 2);
   context.rotate(-Math.PI / 2);
