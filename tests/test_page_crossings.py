@@ -297,7 +297,7 @@ def test_wound_springs_leave_out_the_torque(tmp_path):
 
     wound = replace(sk.load("four_bar"), loads=(Spring("wound", "32", 1.0),))
     made = sk.page(wound, tmp_path / "x.html", vary=[], crossings="pass")
-    assert "no driving torque: " in made.notes[0] and "turns_of_32" in made.notes[0]
+    assert "driving torque left out: " in made.notes[0] and "turns_of_32" in made.notes[0]
     assert not sk.page(wound, tmp_path / "x.html", vary=[]).notes
 
 
