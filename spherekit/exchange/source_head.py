@@ -199,9 +199,9 @@ def _smooth_mode_sentences(source: Source) -> str:
     # `step` has the expressions of a step of Newton's method. It is empty in closed form.
     if source.formulas.step:
         use = (
-            f"{source.smooth_function} gives variables of a mode, and the input at which "
-            "it has them, on the same side of all crossings as an input: steps from there "
-            "pass no crossing, where Newton's method may go on along either curve."
+            f"{source.smooth_function} gives a start for Newton's method: variables of a "
+            "mode, and the input at which it has them. No crossing is between this input "
+            "and yours, so Newton's method cannot change to the other curve there."
         )
     else:
         use = (

@@ -45,9 +45,11 @@ UNCLASSIFIED = -1
 class TriangleDivision:
     """How the border of a region divides the triangles of a mesh that it crosses.
 
-    A mesh has T triangles. A segment is a smooth curve, the part of the border in one of
-    them. It is given by several nodes. There are n segments. The region in a triangle is
-    divided into two parts:
+    The area of a region is summed over the triangles inside. Triangles that the border
+    crosses are divided first, so that only their part inside the region counts. A mesh has
+    T triangles. A segment is a smooth curve, the part of the border in one of them. It is
+    given by several nodes. There are n segments. The region in a triangle is divided into
+    two parts:
 
     - a fan: small triangles between a vertex inside the region (the apex) and two
       neighbouring nodes of the segment;

@@ -62,9 +62,9 @@ class MidPlaneKinematics(ClosedKinematics):
         axis is in the mid-plane and both links of the leg lie over each other.
         """
         plane = self.form.plane
-        # If the user gives a width of the links, one cannot lie over the other, and the
-        # smallest angle is larger. Chen et al. (2021, section 3) state this rule for the
-        # driven legs only. `can_fold` marks the legs to which it applies.
+        # `can_fold` marks the legs whose smallest angle is limited by the width of the
+        # links too, if a user gives one: links of some width cannot lie over each other.
+        # Chen et al. (2021, section 3) state such a width for the driven legs only.
         longest = (2.0 * plane.reach).tolist()
         return tuple(
             LegSpan(

@@ -325,9 +325,9 @@ class ArcCurve(Chords):
         variable
             Number of the variable.
         period
-            Its period (rad) in all configurations of the mechanism, if that is known. If
-            not, it is infinite if wheels roll in proportion to the variable, and NaN if
-            none do.
+            Its period (rad) in all configurations of the mechanism, if one is known.
+            Infinite: no period is known, and wheels roll in proportion to the variable.
+            NaN: no period is known, and no wheels roll.
         """
         if np.isfinite(period):
             return period

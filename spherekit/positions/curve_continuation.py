@@ -111,9 +111,10 @@ class _ArcNodes(CurvePoints):
         limits: CurveLimits,
         chosen: slice = slice(None),
     ) -> "_ArcNodes":
-        """Return some points of curves as nodes, which have more data for the next step.
+        """Return some points of curves as nodes, from which the curves are continued.
 
-        These are the equations of the curve, and the margins (distances) to all limits.
+        A node is a point with the data that continuation needs for the next step along the
+        curve: the equations of the curve, and the margins (distances) to all limits.
 
         Parameters
         ----------

@@ -313,7 +313,10 @@ class ArcEquations:
     def link_orientations(
         self, variables: Sequence[Ball], order: int = 0
     ) -> dict[int, Jet]:
-        """Return the orientations of all links in the root at balls of all variables.
+        """Return the orientations of all links, and their derivatives by the variables.
+
+        Variables and orientations are balls, which are numbers with bounds of their errors.
+        Orientations are relative to the root, the link that is placed first.
 
         Parameters
         ----------
@@ -324,9 +327,9 @@ class ArcEquations:
 
         Returns
         -------
-        By link the jet of its rotation matrix (3, 3) from link axes to those of the root,
-        the link that is placed first. A jet has the matrix under the key (), and its
-        derivatives by the variables j and l under (j,) and (j, l).
+        By link the jet of its rotation matrix (3, 3) from link axes to those of the root. A
+        jet has the matrix under the key (), and its derivatives by the variables j and l
+        under (j,) and (j, l).
         """
         # At first each orientation is relative to the link's reference, a link that is
         # placed earlier. In the order of placing, the product with the orientation of the

@@ -196,7 +196,7 @@ def _rotation_vectors(rotation: PairFunction, values: Array) -> Array:
 
 
 def _make_pair_kinematics(mechanism: Mechanism, frames: Frames) -> list[PairKinematics]:
-    """Return for all pairs of a mechanism functions of rotation and axis, in balls.
+    """Return functions that compute the rotation and the axis of each pair, as balls.
 
     The rotation is that of the second link relative to the first. A ball is a number with a
     bound of its error. The float64 geometry of the mechanism only decides near which point

@@ -265,10 +265,11 @@ def local_minima(
 ) -> tuple[Floats, Floats]:
     """Return the local minima of the sine of an angle along a configuration curve.
 
-    An end of the range of the input is included if the sine is not smaller a little inwards
-    from it. The distance inwards is `INWARD_PART` times the length of the piece of the
-    curve. The same applies to both ends of an open curve, unless curves cross at one of
-    them. Such a curve ends a little before the crossing, where other curves continue it.
+    The angle is a distance from a singularity, or a transmission angle. An end of the range
+    of the input is included if the sine is not smaller a little inwards from it. The
+    distance inwards is `INWARD_PART` times the length of the piece of the curve. The same
+    applies to both ends of an open curve, unless curves cross at one of them. Such a curve
+    ends a little before the crossing, where other curves continue it.
 
     Parameters
     ----------
