@@ -150,10 +150,11 @@ def plots_by_mode(batch: Batch, plots: Sequence[Series]) -> tuple[Scene, ...]:
 def describe_place(batch: Batch, row: int) -> str:
     """Return where a row is: its time, or its inputs in degrees, and its assembly mode.
 
-    An example is ``21 = 30 deg, mode 0``.
+    An example is ``21 = 30 deg, mode 0``. The time is used if the analysis reads it
+    (``Needs(time=True)``).
     """
     mode = f"mode {batch.assembly_mode[row]}"
-    if batch.timed:
+    if batch.timed and batch.needs.time:
         return f"t = {number_text(float(batch.t[row]))} s, {mode}"
     inputs = [
         f"{pair} = {degrees_text(float(q))} deg"

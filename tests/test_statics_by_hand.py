@@ -59,3 +59,12 @@ def test_forces_of_bevel_gears_are_those_of_a_textbook(tmp_path):
         # The bearings push back, towards the centre.
         axial_force = result.forces[:, number, 2] * outward_sign
         assert axial_force == pytest.approx(-thrust, rel=1e-3)
+
+
+def test_statics_along_a_law_of_time_says_where_the_largest_torque_is():
+    """`statics` reads no times, also where the samples have some."""
+    law = sk.Polynomial((0.5, 0.2))
+    result = sk.run("four_bar", "statics", laws={"21": law}, duration=2.0, samples=5)
+    assert not result.failures
+    table = result.frame("statics")
+    assert np.isfinite(table["tau"]).all()
