@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from spherekit.conventions import Lines
-from spherekit.number_text import degree_range_text, degrees_text, number_text
+from spherekit.number_text import degrees_text, number_text
 from spherekit.tables.screen_table import ScreenColumn, ScreenTable
 from spherekit.wording import counted, listing
 
@@ -50,6 +50,7 @@ class PlaceText:
         low, high = overview["place_range"] or (0.0, 0.0)
         intervals = max(overview["examined_samples"] - 1, 1)
         step = abs(high - low) / intervals
+        self.sample_step = step
         if self.kind == "input":
             step = math.degrees(step)
         # A place between samples is known to about the square of the step.
@@ -64,11 +65,14 @@ class PlaceText:
             if between_samples:
                 text = f"{math.degrees(place):.{self.between_decimals}f}"
                 return "0" if float(text) == 0.0 else text
-            # Samples are that far apart that finer digits say nothing.
-            return degrees_text(math.radians(round(math.degrees(place), 2)))
+            return _angle_text(place)
         if self.kind == "time":
             return number_text(place, digits=4)
         return f"{place:.0f}"
+
+    def between(self, first: float, last: float) -> str:
+        """Return that a place lies between two samples."""
+        return f"between {self.value(first)} and {self.value(last)}"
 
     def at(self, place: float) -> str:
         """Return a place with its name and unit, such as ``21 = 30 deg``."""
@@ -92,6 +96,11 @@ class PlaceText:
         if self.kind == "sample":
             return f"at the samples {text}"
         return f"at {self.name} = {text} {self.unit}"
+
+
+def _angle_text(angle_rad: float) -> str:
+    """Return an angle in degrees with two decimals, enough between samples."""
+    return degrees_text(math.radians(round(math.degrees(angle_rad), 2)))
 
 
 def mode_name(mode: Any) -> str:
@@ -139,10 +148,12 @@ def describe_modes(summary: Any) -> Lines:
     if all(name.isdigit() for name in names):
         titles = number_list([mode["number"] for mode in modes])
     closes = [entry is not None and entry["closes_everywhere"] for entry in entries]
+    if len(modes) == 1 and names[0].isdigit():
+        titles = ""
     if all(closes):
         which = {1: "which closes", 2: "both close"}.get(len(modes), "all close")
-        return [f"{count}, {which} everywhere: {titles}"]
-    lines = [f"{count}: {titles}"]
+        return [": ".join(filter(None, [f"{count}, {which} everywhere", titles]))]
+    lines = [": ".join(filter(None, [count, titles]))]
     # Modes that close at the same places share a line.
     modes_by_place: dict[str, list[int]] = {}
     for mode, entry in zip(modes, entries, strict=True):
@@ -204,7 +215,11 @@ def output_table(summary: Any) -> ScreenTable | None:
     )
     if has_transmission:
         unit = "" if place_text.kind == "input" else " (deg)"
-        heading = f"least transmission angle{unit} at {place_text.heading}"
+        where = place_text.heading
+        if place_text.kind == "sample":
+            unit = ""
+            where = f"{', '.join(inputs)} (deg)"
+        heading = f"least transmission angle{unit} at {where}"
         columns.append(ScreenColumn(heading))
     has_rests = turns_about_axis and overview["is_path"]
     if has_rests:
@@ -221,11 +236,12 @@ def output_table(summary: Any) -> ScreenTable | None:
             cells = [output["label"]] if len(outputs) > 1 else []
             if turns_about_axis:
                 cells.append(
-                    degree_range_text(motion["lowest_rad"], motion["highest_rad"])
+                    f"{_angle_text(motion['lowest_rad'])} to "
+                    f"{_angle_text(motion['highest_rad'])}"
                     if output["fixed_axis"]
                     else "-"
                 )
-            cells.append(degrees_text(motion["highest_rad"] - motion["lowest_rad"]))
+            cells.append(_angle_text(motion["highest_rad"] - motion["lowest_rad"]))
             cells += _ratio_cells(motion)
             if has_transmission:
                 cells.append(_transmission_cell(entry["least_transmission"], place_text))
@@ -263,7 +279,10 @@ def _transmission_cell(transmission: Any, place_text: PlaceText) -> str:
     if transmission is None:
         return "-"
     angle = number_text(math.degrees(transmission["angle_rad"]), 1e-9, 3)
-    return f"{angle} at {place_text.value(transmission['place'])}"
+    where = place_text.value(transmission["place"])
+    if "inputs_rad" in transmission:
+        where = ", ".join(map(degrees_text, transmission["inputs_rad"]))
+    return f"{angle} at {where}"
 
 
 def _rest_cell(output: Any, motion: Any, place_text: PlaceText) -> str:
@@ -271,11 +290,12 @@ def _rest_cell(output: Any, motion: Any, place_text: PlaceText) -> str:
         return "-"
     if motion["highest_rad"] - motion["lowest_rad"] < RATIO_ERROR:
         return "everywhere"
-    places = [place_text.value(place, between_samples=True) for place in motion["rests"]]
-    places += [
-        f"between {place_text.value(first)} and {place_text.value(last)}"
-        for first, last in motion["uncertain_rests"]
-    ]
+    text_by_place = {
+        place: place_text.value(place, between_samples=True) for place in motion["rests"]
+    }
+    for first, last in motion["uncertain_rests"]:
+        text_by_place[first] = place_text.between(first, last)
+    places = [text_by_place[place] for place in sorted(text_by_place)]
     further = motion["further_rests"] + max(len(places) - MAX_LISTED_PLACES, 0)
     text = ", ".join(places[:MAX_LISTED_PLACES]) or "none"
     return f"{text} and {further} more" if further else text

@@ -142,6 +142,7 @@ def _results(summary: Any) -> list[str | ScreenTable]:
             results.append(summary["completeness"])
             results += _describe_meetings(summary)
             results += _describe_dead_centres(summary)
+        results += _describe_unexpected_mobility(summary)
         table = output_table(summary)
         if table is not None:
             results.append(table)
@@ -190,18 +191,47 @@ def _describe_dead_centres(summary: Any) -> Lines:
         entry = overview["modes"].get(str(mode["number"]))
         if entry is None or set(entry["statuses"]) - {"OUT_OF_REACH"}:
             return []  # a mode may end for another reason
-        ends = {end for span in entry["closes"] for end in span} - {first, last}
-        if ends:
-            text = listing(map(place_text.value, sorted(ends)), MAX_LISTED_EVENTS)
+        # Each dead centre lies between the last sample that closes and the next one.
+        texts = []
+        for span in entry["closes"]:
+            for end, step in zip(sorted(span), (-1, 1), strict=True):
+                if end in (first, last):
+                    continue
+                if place_text.step_text:
+                    neighbour = end + step * place_text.sample_step
+                    bounds = sorted((end, neighbour))
+                    texts.append(place_text.between(bounds[0], bounds[1]))
+                else:
+                    texts.append(place_text.value(end))
+        if texts:
+            text = listing(texts, MAX_LISTED_EVENTS)
             modes_by_places.setdefault(text, []).append(mode["number"])
     if not modes_by_places:
         is_one = len(summary["assembly_modes"]) == 1
         which = "This mode has" if is_one else "These modes have"
         return [f"{which} no dead centre of the input (type II) in this range."]
+    name = overview["place"]["name"]
+    where = f"at {name}" if place_text.step_text else f"near {name} ="
     return [
         f"Dead centres (type II) end {'mode' if len(numbers) == 1 else 'modes'} "
-        f"{number_list(numbers)} near {overview['place']['name']} = {text} deg."
+        f"{number_list(numbers)} {where} {text} deg."
         for text, numbers in modes_by_places.items()
+    ]
+
+
+def _describe_unexpected_mobility(summary: Any) -> Lines:
+    """Return a line if counting links and pairs does not give the number of inputs."""
+    mobility = summary["mobility"]
+    redundant = summary["redundant_constraints"]
+    if mobility["rank"] is None or mobility["graph"] == mobility["rank"]:
+        return []
+    count = redundant["count"] if redundant else 0
+    constraints = f", as {counted(count, 'constraint')} are redundant" if count else ""
+    if count == 1:
+        constraints = ", as 1 constraint is redundant"
+    return [
+        f"Over-constrained: mobility {mobility['rank']} by the rank of the velocity "
+        f"equations, {mobility['graph']} by the numbers of links and pairs{constraints}."
     ]
 
 

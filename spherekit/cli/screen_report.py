@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 PLAIN_WIDTH = 10_000
 """Columns of an output that is not a terminal. Lines and tables are then never broken."""
 
+CELL_DISTANCE = 3
+"""Characters between neighbouring columns of a table."""
+
 INDENT = "  "
 """Space before lines and tables that belong to the question above them."""
 
@@ -94,10 +97,18 @@ def print_table(table: ScreenTable, console: "Console | None" = None) -> None:
     console = console or _console()
     if table.title:
         _print_line(console, INDENT + table.title)
-    screen_table = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0))
-    for column in table.columns:
+    screen_table = Table(box=None, padding=(0, CELL_DISTANCE, 0, 0))
+    # In a narrow terminal headings are broken first, so that cells stay whole if they fit.
+    widths = [
+        max((len(row[number]) for row in table.rows), default=0)
+        for number in range(len(table.columns))
+    ]
+    needed_width = len(INDENT) + sum(widths) + CELL_DISTANCE * len(widths)
+    cells_fit = needed_width <= console.width
+    for column, width in zip(table.columns, widths, strict=True):
         heading = Text(terminal_text(column.heading), style="bold")
-        screen_table.add_column(heading, justify=column.align)
+        min_width = width if cells_fit else None
+        screen_table.add_column(heading, justify=column.align, min_width=min_width)
     for row in table.rows:
         # Texts of files could contain the markup of `rich`, so no cell is markup.
         screen_table.add_row(*(Text(terminal_text(cell)) for cell in row))

@@ -855,6 +855,9 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
         if mode.transmission is not None:
             angle, pair, place = mode.transmission
             transmission = {"angle_rad": angle, "pair": pair, "place": place}
+            if plan.place_kind == "sample":
+                inputs = plan.sampling.inputs[round(place)]
+                transmission["inputs_rad"] = inputs.tolist()
         closing = _join_spans(
             [
                 *mode.spans.get(Status.OK.name, ()),

@@ -17,6 +17,7 @@ from spherekit.runs.batch import Batch
 from spherekit.runs.contract import AbstractAnalysis, Findings
 from spherekit.scenes.scene import Scene
 from spherekit.scenes.scene_checks import check_scene
+from spherekit.tables.screen_table import ScreenTable
 from spherekit.tables.table import DTYPE_BY_KIND, Column, Table, TableData, row_count
 from spherekit.wording import listing
 
@@ -211,6 +212,17 @@ def compute_findings(
             f"{analysis.name}: findings returned a {type(findings).__name__}, it has to "
             "return Findings(...)"
         )
+    if not all(isinstance(table, ScreenTable) for table in findings.tables):
+        raise PluginError(
+            f"{analysis.name}: findings: tables has to be a tuple of ScreenTable"
+        )
+    for table in findings.tables:
+        for cell in (cell for row in table.rows for cell in row):
+            if not isinstance(cell, str):
+                raise PluginError(
+                    f"{analysis.name}: findings: tables: the cell {cell!r} is a "
+                    f"{type(cell).__name__}, it has to be a text; number_text makes one"
+                )
     # The text is not used. This only finds values that cannot be written.
     with convert_plugin_errors(analysis.name, "findings: making JSON of its figures"):
         json.dumps(dict(findings.figures))

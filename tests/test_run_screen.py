@@ -1,0 +1,196 @@
+"""What a run prints: results first, and an overview of the motion that agrees with it."""
+
+import json
+import re
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+import spherekit as sk
+from spherekit.cli.main import main
+from spherekit.errors import PluginError
+from spherekit.plugin import Findings, ScreenColumn, ScreenTable
+from spherekit.runs.contract import table_from_json
+from spherekit.runs.motion_overview import MotionOverview
+from spherekit.runs.result_checks import compute_findings
+
+
+def print_run(capsys, *words):
+    """Return what `spherekit run` prints to stdout."""
+    assert main(["run", *map(str, words)]) == 0
+    return capsys.readouterr().out
+
+
+def test_ranges_and_ratios_are_those_of_the_tables():
+    """The tables of the run are the independent values."""
+    result = sk.run("four_bar", "poles:only=41")
+    motion = result.frame("motion")
+    poles = result.frame("poles")
+    for number, mode in result.summary["overview"]["modes"].items():
+        angles = np.unwrap(motion.query(f"assembly_mode == {number}")["theta_41"])
+        ratios = poles.query(f"assembly_mode == {number}")["velocity_coefficient"]
+        (output,) = mode["outputs"]
+        # Extremes between samples of 1 deg exceed those of the samples a little.
+        assert output["lowest_rad"] == pytest.approx(angles.min(), abs=1e-4)
+        assert output["highest_rad"] == pytest.approx(angles.max(), abs=1e-4)
+        assert output["lowest_ratio"][0] == pytest.approx(ratios.min(), abs=1e-12)
+        assert output["highest_ratio"][0] == pytest.approx(ratios.max(), abs=1e-12)
+
+
+@pytest.mark.slow
+def test_places_of_rest_are_the_singularities_of_type_I():
+    result = sk.run("stephenson", "singularities")
+    points = result.frame("singularities").query("kind == 'I' and inside == 'yes'")
+    for number, mode in result.summary["overview"]["modes"].items():
+        exact = np.sort(points[points["assembly_mode"].astype(str) == number]["q"])
+        (output,) = mode["outputs"]
+        assert np.degrees(output["rests"]) == pytest.approx(np.degrees(exact), abs=0.01)
+
+
+def test_the_least_transmission_angle_is_that_of_the_dyad():
+    """The four-bar is stretched furthest at 0 deg: arcs 60 - 20, 70 and 40 deg."""
+    mode = sk.run("four_bar").summary["overview"]["modes"]["0"]
+    sides = np.radians([60.0 - 20.0, 70.0, 40.0])
+    cosine = (np.cos(sides[0]) - np.cos(sides[1]) * np.cos(sides[2])) / (
+        np.sin(sides[1]) * np.sin(sides[2])
+    )
+    expected = np.arccos(abs(cosine))
+    assert mode["least_transmission"]["angle_rad"] == pytest.approx(expected, abs=1e-12)
+    assert mode["least_transmission"]["place"] == 0.0
+
+
+@pytest.mark.slow
+def test_outputs_without_a_fixed_axis_have_the_largest_rotation_from_the_first_pose():
+    mechanism = sk.load("double_butterfly")
+    result = sk.run(mechanism, samples=25, assembly_mode=0)
+    rotations = sk.trace(mechanism, samples=25, assembly_mode=0).rotations
+    link = mechanism.link_number[mechanism.outputs[0].link]
+    relative = rotations[0, link].T @ rotations[:, link]
+    cosines = np.clip((np.trace(relative, axis1=1, axis2=2) - 1.0) / 2.0, -1.0, 1.0)
+    (output,) = result.summary["overview"]["modes"]["0"]["outputs"]
+    assert output["highest_rad"] == pytest.approx(np.max(np.arccos(cosines)), abs=1e-7)
+
+
+def test_long_runs_examine_some_samples_and_find_the_same():
+    long_run = sk.run("four_bar", samples=20001).summary["overview"]
+    short_run = sk.run("four_bar", samples=721).summary["overview"]
+    assert long_run["examined_samples"] < 1000
+    for number, mode in long_run["modes"].items():
+        assert mode["closes_everywhere"]
+        (output,) = mode["outputs"]
+        (other,) = short_run["modes"][number]["outputs"]
+        assert output["rests"] == pytest.approx(other["rests"], abs=1e-4)
+        assert output["highest_rad"] == pytest.approx(other["highest_rad"], abs=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["four_bar", "five_bar", "two_contacts"])
+def test_blocks_of_any_size_give_the_same_overview(name):
+    def numbers(value):
+        """Return all numbers of nested data in their order."""
+        text = json.dumps(value)
+        return [float(x) for x in re.findall(r"-?\d+\.?\d*(?:e[-+]\d+)?", text)]
+
+    whole = sk.run(name, samples=90).summary["overview"]
+    parts = sk.run(name, samples=90, block=7).summary["overview"]
+    assert numbers(whole) == pytest.approx(numbers(parts), abs=1e-9)
+
+
+def test_an_overview_is_restored_from_its_journal():
+    overview = MotionOverview()
+    assert MotionOverview.from_json(json.loads(json.dumps(overview.to_json()))) == overview
+    table = ScreenTable((ScreenColumn("a"), ScreenColumn("b", "right")), (("x", "1"),), "t")
+    findings = Findings({"n": 1}, ("w",), ("r",), (table,))
+    assert Findings.from_json(json.loads(json.dumps(asdict(findings)))) == findings
+    assert table_from_json(asdict(table)) == table
+
+
+def test_results_come_first_and_bookkeeping_with_verbose(capsys):
+    printed = print_run(capsys, "four_bar")
+    lines = printed.splitlines()
+    assert lines[0] == "four_bar: input 21 from 0 to 360 deg, 361 samples"
+    assert lines[1] == "  2 assembly modes, both close everywhere: 0 (p1), 1 (p0)"
+    row = r"1 \(p0\) +46.52 to 117.82 +71.29 +-0.8084 to 0.5333 .* 27.81, 227.91"
+    assert re.search(row, printed)
+    assert "Files: no tables saved; add -o DIR" in printed
+    assert "mobility" not in printed and "cost" not in printed and "dyad" not in printed
+    verbose = print_run(capsys, "four_bar", "--verbose")
+    assert "mobility 1" in verbose and "groups: dyad" in verbose and "cost: " in verbose
+
+
+def test_quiet_prints_nothing_and_json_prints_the_summary(capsys):
+    assert print_run(capsys, "four_bar", "--samples", 5, "-q") == ""
+    summary = json.loads(print_run(capsys, "four_bar", "--samples", 5, "--json"))
+    assert summary["completeness"] == "All assembly modes were found (closed form)."
+
+
+def test_a_status_has_one_line_with_its_place_cause_and_cure(capsys):
+    printed = print_run(capsys, "four_bar", "--input", "41")
+    (warning,) = (line for line in printed.splitlines() if line.startswith("Warning"))
+    assert (
+        "OUT_OF_REACH (modes 0, 1 at 41 = 0 to 46, 118 to 242, 314 to 360 deg)" in warning
+    )
+    assert "dead centres" in warning and "with several inputs" not in warning
+    assert "modes 0, 1 close at 41 = 47 to 117, 243 to 313 deg" in printed
+    assert "Dead centres (type II) end modes 0, 1 near 41 = 47, 117, 243, 313" in printed
+
+
+def test_coarse_samples_give_intervals_in_place_of_wrong_places(capsys):
+    printed = print_run(capsys, "four_bar", "--samples", 4, "--assembly-mode", 1)
+    assert "between 0 and 120, between 120 and 240" in printed
+    assert "Samples are 120 deg apart" in printed
+
+
+@pytest.mark.slow
+def test_many_modes_stay_readable(capsys):
+    printed = print_run(capsys, "two_dof_spm", "--samples", 5)
+    assert "16 assembly modes, all close everywhere: 0-15" in printed
+    assert "~" not in printed
+
+
+def test_over_constrained_mechanisms_say_both_mobilities(capsys):
+    printed = print_run(capsys, "planetary_bevel", "--samples", 9)
+    assert "Over-constrained: mobility 1 by the rank" in printed
+    assert "2 constraints are redundant" in printed
+
+
+def test_a_simulation_says_events_end_error_and_energy(capsys):
+    words = ["--start", "q=0.3rad,dq=1rad/s", "--duration", 2]
+    printed = print_run(capsys, "four_bar", "-a", "eksergian", *words)
+    assert "no driving torque at 21" in printed
+    assert "It ran to the end, 2 s." in printed
+    assert "2 events: rest at t (s) = 0.2533, 1.688" in printed
+    assert "Accuracy: simulation to" in printed and "energy to" in printed
+    assert "expected" not in printed and "engine" not in printed
+
+
+@pytest.mark.slow
+def test_a_run_names_the_tables_of_an_earlier_run_that_it_replaces(capsys, tmp_path):
+    first = print_run(capsys, "four_bar", "--samples", 5, "-o", tmp_path)
+    assert "replaced" not in first
+    words = ("-a", "singularities", "-o", tmp_path)
+    second = print_run(capsys, "four_bar", "--samples", 5, *words)
+    assert "replaced tables of an earlier run: motion.csv, " in second
+    assert "poles.csv" in second
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert "poles.parquet" in summary["replaced_files"]
+
+
+def test_workspaces_are_printed_as_a_table(capsys):
+    printed = print_run(capsys, "five_bar", "-a", "workspace")
+    assert re.search(r"working mode +area \(sr\) .* holes +border", printed)
+    assert re.search(r"\+\+, \+-, -\+, -- +10.8828", printed)
+    remarks = sk.run("five_bar", "workspace").summary["remarks"]
+    assert any("area (sr) 10.8828" in text for text in remarks)
+
+
+def test_tables_of_findings_are_checked():
+    class Analysis:
+        name = "numbers"
+
+        def findings(self, batch):
+            return Findings(tables=(ScreenTable((ScreenColumn("a"),), ((1.5,),)),))
+
+    with pytest.raises(PluginError, match=r"the cell 1.5 is a float, it has to be a text"):
+        compute_findings(Analysis(), None, None)
