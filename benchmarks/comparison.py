@@ -168,7 +168,7 @@ def _compare_designs(sections: Sequence[SectionRecord]) -> Iterator[TaskComparis
     for section in sections:
         if section["title"] == "Designs beside peers":
             measurements = [
-                Measurement(row["job"].partition(":")[0], row["us a design"])
+                Measurement(row["job"].partition(":")[0], row["us per design"])
                 for row in _rows_of(section)
             ]
             yield from _compare("Evaluate one design of a four-bar", "us", measurements)

@@ -69,7 +69,7 @@ class DesignCase:
             document,
             mechanism,
             [design_variable(document, key) for key in self.keys],
-            [parse_merit(text, RADIANS_PER_DEGREE) for text in self.merits],
+            [parse_merit(text, "deg") for text in self.merits],
             DesignSamples.from_study(Study(self.name, mechanism, samples=self.samples)),
         )
 
@@ -155,14 +155,15 @@ def run(quick: bool) -> list[Section]:
     return [
         Section(
             "Designs",
-            "Figures of merit of random designs in all modes over a turn, in processor "
-            "time of one core; beside it `sk.run` of poles of each design on its own.",
+            "Figures of merit of random designs, in all modes over a full turn. Processor "
+            "time on one core. The last column is the time of `sk.run` with the poles of "
+            "each design, divided by that of the kernel of all designs.",
             (
                 "mechanism and figures",
                 "designs",
                 "rows that close",
-                "us a design",
-                "ns a row and sample",
+                "us per design",
+                "ns per row and sample",
                 "alone over kernel",
             ),
             [_measure_case(case, quick) for case in DESIGN_CASES],
@@ -223,10 +224,10 @@ def _measure_peers(case: DesignCase, count: int) -> Section:
     ]
     return Section(
         "Designs beside peers",
-        f"{count} random four-bars at {case.samples} inputs, processor time. MuJoCo "
-        "computes the dynamics at each sample and does not close the loop there, so this "
-        "is less than positions would take; making the XML is not counted.",
-        ("job", f"over {own_name}", "us a design"),
+        f"{count} random four-bars at {case.samples} inputs. Processor time. MuJoCo "
+        "computes the dynamics at each sample without closing the loop, which takes less "
+        "time than positions would take. Making the XML is not counted.",
+        ("job", f"time over {own_name}", "us per design"),
         rows,
     )
 

@@ -48,11 +48,11 @@ def run(quick: bool) -> list[Section]:
     return [
         Section(
             "Explain",
-            "Processor time of the command `spherekit explain`, all poles, in a process of "
-            "its own. Chains are a four-bar grown by dyads at random links. Up to 400 "
-            "poles (28 links) all assembly modes are measured, and beyond that one of them "
-            "and a sample of the poles, so a chain of 20 links may take longer than one of "
-            "40.",
+            "Processor time of the command `spherekit explain` for all poles, in a "
+            "process of its own. Chains start as a four-bar and grow by dyads at random "
+            "links. Up to 400 poles (28 links), all assembly modes are measured. Beyond "
+            "that, one mode and a sample of the poles are measured, so a chain of 20 "
+            "links may take longer than one of 40.",
             ("mechanism", "s", "over the four-bar"),
             rows,
         )

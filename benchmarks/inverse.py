@@ -39,10 +39,11 @@ def run(quick: bool) -> list[Section]:
     return [
         Section(
             "Inverse kinematics",
-            f"{pose_count} random poses of the output, with margin of reach, status and "
-            "the measures of type I; medians, one core. The last columns compare with "
-            "these and the measure of type II, which is computed when it is read, and with "
-            "the positions of all links in the same mode.",
+            f"{pose_count} random poses of the output: the inputs with the margin of "
+            "reach, the status and the measures of type I. Medians on one core. The last "
+            "two columns are ratios to this time: with the measure of type II, which is "
+            "computed when it is read, and with the positions of all links in the same "
+            "mode.",
             (
                 "mechanism",
                 "output",
@@ -122,11 +123,11 @@ def _measure_bar(quick: bool) -> Section:
     solution_count = len(solutions.row) / len(searched_poses)
     return Section(
         "Inverse kinematics with a bar",
-        f"{BAR_MECHANISM}: {count} directions about one whose solution is known, closed by "
-        "Newton's method from there, one mode. Every solution of a direction, from all "
-        f"turns sampled, takes {1e3 * search_seconds:.0f} ms: {solution_count:.0f} for "
-        "each direction on average.",
-        ("directions off by, rad", "part closed", "us per pose"),
+        f"{BAR_MECHANISM}: {count} directions near one whose solution is known. Newton's "
+        "method starts from this solution, in one mode. Finding all solutions of a "
+        f"direction, by sampling all turns, takes {1e3 * search_seconds:.0f} ms; a "
+        f"direction has {solution_count:.0f} on average.",
+        ("distance of directions, rad", "share closed", "us per pose"),
         rows,
     )
 
@@ -158,9 +159,9 @@ def _measure_mid_plane(quick: bool) -> Section:
         rows.append((name, 1e9 * seconds, 1e6 * seconds))
     return Section(
         "Inverse kinematics of a mid-plane",
-        f"{BAR_MECHANISM} in its closed form: {count} mid-planes spread over the half "
-        "sphere; medians of processor time, one core.",
-        ("what", "ns per pose", "s per 1e6 poses"),
+        f"{BAR_MECHANISM} in closed form: {count} mid-planes, distributed over the "
+        "hemisphere. Medians of processor time on one core.",
+        ("quantity", "ns per pose", "s per 1e6 poses"),
         rows,
     )
 

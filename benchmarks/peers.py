@@ -281,14 +281,15 @@ def _compare_engines(case: DynamicsCase, kind: str, quick: bool) -> Section:
     return Section(
         f"Peers: forward dynamics, {kind}",
         f"{case.mechanism.name}, q(0) = {case.start.q}, q'(0) = {case.start.dq}, {loads}; "
-        f"10 s; errors of all inputs at {len(TIMES)} times against the tightest run of the "
-        f"first engine, which differs by {difference:.2g} rad from "
-        f"{_REFERENCE_CHECKS[has_one_input]}." + skipped,
+        f"10 s. The error is the largest of all inputs at {len(TIMES)} times, compared "
+        "with the run of the first engine with the smallest tolerance, which differs by "
+        f"{difference:.2g} rad from {_REFERENCE_CHECKS[has_one_input]}." + skipped,
         ("engine", "setting", "error of q, rad", "ms, median", "ms, fastest"),
         rows,
-        "Processor time without compiling and without making the stored model. Pinocchio "
-        "and MuJoCo are called from Python, once and four times a step, for the loads. "
-        "OpenSim has no wheel and was not run. Settings: docs/dynamics.md.",
+        "Processor time without compiling and without making the stored model. Python "
+        "computes the loads for Pinocchio and MuJoCo, once and four times in each step. "
+        "OpenSim has no wheel and was not run. [Dynamics](dynamics.md#other-engines) has "
+        "the settings.",
     )
 
 

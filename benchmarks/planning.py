@@ -71,10 +71,10 @@ def _measure_chains(quick: bool, has_triads: bool) -> Section:
     title = "chains with irreducible parts" if has_triads else "chains of dyads"
     return Section(
         f"Planning: {title}",
-        f"A four-bar grown by {added} added at random links ({chain_count} seeded chains "
-        "of each size, medians over them). `poles` is the plan of all m(m - 1)/2 pole "
-        "axes by Aronhold-Kennedy passes with irreducible parts; `groups` is the order "
-        "in which positions are solved.",
+        f"Chains that start as a four-bar and grow by {added}, which are added at random "
+        f"links. Medians over {chain_count} chains of each size. The plan of poles has all "
+        "m(m - 1)/2 pole axes, by Aronhold-Kennedy passes and irreducible parts. The plan "
+        "of groups is the order in which positions are solved. Processor time.",
         (
             "links",
             "poles",
@@ -86,10 +86,11 @@ def _measure_chains(quick: bool, has_triads: bool) -> Section:
             "poles / groups",
         ),
         rows,
-        f"Fitted growth from {MIN_FITTED_LINKS} links on: plan of poles as links to the "
-        f"power {_fit_exponent(rows, POLE_TIME_COLUMN):.2f}, plan of groups "
-        f"{_fit_exponent(rows, GROUP_TIME_COLUMN):.2f}. The "
-        "number of poles alone grows as the power 2.",
+        f"From {MIN_FITTED_LINKS} links on, the time of the plan of poles grows as the "
+        f"number of links to the power {_fit_exponent(rows, POLE_TIME_COLUMN):.2f}, and "
+        "that of the plan of groups to the power "
+        f"{_fit_exponent(rows, GROUP_TIME_COLUMN):.2f}. The number of poles grows as the "
+        "power 2.",
     )
 
 

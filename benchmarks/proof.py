@@ -125,11 +125,12 @@ def _measure_single_inputs(
         )
     return Section(
         "Certified modes at an input",
-        "Random geometries, at the input of their reference pose. Certified modes of "
-        "triads are wrong where an elimination in exact rational numbers has another "
-        "number of real roots, those of others where solving finds more. `over solving` "
-        "is the time from the numbers of the file to the proof, over that of the floating "
-        "point solution from the mechanism.",
+        "Random geometries at the input of their reference pose. The columns have the "
+        "share of geometries for which all complex modes are proven, and for which all "
+        "real modes are certified. A certificate of a triad is wrong if an elimination "
+        "in exact rational numbers has another number of real roots; another certificate "
+        "is wrong if solving finds more modes. `over solving` is the time of the proof "
+        "divided by that of the solution in floating point.",
         ("group", "geometries", "all complex modes", "certified", "wrong", "over solving"),
         rows,
     )
@@ -248,9 +249,9 @@ def _measure_revolutions(
         )
     return Section(
         "Certified curves over a whole turn",
-        "Random geometries. `other` counts those certified where, between any two dead "
-        "centres, solving finds another number of modes; `over searching` is the time over "
-        "that of finding the dead centres in floating point.",
+        "Random geometries. `other` counts certified geometries for which solving finds "
+        "another number of modes between two dead centres. `over searching` is the time of "
+        "the proof divided by that of finding the dead centres in floating point.",
         ("mechanism", "geometries", "certified", "other", "s", "most s", "over searching"),
         rows,
     )

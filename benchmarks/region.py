@@ -180,11 +180,13 @@ def _measure_accuracy(quick: bool) -> Section:
         )
     return Section(
         "Area of a workspace",
-        "A spherical five-bar with limits of its elbows: two annuli that overlap, area "
-        f"{five_bar.area:.6f} sr by quadrature in closed form. Errors are relative.",
-        ("asked for", "ms", "evaluations", "calls", "error stated", "error"),
+        "The workspace of a spherical five-bar with limits of its elbows is the "
+        f"intersection of two annuli. Its area is {five_bar.area:.6f} sr by quadrature of "
+        "a closed form. Errors are relative.",
+        ("tolerance", "ms", "evaluations", "calls", "stated error", "true error"),
         rows,
-        "What it takes to see the parts of the region gives its area to 1e-6 at once.",
+        "The evaluations that are needed to find the parts of the region already give its "
+        "area to 1e-6.",
     )
 
 
@@ -219,13 +221,21 @@ def _measure_mechanisms(quick: bool) -> Section:
             )
     return Section(
         "Workspaces of mechanisms",
-        "All working modes under the rule that the outer axes of a driven leg are 10 "
-        "degrees apart at least, with inputs and measures at every vertex, from the "
-        "mechanism on. Errors are relative; the last column is the difference to a "
-        "tolerance of 1e-10.",
-        ("mechanism", "asked for", "s", "modes", "evaluations", "error stated", "change"),
+        "All working modes, with the outer axes of driven legs at least 10 degrees "
+        "apart, and with inputs and measures at every vertex. The time includes the "
+        "preparation of the mechanism. Errors are relative. The last column is the "
+        "difference from the area for a tolerance of 1e-10.",
+        (
+            "mechanism",
+            "tolerance",
+            "s",
+            "modes",
+            "evaluations",
+            "stated error",
+            "difference",
+        ),
         rows,
-        "Whole workspaces with the area to 1e-4 are to take 2 s at most.",
+        "The goal is 2 s at most for a whole workspace with the area to 1e-4.",
     )
 
 
@@ -270,12 +280,13 @@ def _measure_limited(quick: bool) -> Section:
         )
     return Section(
         "Workspaces that end in cusps",
-        "One working mode to 1e-4 with a pair limited to -40 to 100 deg, which touches the "
-        "border of the reach, or kept from singularities by a small angle, where both "
-        "borders run side by side. Processor time; errors are relative.",
-        ("mechanism", "limit", "s", "evaluations", "error stated"),
+        "One working mode to 1e-4. Either a pair is limited to -40 to 100 deg, and the "
+        "border of this limit touches that of the reach; or the distance from "
+        "singularities is at least a small angle, and both borders run side by side. "
+        "Processor time; errors are relative.",
+        ("mechanism", "limit", "s", "evaluations", "stated error"),
         rows,
-        "Each is to take 2 s at most.",
+        "The goal is 2 s at most for each.",
     )
 
 
@@ -316,9 +327,9 @@ def _measure_annuli(quick: bool) -> Section:
         )
     return Section(
         "Cost of a narrow region",
-        "An annulus of outer radius 0.7 rad and the width given: the cost follows its "
-        "length over its width, not its area.",
-        ("width, rad", "ms", "evaluations", "times width", "holes found", "error, sr"),
+        "An annulus with the outer radius 0.7 rad and the given width. The cost is "
+        "proportional to its length divided by its width.",
+        ("width, rad", "ms", "evaluations", "evaluations x width", "holes", "error, sr"),
         rows,
     )
 
@@ -349,6 +360,6 @@ def _measure_orientations(quick: bool) -> Section:
     return Section(
         "Volume of orientations",
         "Orientations that tilt one axis by at most 0.5 rad. Errors are relative.",
-        ("asked for", "ms", "evaluations", "error stated", "error"),
+        ("tolerance", "ms", "evaluations", "stated error", "true error"),
         rows,
     )

@@ -65,10 +65,11 @@ def run(quick: bool) -> list[Section]:
     return [
         Section(
             "Singularities: the whole report",
-            "Processor time of one thread from the mechanism to all its singularities, for "
-            "the output that it declares, or the last link relative to the ground: all "
-            "modes at 9 inputs, all configuration curves with the checks of their number, "
-            "and all points on them with their conditions. The faster of two.",
+            "Processor time of one thread for all singularities of a mechanism, the "
+            "faster of two runs. The output is the declared one, or the last link "
+            "relative to the ground. The time is divided into the search of all modes at "
+            "9 inputs, all configuration curves with the checks of their number, and all "
+            "points on them with their conditions.",
             (
                 "mechanism",
                 f"over {UNIT_MECHANISM}",
@@ -83,8 +84,8 @@ def run(quick: bool) -> list[Section]:
                 "self-motion, type III",
             ),
             rows,
-            "Singular configurations of the spherical 3-RRR at a million orientations: "
-            "section Inverse kinematics.",
+            "The section Inverse kinematics has the singularity measures of a spherical "
+            "3-RRR at a million orientations.",
         )
     ]
 

@@ -19,19 +19,21 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.velocities.row_quantities import sample_names
 
-TEXT = """Exported C and C of CasADi, called in C at 1000 samples, `gcc -O2`: the four-bar
-over a turn, the wrist on a circle of its inputs, no loads. Coefficients: those of all links
-against the ground, first and second, by each input. Pinocchio has the bodies on RZ joints,
-x axes square to two hinges, inertia about O, where most products fall away; from its `rnea`
-and `forwardKinematics` in SX follow two rows of closure a cut, dependent rates by
-elimination with pivots chosen beforehand, and the torque by projection; `cse` comes last.
-Positions: `given` as arguments; `Newton`, one step from the sample before; `closed`, from
+TEXT = """Exported C, and C that CasADi makes from Pinocchio's algorithms. Both are
+compiled with `gcc -O2` and called in C at 1000 samples: the four-bar over a turn, the
+wrist on a circle of its inputs, without loads. Coefficients are the first and second ones
+of all links relative to the ground, for each input. In Pinocchio, bodies are on RZ joints
+with x axes at right angles to two hinges and inertia about O, which removes most
+products. From its `rnea` and `forwardKinematics` in SX follow two rows of closure for
+each cut, the dependent rates by elimination with fixed pivots, and the torque by
+projection; `cse` comes last. The columns spherekit and Pinocchio say how positions are
+computed: `given` as arguments, `Newton` by one step from the sample before, `closed` from
 the input alone."""
-CONCLUSION = """Medians of processor time; `times` is Pinocchio's over spherekit's,
-`difference` the largest of results over their size or 1; two Newton steps end in different
-places."""
+CONCLUSION = """Medians of processor time. `times` is the time of Pinocchio divided by
+that of spherekit. `difference` is the largest difference of results, relative to their
+size or to 1. Where both use a Newton step, the steps end in different places."""
 ABSENT_TEXT = (
-    " Pinocchio is not here: it needs `pin`, `casadi`, their headers, Eigen's and g++."
+    " Pinocchio was not measured: it needs `pin`, `casadi`, their headers, Eigen's and g++."
 )
 
 

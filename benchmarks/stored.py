@@ -72,12 +72,12 @@ def run(quick: bool) -> list[Section]:
     return [
         Section(
             "Stored functions",
-            "Every function of `spherekit export --to model`: the error the model measured "
-            "itself, and the largest difference from the motion's plan and the inverse "
-            f"problem at {input_count} random inputs, each relative to its function's "
-            "largest value; times of single calls from Python at random inputs, in rounds "
-            f"of {CALLS_PER_ROUND} calls that alternate with rounds of as many calls of "
-            "`math.sin`, and the median of the ratios to those.",
+            "All functions of `spherekit export --to model`. The own error is the one that "
+            "the model has measured. The largest error is the difference from direct "
+            f"computation at {input_count} random inputs. Both are relative to the largest "
+            "value of the function. Times are those of single calls from Python at random "
+            f"inputs, in rounds of {CALLS_PER_ROUND} calls. They alternate with rounds of "
+            "`math.sin`; `in sines` is the ratio of both times.",
             (
                 "mechanism",
                 "mode",
@@ -170,10 +170,11 @@ def _measure_grid_models(quick: bool) -> Section:
         )
     return Section(
         "Stored functions of several inputs",
-        "Each shipped mechanism with masses on all links and a damper at each input: the "
-        "part of the box of the inputs' ranges that is stored, the error the model "
-        "measured at random places of it, relative to each function's largest value, and "
-        "the time of single calls from Python for the torques at all inputs.",
+        "Shipped mechanisms with masses on all links and a damper at each input. "
+        "`stored` is the stored share of the box of the ranges of the inputs. The own "
+        "error is measured by the model at random inputs, relative to the largest value "
+        "of each function. Times are those of single calls from Python for the torques "
+        "at all inputs.",
         (
             "mechanism",
             "cells",
