@@ -302,12 +302,10 @@ def test_a_mode_that_formulas_do_not_give_is_not_written(tmp_path, monkeypatch, 
     path = tmp_path / "x.c"
     assert main(["export", "four_bar", "--to", "c", "-o", str(path)]) == 0
     message = capsys.readouterr().out
-    assert (
-        "left out: assembly mode 1 (-, p0): the formulas do not give this mode" in message
-    )
+    assert "left out: assembly mode 1 (p0): the formulas do not give this mode" in message
     text = path.read_text("utf-8")
     # The table of modes in the source has one row and one column.
-    assert "not written: 1 (-, p0)" in text and "four_bar_modes[1][1]" in text
+    assert "not written: 1 (p0)" in text and "four_bar_modes[1][1]" in text
     # What the page says of its contents.
     assert "0 modes" not in sk.page("four_bar", tmp_path / "x.html").holds
     with pytest.raises(EngineError, match="no assembly mode can be written: 1"):

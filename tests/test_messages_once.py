@@ -41,7 +41,7 @@ def test_a_sweep_has_the_rows_of_the_mode_that_is_asked_for(mode, label, capsys)
 def test_a_sweep_refuses_a_mode_that_is_not_there(mode, capsys):
     status, text = said(capsys, *SWEEP, *MERIT, f"--assembly-mode={mode}")
     assert status != 0 and f"there is no assembly mode {mode}" in text
-    assert "0 (+, p1), 1 (-, p0)" in text
+    assert "0 (p1), 1 (p0)" in text
 
 
 def test_a_design_without_the_mode_keeps_a_row(capsys):

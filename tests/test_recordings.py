@@ -59,7 +59,7 @@ def test_cursors_legends_and_curves_of_charts_agree_with_the_table(tmp_path):
     """
     path = tmp_path / "a.rrd"
     result, pages = recorded(path, "four_bar", "poles:only=31+41", samples=73)
-    assert pages == ["Mode 0 (+, p1)", "Mode 1 (-, p0)", "Compare"]
+    assert pages == ["Mode 0 (p1)", "Mode 1 (p0)", "Compare"]
     frame = result.frame()
     for mode in (0, 1):
         chart = f"/four_bar/assembly_mode_{mode}/charts/velocity_coefficients"

@@ -167,7 +167,7 @@ def test_scenes_come_block_by_block_while_the_run_goes_on():
     assert [report[:2] for report in reports] == [(10, 25), (20, 25), (25, 25)]
     scene_counts = [report[2] for report in reports]
     assert scene_counts == sorted(set(scene_counts))
-    assert listener.assembly_modes == {0: "Mode 0 (+, p1)", 1: "Mode 1 (-, p0)"}
+    assert listener.assembly_modes == {0: "Mode 0 (p1)", 1: "Mode 1 (p0)"}
     assert listener.static_paths == ["link/1", "plan", "graph"]
     for (page, _), rows in listener.samples_by_primitive.items():
         row_count = 3 if page == "Construction" else 25

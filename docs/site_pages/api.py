@@ -75,6 +75,10 @@ PLUGIN_PURPOSES: Purposes = {
         *("SphereCurves", "SphereMap", "Surface", "Graph", "Mark", "Text", "Axis"),
         *("Series", "InputMarks", "Portrait", "PlaneCurve", "Diagram"),
     ),
+    "Print results on the screen": (
+        *("ScreenTable", "ScreenColumn", "number_text", "degrees_text"),
+        *("degree_range_text",),
+    ),
     "Report statuses and errors": (
         *("Status", "AnalysisError", "ModelError", "SolveError", "counted", "listing"),
         *("numbered", "nearest"),
@@ -90,7 +94,8 @@ All public names of `spherekit`, by purpose. Import the package with
 
 Angles are in radians unless an argument `angle_unit` says otherwise. Vectors have
 components along the axes of the ground link. The samples are the first axis of every
-array. [From Python](../../python.md) has examples.
+array, except in the result of `evaluate` at one input in one assembly mode.
+[From Python](../../python.md) has examples.
 
 """
 

@@ -265,7 +265,7 @@ def compare_modes(
         modes.append(
             Mode(
                 number=mode.number,
-                name=mode.title,
+                name=mode.signs_and_name,
                 at=tuple(known_input.tolist()),
                 values=tuple(mode_values.tolist()),
             )

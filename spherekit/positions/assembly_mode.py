@@ -63,6 +63,11 @@ class AssemblyMode(NamedTuple):
 
     @property
     def title(self) -> str:
+        """The name of the mode in the file, or the signs of its groups without a name."""
+        return self.name or self.label
+
+    @property
+    def signs_and_name(self) -> str:
         """The signs of the mode, followed by its name in the file if it has one."""
         return ", ".join(filter(None, (self.label, self.name)))
 

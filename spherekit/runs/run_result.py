@@ -464,9 +464,8 @@ def _mode_titles(summary: Facts) -> dict[int, str]:
     """Return the titles of assembly modes by number, from the summary of a run."""
     titles: dict[int, str] = {}
     for mode in summary.get("assembly_modes", ()):
-        words = [word for word in (mode["mode"], mode.get("name")) if word]
-        suffix = f" ({', '.join(words)})" if words else ""
-        titles[mode["number"]] = f"Mode {mode['number']}{suffix}"
+        label = mode.get("name") or mode["mode"]
+        titles[mode["number"]] = f"Mode {mode['number']}" + (f" ({label})" if label else "")
     return titles
 
 
