@@ -1,16 +1,24 @@
-// The order of search results. Sphinx adds up points for words in titles and texts; the kinds of
-// pages then add or subtract some, so that guides come before pages that list every name.
+// The order of search results. Sphinx adds up points for words in titles, headings and texts. Here a
+// page whose own title has a word of the search gets more, and so do guides; pages that list many
+// names, and lists of pages, get fewer.
 var Scorer = {
+  titleWord: 6,
   points: [
-    [/^(install|first_mechanism)$/, 12],
+    [/^install$/, 12],
     [/^how_to\//, 8],
-    [/^tutorials\//, 6],
+    [/^(tutorials\/|first_mechanism$)/, 4],
     [/^(notebooks|generated\/(gallery|commands|mechanisms|analyses))\//, -4],
-    [/^generated\/(api|changelog|contributing)/, -8],
+    [/(^sections\/|\/index$|^generated\/(api|changelog|contributing))/, -10],
     [/^(architecture|decisions|dependencies|benchmarks|extremes|cross_checks)$/, -8],
   ],
-  score: ([docname, , , , score]) =>
-    Scorer.points.reduce((sum, [pages, points]) => sum + (pages.test(docname) ? points : 0), score),
+  score: ([docname, title, anchor, , score]) => {
+    const words = (new URLSearchParams(location.search).get("q") || "").toLowerCase().split(/\s+/);
+    if (!anchor)
+      for (const word of words)
+        if (word && title.toLowerCase().includes(word)) score += Scorer.titleWord;
+    for (const [pages, points] of Scorer.points) if (pages.test(docname)) score += points;
+    return score;
+  },
   objNameMatch: 11,
   objPartialMatch: 6,
   objPrio: {0: 15, 1: 5, 2: -5},
