@@ -236,7 +236,8 @@ FIRST_PAGES = {
     "install": "install",
     "gear": "tutorials/differential",
     "inverse kinematics": "inverse",
-    "four-bar": "first_mechanism",
+    "workspace": "workspace",
+    "assembly mode": "motion",
     "glossary": "glossary",
 }
 """The page that a search for some words has to find first."""

@@ -1,5 +1,6 @@
 """Pages of the site that are made from the package when Sphinx starts."""
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -67,6 +68,31 @@ def plain_signature(
     return signature.replace(ARRAY_LIKE, "~numpy.typing.ArrayLike"), result
 
 
+API_LINK = re.compile(r"(generated/api/([\w.]+?)(?:-class|-function)?\.html)#([\w.]+)")
+"""A link to an object on its page in the API: address, name of the object, anchor."""
+
+
+def repair_links_from_source_code(
+    app: Any, page: str, template: str, context: dict[str, Any], doctree: Any
+) -> None:
+    """Let pages of source code link to objects by the package that exports them.
+
+    Sphinx assumes that all objects of a module are exported by one package. The exceptions
+    of `spherekit.errors` are exported by `spherekit` and by `spherekit.plugin`.
+    """
+    if not page.startswith("_modules/") or "body" not in context:
+        return
+
+    def repair(link: re.Match[str]) -> str:
+        """Return the link with the package in the name of the page."""
+        address, object_name, anchor = link.groups()
+        package, _, name = object_name.rpartition(".")
+        member = anchor.partition(f".{name}")[2]
+        return f"{address}#{package}.{name}{member}"
+
+    context["body"] = API_LINK.sub(repair, context["body"])
+
+
 def setup(app: Any) -> dict[str, Any]:
     """Make the pages before Sphinx looks for them, and run the code of the others."""
     app.add_config_value("site_mechanisms", [], "env", list)
@@ -75,6 +101,7 @@ def setup(app: Any) -> dict[str, Any]:
     app.add_directive("moving", moving.Moving)
     app.connect("config-inited", begin)
     app.connect("autodoc-process-signature", plain_signature)
+    app.connect("html-page-context", repair_links_from_source_code)
     app.connect("builder-inited", end, priority=900)
     app.extensions["sphinx-mathjax-offline"].parallel_read_safe = True  # adds one file
     return {"parallel_read_safe": True}
