@@ -66,6 +66,9 @@ PLUGIN_PURPOSES: Purposes = {
         *("Table", "Column", "TableData", "input_columns", "SAMPLE", "ASSEMBLY_MODE"),
         *("STATUS", "RESIDUAL", "INPUT", "INPUTS", "TIME"),
     ),
+    "Print results on the screen": (
+        *("ScreenTable", "ScreenColumn", "number_text", "degrees_text", "degree_range_text"),
+    ),
     "Read the mechanism": (
         *("Mechanism", "Output", "Pole", "all_poles", "pole_of", "parse_pole", "link_axes"),
         *("quaternion", "Floats"),
