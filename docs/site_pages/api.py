@@ -67,7 +67,8 @@ PLUGIN_PURPOSES: Purposes = {
         *("STATUS", "RESIDUAL", "INPUT", "INPUTS", "TIME"),
     ),
     "Print results on the screen": (
-        *("ScreenTable", "ScreenColumn", "number_text", "degrees_text", "degree_range_text"),
+        *("ScreenTable", "ScreenColumn"),
+        *("number_text", "degrees_text", "degree_range_text"),
     ),
     "Read the mechanism": (
         *("Mechanism", "Output", "Pole", "all_poles", "pole_of", "parse_pole", "link_axes"),
