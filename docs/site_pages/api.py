@@ -79,10 +79,6 @@ PLUGIN_PURPOSES: Purposes = {
         *("SphereCurves", "SphereMap", "Surface", "Graph", "Mark", "Text", "Axis"),
         *("Series", "InputMarks", "Portrait", "PlaneCurve", "Diagram"),
     ),
-    "Print results on the screen": (
-        *("ScreenTable", "ScreenColumn", "number_text", "degrees_text"),
-        *("degree_range_text",),
-    ),
     "Report statuses and errors": (
         *("Status", "AnalysisError", "ModelError", "SolveError", "counted", "listing"),
         *("numbered", "nearest"),
