@@ -91,6 +91,7 @@ class ScreenReport:
 def print_table(table: ScreenTable, console: "Console | None" = None) -> None:
     """Print a table with aligned columns to standard output."""
     from rich.padding import Padding
+    from rich.segment import Segment, Segments
     from rich.table import Table
     from rich.text import Text
 
@@ -112,7 +113,15 @@ def print_table(table: ScreenTable, console: "Console | None" = None) -> None:
     for row in table.rows:
         # Texts of files could contain the markup of `rich`, so no cell is markup.
         screen_table.add_row(*(Text(terminal_text(cell)) for cell in row))
-    console.print(Padding(screen_table, (0, 0, 0, len(INDENT)), expand=False))
+    indented_table = Padding(screen_table, (0, 0, 0, len(INDENT)), expand=False)
+    for segments in console.render_lines(indented_table, pad=False):
+        # The last column ends with spaces, which would be copied with the lines.
+        while segments and not segments[-1].text.strip():
+            segments.pop()
+        if segments:
+            last = segments[-1]
+            segments[-1] = Segment(last.text.rstrip(), last.style)
+        console.print(Segments([*segments, Segment.line()]), end="")
 
 
 def print_lines(lines: Sequence[str]) -> None:

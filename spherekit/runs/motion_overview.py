@@ -117,9 +117,10 @@ def _examined_output(mechanism: Mechanism, output: Output) -> ExaminedOutput:
         _, second_link = mechanism.ends[mechanism.variable_owners[variable]]
         sense = 1.0 if second_link == link else -1.0
     label = f"{output.link}/{output.relative_to}"
+    has_name = output.name not in ("", output.link)
     direction = output.direction
     return ExaminedOutput(
-        label=f"{output.name} {label}" if output.name else label,
+        label=f"{output.name} {label}" if has_name else label,
         link=link,
         reference=reference,
         variable=variable,
