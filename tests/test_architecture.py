@@ -272,7 +272,8 @@ def test_what_carries_a_run_takes_few_parameters():
 def test_options_of_a_run_are_shown_and_are_fields():
     shown = inspect.signature(spherekit.run).parameters
     assert all(each.kind is not each.VAR_KEYWORD for each in shown.values())
-    options = {name for name in shown if name not in ("subject", "analyses", "input_pair")}
+    others = ("subject", "analyses", "input_pair", "angle_unit")
+    options = {name for name in shown if name not in others}
     kept = {item.name for kind in (Study, Execution) for item in fields(kind)}
     assert options == kept - {"name", "mechanism", "analyses", "recording", "locate"}
     assert shown["samples"].default == Study("x", spherekit.load("four_bar")).samples

@@ -27,9 +27,11 @@ from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.files.mechanism_writer import dump
 from spherekit.files.study import Crossings
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.sizes import angles_in_radians
 from spherekit.planning.assembly_plan import driven_at
 from spherekit.positions.mode_meetings import degrees_text
 from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.quantity import AngleUnit
 from spherekit.storage.atomic_write import write_text
 from spherekit.wording import counted, listing
 
@@ -112,6 +114,7 @@ def export(
     samples: int | Sequence[int] | None = None,
     tolerance: float | None = None,
     at: float | Sequence[float] | None = None,
+    angle_unit: AngleUnit = "rad",
     quantities: Sequence[str] | None = None,
     vary: Sequence[str] | None = None,
     crossings: Crossings | None = None,
@@ -156,8 +159,10 @@ def export(
         For coupling tables: the number of nodes along each input, by default as many as the
         error needs.
     at
-        For MuJoCo models: the inputs (rad) of the pose. The default is the first sample of
-        their ranges at which the assembly mode exists.
+        For MuJoCo models: the inputs of the pose, in `angle_unit`, by default rad. The
+        default is the first sample of their ranges at which the assembly mode exists.
+    angle_unit
+        Unit of `at`, ``"rad"`` or ``"deg"``.
     quantities
         For source code and LaTeX: what is computed, as names or patterns such as
         ``"theta_*"``.
@@ -219,7 +224,10 @@ def export(
     if kind == "model":
         return _export_functions(driven, target, assembly_mode or 0, options)
     if kind == "mjcf":
-        return _export_mujoco_model(driven, target, assembly_mode or 0, at)
+        inputs_of_pose = None  # rad
+        if at is not None:
+            inputs_of_pose = np.atleast_1d(angles_in_radians(at, angle_unit)).tolist()
+        return _export_mujoco_model(driven, target, assembly_mode or 0, inputs_of_pose)
     if kind == "coupling":
         table = coupling_table(driven, assembly_mode=assembly_mode, **options)
         return _export_coupling_table(table, target)

@@ -18,12 +18,14 @@ from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.files.study import Crossings
 from spherekit.geometry.vectors import all_finite
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.sizes import angles_in_radians
 from spherekit.numerics.angles import wrap
 from spherekit.planning.assembly_plan import driven_at
 from spherekit.planning.pole_plan import Pole, all_poles, ordered_pole, parse_pole
 from spherekit.positions.motion import Motion
 from spherekit.positions.motion_cache import position_analysis_of
 from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.quantity import AngleUnit
 from spherekit.runs.analysis_requests import plan_requests
 from spherekit.runs.batch import Batch
 from spherekit.runs.needs import Needs
@@ -395,6 +397,7 @@ def evaluate(
     input_pair: str | Sequence[str] | None = None,
     assembly_mode: int | str | None = None,
     crossings: Crossings = "end",
+    angle_unit: AngleUnit = "rad",
 ) -> Kinematics:
     """Return a mechanism's configurations, pole axes and coefficients at given inputs.
 
@@ -408,7 +411,8 @@ def evaluate(
     mechanism
         The mechanism, the name of a shipped one, or the path of a file.
     inputs
-        rad: a number or (n,) of the only input, (inputs,) or (n, inputs) of several.
+        In `angle_unit`, by default rad: a number or (n,) of the only input, (inputs,) or
+        (n, inputs) of several.
     poles
         The poles wanted, such as ``["3/1", "4/1"]``; by default all.
     input_pair
@@ -423,6 +427,8 @@ def evaluate(
         another mode. With ``"end"`` it keeps the signs of its dyads. A dyad is two links
         with three R pairs, and its sign is one of two ways to assemble it. With ``"pass"``
         the mode follows the smooth curve, which is possible with a single input.
+    angle_unit
+        Unit of `inputs`, ``"rad"`` or ``"deg"``. The result is in rad.
 
     Raises
     ------
@@ -455,7 +461,7 @@ def evaluate(
         assembly_mode,
         crossings,
     )
-    return evaluate_inputs(np.asarray(inputs, dtype=float))
+    return evaluate_inputs(angles_in_radians(inputs, angle_unit))
 
 
 @lru_cache(maxsize=32)

@@ -18,11 +18,12 @@ from spherekit.dynamics.simulation_end import NO_SERIES_MESSAGE
 from spherekit.dynamics.simulation_start import PoseStart, Problem, Torques, prepare
 from spherekit.errors import EngineError, PlanError, SolveError
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
-from spherekit.files.study import Crossings, Start, StartGiven
+from spherekit.files.study import Crossings, StartGiven, read_start
 from spherekit.geometry.vectors import max_abs
 from spherekit.mechanism.load_dependence import has_smooth_loads
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.progress import announce
+from spherekit.quantity import AngleUnit
 from spherekit.symbolic.compiler import ENGINE_CHOICES, EngineChoice
 from spherekit.wording import listing
 
@@ -66,6 +67,7 @@ def simulate(
     engine: EngineChoice = "auto",
     compact: bool = True,
     seen: Callable[[Simulation], None] | None = None,
+    angle_unit: AngleUnit = "rad",
 ) -> Simulation:
     """Return the motion of a mechanism with any number of inputs under its loads.
 
@@ -75,7 +77,8 @@ def simulate(
         A mechanism with masses. Its loads act, and its joint limits end the simulation.
     start
         Input variable (rad) and rate (rad/s) at t = 0 in an assembly mode, also as
-        ``{"q": 0.4, "dq": 1.2}`` or ``"q=0.4,dq=1.2"``, or a whole configuration.
+        ``{"q": 0.4, "dq": 1.2}`` or ``"q=20deg,dq=1rad/s"``, or a whole configuration. In a
+        text, a number without a unit is in the unit of the mechanism's file.
     until
         Time (s) at which to end.
     torque
@@ -106,6 +109,9 @@ def simulate(
     seen
         Called with the simulation so far every few seconds while the NumPy engine solves
         it. It is not called if a one-sided contact may end the simulation earlier.
+    angle_unit
+        Unit of the numbers of a mapping `start`, ``"rad"`` or ``"deg"`` (and per s). The
+        objects `Start` and `PoseStart`, and the result, are in rad.
 
     Returns
     -------
@@ -131,7 +137,8 @@ def simulate(
     (3,)
     """
     mechanism = mechanism_of(mechanism)
-    start = start if isinstance(start, PoseStart) else Start.of(start)
+    if not isinstance(start, PoseStart):
+        start = read_start(start, mechanism, angle_unit)
     check_engine_and_tolerance(mechanism, engine, tolerance)
     passes_crossings = crossings == "pass"
     if passes_crossings and engine == "compiled":

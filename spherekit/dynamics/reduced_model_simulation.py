@@ -21,6 +21,8 @@ from spherekit.arrays import Floats
 from spherekit.dynamics.reduced_model import StoredModel
 from spherekit.errors import SolveError
 from spherekit.geometry.vectors import all_finite, nans
+from spherekit.mechanism.sizes import to_radians
+from spherekit.quantity import AngleUnit
 
 STEP_TOLERANCE_RATIO = 0.03
 """Tolerance of an integration step, relative to the tolerance of the whole motion.
@@ -90,6 +92,7 @@ def simulate_reduced(
     dx: float,
     tolerance: float = 1e-9,
     switches: Iterable[float] = (),
+    angle_unit: AngleUnit = "rad",
 ) -> TabulatedMotion:
     """Return the motion of a reduced model at given times, integrated by SciPy's LSODA.
 
@@ -100,11 +103,14 @@ def simulate_reduced(
     times
         (n,) increasing times, s, the first that of the start.
     x, dx
-        Coordinate of the model (rad) and its rate (rad/s) at the start.
+        Coordinate of the model and its rate at the start, in `angle_unit`, by default rad
+        and rad/s.
     tolerance
         Intended error of x, rad.
     switches
         Times (s) at which expressions have kinks; knots of torque tables are known.
+    angle_unit
+        Unit of `x` and `dx`, ``"rad"`` or ``"deg"`` (and per s). The result is in rad.
 
     Raises
     ------
@@ -112,6 +118,8 @@ def simulate_reduced(
         If times do not increase, the model has no inertia or several inputs, x is outside
         the curve, or the integrator gives up.
     """
+    x = to_radians(x, angle_unit)
+    dx = to_radians(dx, angle_unit)
     heading = model.heading
     name = heading.mechanism
     if not heading.is_curve:

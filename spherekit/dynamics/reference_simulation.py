@@ -8,10 +8,11 @@ from spherekit.dynamics.forward_dynamics import MIN_TOLERANCE_BY_ENGINE, simulat
 from spherekit.dynamics.simulation import Simulation
 from spherekit.errors import EngineError, SolveError
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
-from spherekit.files.study import Start, StartGiven
+from spherekit.files.study import Start, StartGiven, read_start
 from spherekit.mechanism.friction import check_no_reaction_friction
 from spherekit.proof.balls import MIN_DIGITS, Digits
 from spherekit.proof.reference_motion import ExactSimulation
+from spherekit.quantity import AngleUnit
 from spherekit.wording import listing
 
 REFERENCE_END_KINDS = ("time", "joint_limit", "sticking")
@@ -28,6 +29,7 @@ def reference_simulation(
     input_pair: str | None = None,
     assembly_mode: int = 0,
     arithmetic: Digits | None = None,
+    angle_unit: AngleUnit = "rad",
 ) -> ExactSimulation:
     """Return the motion of a mechanism with one input under its loads, in many digits.
 
@@ -39,7 +41,8 @@ def reference_simulation(
     mechanism
         A mechanism with masses. Its loads act, and its joint limits end the motion.
     start
-        Input variable (rad) and its rate (rad/s) at time 0.
+        Input variable (rad) and its rate (rad/s) at time 0. In a text, a number without a
+        unit is in the unit of the mechanism's file.
     until
         Time (s) at which to end.
     torque
@@ -50,6 +53,9 @@ def reference_simulation(
         assembly mode (way to assemble the links) at the start.
     arithmetic
         The arithmetic, such as `Digits(n)` with n digits. By default it has 20 digits.
+    angle_unit
+        Unit of the numbers of a mapping `start`, ``"rad"`` or ``"deg"`` (and per s). A
+        `Start` and the result are in rad.
 
     Raises
     ------
@@ -59,7 +65,7 @@ def reference_simulation(
         If the motion ends at a singularity, or changes too fast.
     """
     mechanism = mechanism_of(mechanism)
-    start = Start.of(start)
+    start = read_start(start, mechanism, angle_unit)
     simulation = simulate(
         mechanism,
         start,

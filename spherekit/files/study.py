@@ -156,6 +156,30 @@ class Start:
         return state[0], state[1]
 
 
+def read_start(
+    given: "StartGiven", mechanism: Mechanism, angle_unit: AngleUnit = "rad"
+) -> Start:
+    """Return the start of a simulation of a mechanism.
+
+    Parameters
+    ----------
+    given
+        The start, or a text or mapping that `Start.of` reads.
+    mechanism
+        The mechanism. A text is read as on the command line: a number without a unit is in
+        the unit of the file of the mechanism.
+    angle_unit
+        Unit of the numbers of a mapping. A `Start` is in rad.
+
+    Raises
+    ------
+    ModelError
+        As `Start.of`.
+    """
+    is_text = isinstance(given, str)
+    return Start.of(given, mechanism.angle_unit if is_text else angle_unit)
+
+
 StartGiven = Start | str | Mapping[str, Any]
 """A start, or a text or mapping that `Start.of` reads."""
 
@@ -224,8 +248,9 @@ class Study:
         Time (s) from t = 0 that the samples divide, both ends included. Without laws and
         start, the only input turns at 1 rad/s.
     start
-        State of the inputs at t = 0, also as a text or mapping that `Start.of` reads. The
-        motion over `duration` then follows from the loads.
+        State of the inputs at t = 0, also as a text or mapping that `Start.of` reads. A
+        number in a text without a unit is in the unit of the mechanism's file. The motion
+        over `duration` then follows from the loads.
     torque
         Driving torque (N m), a number or an expression, in a simulation. For several inputs
         it is a mapping by the name of the input.
@@ -267,12 +292,10 @@ class Study:
     locate: Locate | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if isinstance(self.start, str | Mapping):
-            # A text is in the unit of the file of the mechanism, numbers are in rad.
-            angle_unit: AngleUnit = "rad"
-            if isinstance(self.start, str) and isinstance(self.mechanism, Mechanism):
-                angle_unit = self.mechanism.angle_unit
-            object.__setattr__(self, "start", Start.of(self.start, angle_unit))
+        # A mechanism of another type is refused below.
+        has_mechanism = isinstance(self.mechanism, Mechanism)
+        if has_mechanism and isinstance(self.start, str | Mapping):
+            object.__setattr__(self, "start", read_start(self.start, self.mechanism))
         check_fields(self, AnalysisError, self.name)
         if self.verify is not None and self.verify < 1:
             raise AnalysisError(

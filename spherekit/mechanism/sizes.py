@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from spherekit.arrays import Floats
 from spherekit.errors import ModelError
 from spherekit.quantity import AngleUnit
 
@@ -22,6 +23,12 @@ Vector = tuple[float, float, float]
 def to_radians(angle: float, unit: AngleUnit | None) -> float:
     """Return an angle in rad. Without a unit it is in rad already."""
     return math.radians(angle) if unit == "deg" else float(angle)
+
+
+def angles_in_radians(angles: ArrayLike, unit: AngleUnit) -> Floats:
+    """Return angles, or rates of angles, in rad from an array in any unit of angles."""
+    values = np.asarray(angles, dtype=float)
+    return np.radians(values) if unit == "deg" else values
 
 
 def as_float_rows(key: str, numbers: ArrayLike, shape: tuple[int, ...]) -> Any:

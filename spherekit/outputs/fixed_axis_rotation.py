@@ -22,6 +22,7 @@ from spherekit.geometry.rotation import angles_between, quaternion, rotation_abo
 from spherekit.geometry.triangle import arc
 from spherekit.geometry.vectors import all_finite, max_abs, unit_rows
 from spherekit.mechanism.output_choice import chosen_output
+from spherekit.mechanism.sizes import to_radians
 from spherekit.numerics.minima import minimize_in_brackets
 from spherekit.outputs.rotation_path import (
     LEAP_LENGTHS_RAD,
@@ -32,6 +33,7 @@ from spherekit.outputs.rotation_path import (
 from spherekit.outputs.target_deviation import OutputLink, TargetDeviation
 from spherekit.positions.assembly_mode import has_configuration
 from spherekit.positions.linear_equations import condition_numbers
+from spherekit.quantity import AngleUnit
 from spherekit.status import Status
 from spherekit.tolerances import (
     EPS,
@@ -449,6 +451,7 @@ def follow_rotation(
     angle: float,
     output: str | None = None,
     lead: float = 0.0,
+    angle_unit: AngleUnit = "rad",
 ) -> FollowedRotation:
     """Return the rotation of an output link about a fixed axis.
 
@@ -466,13 +469,15 @@ def follow_rotation(
     axis
         Direction of the axis, (3,), in the axes of the link that the output is relative to.
     angle
-        Angle of the rotation (rad), above 0.
+        Angle of the rotation, above 0, in `angle_unit`, by default rad.
     output
         Name of the output; may be left out if there is one.
     lead
-        If this angle (rad) is above 0, the given configuration belongs to theta = -lead
-        and not to theta = 0. A path cannot begin at a singular configuration, where the
-        loops do not determine the links, but it can pass through one.
+        If this angle (in `angle_unit`) is above 0, the given configuration belongs to
+        theta = -lead and not to theta = 0. A path cannot begin at a singular configuration,
+        where the loops do not determine the links, but it can pass through one.
+    angle_unit
+        Unit of `angle` and `lead`, ``"rad"`` or ``"deg"``. The result is in rad.
 
     Raises
     ------
@@ -483,6 +488,8 @@ def follow_rotation(
         many ways as there are inputs.
     """
     mechanism = mechanism_of(mechanism)
+    angle = to_radians(angle, angle_unit)
+    lead = to_radians(lead, angle_unit)
     declared_output = chosen_output(mechanism, output)
     unit_axis = unit(axis)
     if not 0.0 < angle < np.inf:

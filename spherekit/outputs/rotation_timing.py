@@ -19,9 +19,11 @@ from spherekit.conventions import Names
 from spherekit.errors import SolveError
 from spherekit.files.time_law import Cycloidal, Law, Polynomial
 from spherekit.geometry.vectors import all_finite, max_abs
+from spherekit.mechanism.sizes import angles_in_radians
 from spherekit.numerics.chebyshev import PiecewiseChebyshev
 from spherekit.numerics.zeros import find_zeros
 from spherekit.outputs.fixed_axis_rotation import RotationSamples, check_range
+from spherekit.quantity import AngleUnit
 from spherekit.status import Status
 from spherekit.wording import listing, nearest
 
@@ -296,6 +298,7 @@ def time_optimal(
     acceleration: ArrayLike | None = None,
     shape: str | Law = "cycloidal",
     cycle: float | None = None,
+    angle_unit: AngleUnit = "rad",
 ) -> TimeScaling:
     """Return the shortest schedule of a law shape that keeps to the limits of the drives.
 
@@ -309,12 +312,15 @@ def time_optimal(
     rotation
         A rotation about a fixed axis that the mechanism follows all the way.
     speed, acceleration
-        Limits (rad/s, rad/s2) of the inputs: one for all, or one for each; None for none.
+        Limits of the inputs, in `angle_unit` per s and per s2: one for all, or one for
+        each; None for none.
     shape
         A name in `SHAPES`, or a law from 0 at t = 0 to 1 at t = 1.
     cycle
         Cycle time (s) of the controller. The duration is then the shortest whole number of
         cycles. None for no cycles.
+    angle_unit
+        Unit of angles of the limits, ``"rad"`` or ``"deg"``. The result is in rad.
 
     Raises
     ------
@@ -323,6 +329,10 @@ def time_optimal(
         is not positive or makes more than `MAX_SCHEDULE_ROWS` rows, or the mechanism does
         not follow all the way.
     """
+    if speed is not None:
+        speed = angles_in_radians(speed, angle_unit)
+    if acceleration is not None:
+        acceleration = angles_in_radians(acceleration, angle_unit)
     input_count = len(rotation.inputs)
     law, limits = schedule_limits(rotation.inputs, speed, acceleration, shape, cycle)
     if not np.any(np.isfinite(limits)):

@@ -13,6 +13,7 @@ from spherekit.errors import CountError, SolveError, SpherekitError
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.files.study import Crossings
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.sizes import angles_in_radians
 from spherekit.planning.assembly_plan import driven_at, plan_assembly
 from spherekit.positions.angle_unwrapping import AngleUnwrapping
 from spherekit.positions.assembly_mode import AssemblyMode
@@ -28,6 +29,7 @@ from spherekit.positions.mode_predictor import ModeOverGrid
 from spherekit.positions.mode_search import ModeSearch
 from spherekit.positions.motion import Motion, arrange_rows, make_motion
 from spherekit.positions.position_solver import ModeConfigurations, PositionSolver
+from spherekit.quantity import AngleUnit
 from spherekit.wording import listing
 
 MIN_CROSSING_DISTANCE_RAD = 1e-6
@@ -452,11 +454,13 @@ def trace(
     grid: bool = False,
     path: Floats | None = None,
     crossings: Crossings = "end",
+    angle_unit: AngleUnit = "rad",
 ) -> Motion:
     """Return the motion of a mechanism over the ranges of its inputs.
 
     The motion contains the configurations of all assembly modes at all samples. Parameters
     and errors are those of `PositionAnalysis`; the mechanism may also be a name or a file.
+    `path` is in `angle_unit`, ``"rad"`` or ``"deg"``. The motion is in rad.
     """
     position_analysis = PositionAnalysis(
         mechanism_of(mechanism),
@@ -465,7 +469,7 @@ def trace(
         search=search,
         samples=samples,
         grid=grid,
-        path=path,
+        path=None if path is None else angles_in_radians(path, angle_unit),
         crossings=crossings,
     )
     return position_analysis.motion()

@@ -1,16 +1,18 @@
 """Options of public functions that are fields of a study."""
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, fields, replace
 from typing import Any, TypeVar
 
 from spherekit.conventions import Facts
 from spherekit.errors import AnalysisError
-from spherekit.files.study import Study
+from spherekit.files.study import Start, Study
 from spherekit.files.study_reader import Subject as Subject
 from spherekit.files.study_reader import study_of as read_study
+from spherekit.mechanism.sizes import angles_in_radians
 from spherekit.planning.assembly_plan import driven_at
+from spherekit.quantity import AngleUnit
 from spherekit.type_checks import type_fault
 from spherekit.wording import choices
 
@@ -45,8 +47,9 @@ def apply_study_options(
         The study that the options change: an object, a path, or the name of an example. It
         can also be a mechanism.
     options
-        Fields of `Study`, fields of `options_class`, or `input_pair`, the names of the
-        driven pairs. A name that is a field of both belongs to `options_class`.
+        Fields of `Study`, fields of `options_class`, `input_pair`, the names of the driven
+        pairs, or `angle_unit`, the unit of `path` and of the numbers of a mapping `start`.
+        A name that is a field of both classes belongs to `options_class`.
     options_class
         Dataclass of the other options. Its attribute `excluded_study_fields` names the
         fields of `Study` that are no options of the function.
@@ -81,9 +84,17 @@ def apply_study_options(
     for name, value in options.items():
         if name in class_names:
             class_options[name] = value
-        elif name != "input_pair":
+        elif name not in ("input_pair", "angle_unit"):
             study_changes[name] = value
     input_pairs = options.get("input_pair")
+    angle_unit = options.get("angle_unit", "rad")
+    if fault := type_fault("angle_unit", angle_unit, AngleUnit):
+        raise AnalysisError(f"{function}: {fault}")
+    if angle_unit == "deg":
+        if study_changes.get("path") is not None:
+            study_changes["path"] = angles_in_radians(study_changes["path"], angle_unit)
+        if isinstance(study_changes.get("start"), Mapping):
+            study_changes["start"] = Start.of(study_changes["start"], angle_unit)
     # A study may list the values of its inputs at its samples (`path`). The list does not
     # fit other samples or inputs.
     if "samples" in study_changes or input_pairs is not None:
@@ -103,8 +114,9 @@ def _list_options(options_class: type) -> dict[str, inspect.Parameter]:
     The function takes a study and options that replace fields of the study. Its options are
     most fields of `Study` and the fields of `options_class`, which belong to this function
     only. `input_pair`, the names of the driven pairs, is added: it changes the mechanism of
-    the study and is no field. If `options_class` has an attribute `excluded_study_fields`,
-    this attribute names further fields of `Study` that are no options.
+    the study and is no field. `angle_unit`, the unit of given angles, is added too. If
+    `options_class` has an attribute `excluded_study_fields`, this attribute names further
+    fields of `Study` that are no options.
 
     Returns
     -------
@@ -116,7 +128,10 @@ def _list_options(options_class: type) -> dict[str, inspect.Parameter]:
     }
     study_fields = [item for item in fields(Study) if item.name not in excluded]
     # The default value and the type of each option.
-    options: dict[str, tuple[Any, Any]] = {"input_pair": (None, str | Sequence[str] | None)}
+    options: dict[str, tuple[Any, Any]] = {
+        "input_pair": (None, str | Sequence[str] | None),
+        "angle_unit": ("rad", AngleUnit),
+    }
     for item in (*study_fields, *fields(options_class)):
         # A field has a default value, or a function that makes one.
         factory = item.default_factory

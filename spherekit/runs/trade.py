@@ -194,6 +194,8 @@ def trade(
         The analysis, as an object or by its name with parameters.
     options
         - `input_pair`: names of the driven pairs;
+        - `angle_unit`: unit of `path` and of the numbers of a mapping `start`, by default
+          ``"rad"``;
         - fields of `spherekit.files.study.Study`, which replace the values in the study;
         - `settings`: the settings to measure, by default all that apply;
         - `checked`: largest number of samples at which errors are measured;
