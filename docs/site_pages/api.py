@@ -58,8 +58,6 @@ DISPLAY_PURPOSES: Purposes = {
 PLUGIN_PURPOSES: Purposes = {
     "Declare an analysis": (
         *("AbstractAnalysis", "Needs", "Batch", "Findings", "FigureOfMerit", "Sweep"),
-        *("ScreenTable", "ScreenColumn"),
-        *("number_text", "degrees_text", "degree_range_text"),
         *("registered", "conformance"),
     ),
     "Declare tables": (
