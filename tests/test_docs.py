@@ -40,7 +40,11 @@ PAGES = {
     },
 }
 BLOCK = re.compile(r"^```(\w+|\{run\})\n(.*?)^```$", re.M | re.S)
-FILE_NAME = re.compile(r"# ([\w.]+\.toml)\n")
+FILE_NAMES = {
+    "toml": re.compile(r"# ([\w.]+\.toml)\n"),
+    "xml": re.compile(r"<!-- ([\w.]+\.(?:urdf|xml)) -->\n"),
+}
+"""The first line of a block that is a file has its name, by the kind of the block."""
 PLUGIN = "spherekit_torque_ratio"
 
 
@@ -71,10 +75,11 @@ def folder(tmp_path, monkeypatch):
     more file has a misspelt key, which a page shows the message of.
     """
     for page in PAGES:
-        for text in blocks(page, "toml"):
-            name = FILE_NAME.match(text)
-            if name:
-                (tmp_path / name[1]).write_text(text, encoding="utf-8")
+        for kind, file_name in FILE_NAMES.items():
+            for text in blocks(page, kind):
+                name = file_name.match(text)
+                if name:
+                    (tmp_path / name[1]).write_text(text, encoding="utf-8")
     crank_rocker = (tmp_path / "crank_rocker.toml").read_text(encoding="utf-8")
     misspelt = crank_rocker.replace("arcs = [60.0]", "arc = [60.0]")
     (tmp_path / "misspelt.toml").write_text(misspelt, encoding="utf-8")
@@ -126,6 +131,8 @@ def test_console_blocks_show_what_commands_print(page, folder, capsys, monkeypat
     """
     listener = "spherekit.progress.progress_listener"
     monkeypatch.setattr(listener, lambda listener: nullcontext())
+    if any("spherekit import" in block for block in blocks(page, "console")):
+        pytest.importorskip("mujoco")
     for block in blocks(page, "console"):
         for example in filter(None, re.split(r"^\$ ", block, flags=re.M)):
             command, _, shown = example.partition("\n")
