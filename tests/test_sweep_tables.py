@@ -254,7 +254,7 @@ def test_the_command_writes_tables_and_prints_their_folder(tmp_path, capsys):
     assert main(command) == 1
     assert "--tables: give the folder" in capsys.readouterr().err
     assert main([*command, "-o", str(tmp_path), "--workers", "1"]) == 0
-    printed = capsys.readouterr().err
+    printed = capsys.readouterr().out
     assert str(tmp_path / "tables" / "poles") in printed
     # 2 designs, 2 modes, 5 samples, 6 poles
     assert len(pd.read_parquet(tmp_path / "tables" / "poles")) == 120

@@ -248,12 +248,24 @@ def test_the_command_prints_a_word_for_each_design_and_each_reason_once(capsys):
     vary = ["--vary", "links.2.arc=20,0,190", "--vary", "links.4.arc=45,179"]
     assert main(["sweep", "four_bar", *vary, "--reduce", "max(q)", "--samples", "9"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    table, reasons = "\n".join(lines[:-2]), lines[-2:]
-    assert "IMPOSSIBLE" in table and "NEVER_CLOSES" in table and "between" not in table
-    assert [line.strip() for line in reasons] == [
-        "IMPOSSIBLE, designs 2, 3, 4, 5: of 2 links.2.arc = 0: not between 0 and 180 deg",
-        "NEVER_CLOSES, design 1: does not close at any sample",
+    assert "5 of them impossible or never closing" in lines[1]
+    assert [line for line in lines if line.startswith("Warning")] == [
+        "Warning: IMPOSSIBLE, designs 2, 3, 4, 5: for example design 2: links.2.arc = 0: "
+        "not between 0 and 180 deg",
+        "Warning: NEVER_CLOSES, design 1: does not close at any sample",
     ]
+
+
+def test_the_command_prints_the_best_designs_of_each_figure(capsys):
+    """The four-bar is a crank-rocker: the longer the crank, the larger the swing."""
+    vary = ["--vary", "links.2.arc=10,15,20", "--reduce", "swing=swing(theta_41)"]
+    assert main(["sweep", "four_bar", *vary, "--samples", "91"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    (largest,) = [line.split() for line in lines if "largest" in line]
+    (smallest,) = [line.split() for line in lines if "smallest" in line]
+    assert largest[:3] == ["swing", "(deg)", "largest"]
+    assert (largest[-1], smallest[-1]) == ("20", "10")
+    assert float(largest[3]) > float(smallest[1])
 
 
 ACTED = mechanism_text("sweeps_acted")
@@ -370,6 +382,7 @@ def test_a_condition_that_no_design_meets_leaves_no_row(capsys):
     printed = capsys.readouterr().out
     assert "0 rows" in printed
     assert "none meets a > 100" in printed
+    assert "Warning" not in printed
     assert "Empty" not in printed
 
 

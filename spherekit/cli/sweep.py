@@ -1,31 +1,18 @@
 """`spherekit sweep`: figures of merit of many designs, and their tables."""
 
 import json
-import sys
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.argument_types import whole_number
 from spherekit.cli.completers import complete_analyses, set_completer
-from spherekit.cli.main import note
+from spherekit.cli.progress_bar import hide_progress
 from spherekit.cli.study_arguments import (
     add_study_arguments,
     add_time_arguments,
     study_from,
 )
-from spherekit.conventions import Lines
-from spherekit.escaping import terminal_text
-from spherekit.wording import counted, numbered, with_units, without_numbers
-
-if TYPE_CHECKING:
-    from spherekit.designs.sweep_parts import SweepResult
-
-MAX_PRINTED_ROWS = 10
-"""Number of rows of a sweep that are printed."""
-
-MAX_PRINTED_REASONS = 5
-"""Number of reasons for impossible designs that are printed, the most frequent first."""
+from spherekit.cli.sweep_report import sweep_report
 
 EXAMPLES = """examples:
   # the least transmission angle over a grid of two arcs
@@ -170,84 +157,11 @@ def execute(options: Namespace) -> int:
     sweep = replace(sweep, where=tuple(options.where or ()))
     result = perform(sweep, options.output, options.workers, options.dask)
     if options.json:
+        hide_progress()
         for row in result.frame().to_dict("records"):
             # JSON has no NaN, which is the only value that differs from itself.
             record = {key: None if value != value else value for key, value in row.items()}
             print(json.dumps(record, ensure_ascii=False))
-    elif not options.quiet:
-        _print_result(result)
-    sys.stdout.flush()
-    note(options, *result.remarks)
-    if not (options.output or options.json):
-        note(options, "nothing was written: use -o DIR for all rows")
-    return 0
-
-
-def _print_result(result: "SweepResult") -> None:
-    """Print the first rows of a sweep, reasons of impossible designs, and the folders.
-
-    A row is an assembly mode of a design. The rows go to stdout, and the names of files and
-    folders to stderr.
-
-    Parameters
-    ----------
-    result
-        The finished sweep. Its `frame` has all rows. Its `folder` is None if the user named
-        no folder.
-    """
-    frame: Any = result.frame()
-    is_failed = frame["status"] != "OK"
-    counts = f"{counted(result.sweep.space.count, 'design')}, "
-    counts += f"{counted(len(frame), 'row')}, one for each assembly mode"
-    if is_failed.any():
-        counts += f", {int(is_failed.sum())} of them impossible or never closing"
-    print(f"{result.sweep.mechanism.name}: {counts}")
-    if frame.empty:
-        print(f"none meets {' and '.join(result.sweep.where)}")
     else:
-        table = frame.drop(columns="reason").head(MAX_PRINTED_ROWS)
-        table.columns = with_units(table.columns, frame.attrs["units"])
-        print(table.to_string(index=False, na_rep="", float_format="%.6g"))
-    if len(frame) > MAX_PRINTED_ROWS:
-        print(f"... {counted(len(frame) - MAX_PRINTED_ROWS, 'more row')}")
-    for line in _describe_reasons(frame[is_failed]):
-        print(line)
-    if result.folder:
-        # A part is a file with the rows of some successive designs.
-        folder_text = terminal_text(str(result.folder))
-        print(
-            f"{counted(result.sweep.part_count, 'part')} in {folder_text}, "
-            f"{result.computed} computed now; read with pandas.read_parquet",
-            file=sys.stderr,
-        )
-    # With the option for tables, the runs of all designs are stored, too. Each data set is
-    # a folder with the files of one table.
-    if result.sweep.tables:
-        for folder in result.data_sets:
-            print(f"  {terminal_text(str(folder))}", file=sys.stderr)
-
-
-def _describe_reasons(failed: Any) -> Lines:
-    """Return lines with the reasons for designs without figures of merit.
-
-    Reasons that differ only in their numbers share a line, which shows the first of them.
-
-    Parameters
-    ----------
-    failed
-        A data frame with a row for each of these designs: its number, status and reason.
-    """
-    status = failed["status"].astype(str)
-    kind_of_reason = failed["reason"].astype(str).map(without_numbers)
-    groups = [rows for _, rows in failed.groupby([status, kind_of_reason], sort=False)]
-    groups.sort(key=len, reverse=True)
-    lines = []
-    for rows in groups[:MAX_PRINTED_REASONS]:
-        first = rows.iloc[0]
-        designs = numbered("design", rows["design"])
-        of_first = f"of {first['design']} " if rows["reason"].nunique() > 1 else ""
-        lines.append(f"  {first['status']}, {designs}: {of_first}{first['reason']}")
-    if len(groups) > MAX_PRINTED_REASONS:
-        unlisted = counted(len(groups) - MAX_PRINTED_REASONS, "more reason")
-        lines.append(f"  ... {unlisted}, in the column reason")
-    return lines
+        sweep_report(result).print(options)
+    return 0

@@ -135,19 +135,22 @@ def number_path(document: Document, key: str) -> KeyPath:
     # Find the first part of the key that does not exist, for the message.
     path: KeyPath = ()
     value: Any = document.data
-    problem = f'"{key}" is not a number;'
+    # A key such as "links.2.arcs" leads to a list; "links.2.arc" is its only number.
+    suggestion = nearest(key, path_by_key)
+    problem = f'"{key}" is not a number{suggestion or ";"}'
+    prefix = key.removesuffix("s") if suggestion else key
     for part in key.split("."):
         if part not in value:
             where = f"{key_path_text(path)}: " if path else ""
             # The most similar key that exists, as a question to the user, or "".
             suggestion = nearest(part, value)
             problem = f'{where}there is no "{part}"{suggestion or ";"}'
+            prefix = ".".join(map(str, path))
             break
         path = (*path, part)
         value = value[part]
         if not isinstance(value, Mapping):
             value = {}
-    prefix = ".".join(map(str, path))
     # `_number_paths` adds the location of a number as its first key, and shorter keys, such
     # as "links.2.arc", after it. In the message the shorter ones come first.
     alternatives = [

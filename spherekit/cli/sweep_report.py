@@ -1,0 +1,244 @@
+"""What `spherekit sweep` prints: the best designs by each figure of merit."""
+
+from typing import TYPE_CHECKING, Any
+
+from spherekit.cli.screen_report import ScreenReport
+from spherekit.conventions import Lines
+from spherekit.number_text import degrees_text, number_text
+from spherekit.tables.screen_table import ScreenColumn, ScreenTable
+from spherekit.wording import counted, numbered, without_numbers
+
+if TYPE_CHECKING:
+    from spherekit.designs.sweep_parts import SweepResult
+
+MANY_FIGURES = 2
+"""Number of figures of merit beyond which only one design is printed for each extreme."""
+
+DESIGNS_PER_EXTREME = 3
+"""Number of designs with the largest and smallest values of a figure that are printed."""
+
+MAX_PRINTED_REASONS = 5
+"""Number of reasons for impossible designs that are printed, the most frequent first."""
+
+ROUNDING = 1e-12
+"""Numbers smaller than this, relative to the largest of their column, print as 0."""
+
+EQUAL = 1e-9
+"""Relative difference up to which modes of one design have the same figure of merit."""
+
+
+def sweep_report(result: "SweepResult") -> ScreenReport:
+    """Return the report on a finished sweep.
+
+    Parameters
+    ----------
+    result
+        The sweep. Its `frame` has a row for each assembly mode of each design.
+    """
+    import numpy as np
+
+    sweep = result.sweep
+    frame: Any = result.frame()
+    report = ScreenReport(
+        f"{sweep.mechanism.name}: {counted(sweep.space.count, 'design')}, each in all its "
+        f"assembly modes, with varied {_varied_sizes(result)}"
+    )
+    if frame.empty:
+        report.results.append(f"0 rows: none meets {' and '.join(sweep.where)}")
+    else:
+        is_valid = np.array(frame["status"] == "OK")
+        report.results.append(_count_rows(frame, is_valid, sweep.where))
+        report.results += _best_designs(result, frame[is_valid])
+        report.results += _count_texts(result, frame[is_valid])
+        report.warnings += _describe_reasons(frame[~is_valid])
+    report.accuracy = "; ".join(result.remarks)
+    if result.folder:
+        # A part is a file with the rows of some successive designs.
+        data_sets = "".join(f", {folder}" for folder in result.data_sets if sweep.tables)
+        report.files = (
+            f"all rows in {result.folder}{data_sets} (Parquet; read them with "
+            "pandas.read_parquet)"
+        )
+        report.details.append(
+            f"{counted(sweep.part_count, 'part')}, {result.computed} computed now"
+        )
+    else:
+        report.files = "not saved; add -o DIR for all rows"
+    return report
+
+
+def _varied_sizes(result: "SweepResult") -> str:
+    """Return the varied sizes with their ranges and unit."""
+    sweep = result.sweep
+    units = sweep.units()
+    texts = []
+    for variable, variation in zip(sweep.variables, sweep.space.variations, strict=True):
+        unit = units.get(variable.name) or ""
+        if variation.low == variation.high:
+            values = f"= {variation.low:g} {unit}"
+        else:
+            values = f"from {variation.low:g} to {variation.high:g} {unit}"
+        texts.append(f"{variation.key} {values}".rstrip())
+    return ", ".join(texts)
+
+
+def _count_rows(frame: Any, is_valid: Any, where: tuple[str, ...]) -> str:
+    """Return how many rows there are, and how many of them close at all samples.
+
+    Parameters
+    ----------
+    frame
+        The table of designs, a row for each design and assembly mode.
+    is_valid
+        (rows,) whether the design has figures of merit.
+    where
+        The conditions of ``--where``.
+    """
+    text = f"{counted(len(frame), 'row')}, one for each design and assembly mode"
+    if where:
+        text += f", that meet {' and '.join(where)}"
+    failed_count = int((~is_valid).sum())
+    if failed_count:
+        text += f"; {failed_count} of them impossible or never closing"
+    closes = frame["closes"][is_valid]
+    partial_count = int((closes < 1.0).sum())
+    if partial_count:
+        least = number_text(100.0 * closes.min(), digits=3)
+        text += f"; {partial_count} close at a part of the samples only (least: {least} %)"
+    elif len(closes):
+        text += f"; {'the others' if failed_count else 'all'} close at all samples"
+    return text
+
+
+def _best_designs(result: "SweepResult", frame: Any) -> list[str | ScreenTable]:
+    """Return a table of the designs with the largest and smallest figures of merit.
+
+    Whether a figure should be large or small depends on the purpose, which a sweep does not
+    know. Both ends are therefore listed.
+
+    Parameters
+    ----------
+    result
+        The sweep.
+    frame
+        The rows with figures of merit.
+    """
+    from pandas.api.types import is_numeric_dtype
+
+    sweep = result.sweep
+    units = sweep.units()
+    figures = [
+        merit.name for merit in sweep.merits if is_numeric_dtype(frame[merit.name].dtype)
+    ]
+    count = DESIGNS_PER_EXTREME if len(figures) <= MANY_FIGURES else 1
+    sizes = [variable.name for variable in sweep.variables]
+    largest_by_column = frame[[*sizes, *figures]].abs().max()
+
+    def cell(name: str, value: float) -> str:
+        """Return a number of a column as text."""
+        if units.get(name) == "deg":
+            import math
+
+            return degrees_text(math.radians(value))
+        return number_text(value, error=ROUNDING * largest_by_column[name])
+
+    rows = []
+    for figure in figures:
+        values = frame[frame[figure].notna()]
+        for title, ascending in (("largest", False), ("smallest", True)):
+            ordered = values.sort_values(figure, ascending=ascending, kind="stable")
+            printed_designs: list[int] = []
+            for _, row in ordered.iterrows():
+                if row["design"] in printed_designs:
+                    continue
+                if len(printed_designs) == count:
+                    break
+                printed_designs.append(row["design"])
+                same_design = values[values["design"] == row["design"]]
+                difference = (same_design[figure] - row[figure]).abs()
+                is_equal = difference <= EQUAL * max(abs(row[figure]), ROUNDING)
+                modes = ", ".join(same_design[is_equal]["mode"].astype(str))
+                is_first = len(printed_designs) == 1
+                rows.append(
+                    (
+                        _heading(figure, units) if is_first and not ascending else "",
+                        title if is_first else "",
+                        cell(figure, row[figure]),
+                        str(row["design"]),
+                        modes,
+                        *(cell(name, row[name]) for name in sizes),
+                    )
+                )
+    if not rows:
+        return []
+    columns = (
+        ScreenColumn("figure of merit"),
+        ScreenColumn(""),
+        ScreenColumn("value", "right"),
+        ScreenColumn("design", "right"),
+        ScreenColumn("assembly mode"),
+        *(ScreenColumn(_heading(name, units), "right") for name in sizes),
+    )
+    return [ScreenTable(columns, tuple(rows))]
+
+
+def _heading(name: str, units: Any) -> str:
+    """Return the name of a column with its unit."""
+    return f"{name} ({units[name]})" if units.get(name) else name
+
+
+def _count_texts(result: "SweepResult", frame: Any) -> Lines:
+    """Return lines that say how often each text occurs, such as ``crank-rocker``.
+
+    Parameters
+    ----------
+    result
+        The sweep.
+    frame
+        The rows with figures of merit.
+    """
+    names = [name for name in ("grashof",) if name in frame.columns]
+    names += [m.name for m in result.sweep.merits if frame[m.name].dtype == object]
+    lines = []
+    for name in names:
+        texts_of_rows = frame[name].dropna().astype(str)
+        counts = texts_of_rows[texts_of_rows != ""].value_counts()
+        texts = ", ".join(f"{count} {text}" for text, count in counts.items() if count)
+        if texts:
+            lines.append(f"{'type of four-bar' if name == 'grashof' else name}: {texts}")
+    # The claim says whether all assembly modes of a design were found.
+    claims = frame["claim"].dropna().astype(str).value_counts()
+    if list(claims.index) == ["complete"]:
+        lines.append("All assembly modes of all designs were found.")
+    elif len(claims):
+        texts = ", ".join(f"{text} in {count} rows" for text, count in claims.items())
+        lines.append(f"Assembly modes found: {texts}")
+    return lines
+
+
+def _describe_reasons(failed: Any) -> Lines:
+    """Return lines with the reasons for designs without figures of merit.
+
+    Reasons that differ only in their numbers share a line, which shows the first of them.
+
+    Parameters
+    ----------
+    failed
+        A data frame with a row for each of these designs: its number, status and reason.
+    """
+    status = failed["status"].astype(str)
+    kind_of_reason = failed["reason"].astype(str).map(without_numbers)
+    groups = [rows for _, rows in failed.groupby([status, kind_of_reason], sort=False)]
+    groups.sort(key=len, reverse=True)
+    lines = []
+    for rows in groups[:MAX_PRINTED_REASONS]:
+        first = rows.iloc[0]
+        designs = numbered("design", rows["design"])
+        example = ""
+        if rows["reason"].nunique() > 1:
+            example = f"for example design {first['design']}: "
+        lines.append(f"{first['status']}, {designs}: {example}{first['reason']}")
+    if len(groups) > MAX_PRINTED_REASONS:
+        unlisted = counted(len(groups) - MAX_PRINTED_REASONS, "more reason")
+        lines.append(f"{unlisted}, in the column reason")
+    return lines
