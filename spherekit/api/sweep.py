@@ -27,9 +27,12 @@ from spherekit.quantity import AngleUnit
 from spherekit.resources import usable_cores
 from spherekit.runs.figure_of_merit import FigureOfMerit, parse_merit
 from spherekit.runs.registry import create_analysis
+from spherekit.runs.run_result import Columns
 from spherekit.runs.sampling import make_sampling
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from spherekit.runs.contract import AbstractAnalysis
 
 
@@ -291,13 +294,23 @@ def perform(
         raise DesignError(f"workers: {workers} processes; give at least 1")
     if dask is None:
         is_alone = folder is None or not can_start_workers()
-        return run_sweep(sweep, folder, 1 if is_alone else workers or usable_cores())
+        process_count = 1 if is_alone else workers or usable_cores()
+        return run_sweep(sweep, folder, process_count, draw=_draw_figures)
     if folder is None:
         raise DesignError("dask: give the folder to which the parts go")
     from spherekit.designs.dask_cluster import check_cluster, compute_on_cluster
 
     check_cluster()
-    return run_sweep(sweep, folder, elsewhere=partial(compute_on_cluster, dask))
+    return run_sweep(
+        sweep, folder, elsewhere=partial(compute_on_cluster, dask), draw=_draw_figures
+    )
+
+
+def _draw_figures(result: SweepResult, columns: Columns) -> "dict[str, Figure]":
+    """Return the figures of a sweep; matplotlib is imported only now."""
+    from spherekit.display.figures.sweep_plots import sweep_figures
+
+    return sweep_figures(result, columns)
 
 
 def _document(mechanism: Mechanism, subject: Subject) -> Document:

@@ -1,8 +1,10 @@
 """`spherekit sweep`: figures of merit of many designs, and their tables."""
 
 import json
+import shlex
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from spherekit.cli.argument_types import whole_number
 from spherekit.cli.completers import complete_analyses, set_completer
@@ -13,6 +15,16 @@ from spherekit.cli.study_arguments import (
     study_from,
 )
 from spherekit.cli.sweep_report import sweep_report
+from spherekit.wording import counted
+
+if TYPE_CHECKING:
+    from spherekit.designs.sweep_parts import SweepResult
+
+FIGURES_FOLDER = "_figures"
+"""Folder of the figures in that of the sweep.
+
+Programs that read a folder of Parquet files ignore names that begin with an underscore.
+"""
 
 EXAMPLES = """examples:
   # the least transmission angle over a grid of two arcs
@@ -102,6 +114,13 @@ def add_arguments(parser: ArgumentParser) -> None:
         ),
     )
     parser.add_argument(
+        "--figures",
+        const="png",
+        nargs="?",
+        choices=("png", "pdf", "svg"),
+        help="draw the figures of merit over the varied sizes into DIR/_figures",
+    )
+    parser.add_argument(
         "--workers",
         metavar="N",
         type=whole_number,
@@ -132,6 +151,11 @@ def execute(options: Namespace) -> int:
     from spherekit.errors import DesignError
     from spherekit.runs.registry import create_analysis
 
+    if options.figures:
+        if not options.output:
+            raise DesignError("--figures: give the folder to which they go, -o DIR")
+        # Imported here so that a missing library is reported before the sweep.
+        import spherekit.display.figures.matplotlib_sdk  # noqa: F401
     if options.tables and not options.output:
         raise DesignError("--tables: give the folder to which they go, -o DIR")
     study = study_from(options)
@@ -163,5 +187,21 @@ def execute(options: Namespace) -> int:
             record = {key: None if value != value else value for key, value in row.items()}
             print(json.dumps(record, ensure_ascii=False))
     else:
-        sweep_report(result).print(options)
+        report = sweep_report(result)
+        if options.figures:
+            report.files += f"; {_write_figures(result, options)}"
+        elif options.output:
+            words = [*options.words, "--figures"]
+            command = (shlex.join(["spherekit", *words]), "draw figures of the sweep")
+            report.next_steps = [command]
+        report.print(options)
     return 0
+
+
+def _write_figures(result: "SweepResult", options: Namespace) -> str:
+    """Draw the figures of a sweep into its folder; return how many there are, and where."""
+    from spherekit.display.figures.figure_files import write_figures
+
+    folder = options.output / FIGURES_FOLDER
+    paths = write_figures(result.plot(), folder, options.figures)
+    return f"{counted(len(paths), 'figure')} in {folder}"

@@ -6,6 +6,7 @@ from spherekit.cli.screen_report import ScreenReport
 from spherekit.conventions import Lines
 from spherekit.number_text import degrees_text, number_text
 from spherekit.tables.screen_table import ScreenColumn, ScreenTable
+from spherekit.type_checks import NUMERIC_KINDS
 from spherekit.wording import counted, numbered, without_numbers
 
 if TYPE_CHECKING:
@@ -123,12 +124,12 @@ def _best_designs(result: "SweepResult", frame: Any) -> list[str | ScreenTable]:
     frame
         The rows with figures of merit.
     """
-    from pandas.api.types import is_numeric_dtype
-
     sweep = result.sweep
     units = sweep.units()
     figures = [
-        merit.name for merit in sweep.merits if is_numeric_dtype(frame[merit.name].dtype)
+        merit.name
+        for merit in sweep.merits
+        if frame[merit.name].dtype.kind in NUMERIC_KINDS
     ]
     count = DESIGNS_PER_EXTREME if len(figures) <= MANY_FIGURES else 1
     sizes = [variable.name for variable in sweep.variables]
@@ -198,7 +199,11 @@ def _count_texts(result: "SweepResult", frame: Any) -> Lines:
         The rows with figures of merit.
     """
     names = [name for name in ("grashof",) if name in frame.columns]
-    names += [m.name for m in result.sweep.merits if frame[m.name].dtype == object]
+    names += [
+        merit.name
+        for merit in result.sweep.merits
+        if frame[merit.name].dtype.kind not in NUMERIC_KINDS
+    ]
     lines = []
     for name in names:
         texts_of_rows = frame[name].dropna().astype(str)

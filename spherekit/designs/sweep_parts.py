@@ -25,6 +25,7 @@ from spherekit.designs.worker_processes import compute_in_processes
 from spherekit.errors import DesignError, OutputError
 from spherekit.progress import ProgressReporter
 from spherekit.runs.resource_checks import need_disk
+from spherekit.runs.run_result import Columns
 from spherekit.storage.atomic_write import make_folder
 from spherekit.storage.file_lock import acquire_lock
 from spherekit.storage.json_data import as_json
@@ -33,6 +34,9 @@ from spherekit.wording import counted, listing, nearest
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
+
+    DrawSweep = Callable[["SweepResult", Columns], dict[str, Figure]]
 
 LOCK_FILE = ".sweep.lock"
 """Name of the file in the folder of a sweep that only one program at a time can lock."""
@@ -65,6 +69,9 @@ class SweepResult:
         For each kind of processor, the sorted numbers of the parts that it has computed, by
         this command or earlier ones. The key is a text made from
         `spherekit.processor.processor_identity`, or ``"an unknown one"``.
+    draw
+        Function that draws the figures of `plot` in a width of 1 or 2 columns; None if the
+        result was not made by `spherekit.sweep`.
     """
 
     sweep: Sweep
@@ -72,6 +79,7 @@ class SweepResult:
     computed: int
     processors: dict[str, list[int]]
     _store: Path = field(repr=False)
+    draw: "DrawSweep | None" = field(default=None, repr=False, compare=False)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state of this result for pickle.
@@ -104,6 +112,38 @@ class SweepResult:
         vars(self).update(state)
         if has_file_contents:
             finalize(self, shutil.rmtree, self._store, ignore_errors=True)
+
+    def plot(self, columns: Columns = 2) -> "dict[str, Figure]":
+        """Return a figure for each figure of merit, drawn over the varied sizes.
+
+        One varied size gives a line for each assembly mode. Two give a colour map or, if
+        the designs are on no grid, coloured points. More give points over each size.
+
+        Parameters
+        ----------
+        columns
+            Width of the figures in columns of a journal: 1 is 3.5 inches, 2 is 7.2 inches.
+
+        Raises
+        ------
+        DesignError
+            If no design has a figure of merit, or the sweep was not made by
+            `spherekit.sweep`.
+        OutputError
+            If matplotlib is not installed.
+
+        Examples
+        --------
+        >>> import spherekit as sk
+        >>> sizes = {"links.2.arc": [10.0, 15.0, 20.0]}
+        >>> result = sk.sweep("four_bar", sizes, "swing=swing(theta_41)", samples=31)
+        >>> result.plot()["swing"].savefig("swing.png")
+        """
+        # `spherekit.sweep` stores the function that draws, because the packages that
+        # compute do not import those that draw.
+        if self.draw is None:
+            raise DesignError("plot: only what spherekit.sweep returns can be drawn")
+        return self.draw(self, columns)
 
     @property
     def remarks(self) -> Names:
@@ -234,6 +274,7 @@ def run_sweep(
     folder: AnyPath | None = None,
     workers: int = 1,
     elsewhere: Workers | None = None,
+    draw: "DrawSweep | None" = None,
 ) -> SweepResult:
     """Compute all parts of a sweep.
 
@@ -254,6 +295,8 @@ def run_sweep(
     elsewhere
         A function that computes parts on other machines, such as
         `dask_cluster.compute_on_cluster` with its address. If given, `workers` is not used.
+    draw
+        The function by which `SweepResult.plot` draws.
 
     Returns
     -------
@@ -283,7 +326,7 @@ def run_sweep(
         progress = _Progress(sweep, parts_folder)
         progress.compute(workers, elsewhere)
         result = SweepResult(
-            sweep, user_folder, progress.computed, progress.processors, parts_folder
+            sweep, user_folder, progress.computed, progress.processors, parts_folder, draw
         )
         finalize(result, cleanup.pop_all().close)
     return result
