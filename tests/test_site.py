@@ -236,6 +236,8 @@ FIRST_PAGES = {
     "install": "install",
     "gear": "tutorials/differential",
     "inverse kinematics": "inverse",
+    "spring": "how_to/spring",
+    "fold": "tutorials/folds",
     "workspace": "workspace",
     "assembly mode": "motion",
     "glossary": "glossary",
