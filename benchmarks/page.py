@@ -21,11 +21,12 @@ Each time is the median of several repetitions. If times are compared, the tasks
 within one run, and a ratio is the median of the ratios of the rounds. Ratios are similar
 on other machines and under load; single times are not.
 
-To repeat the measurements, install `pip install -e '.[test]'` and run `python -m
-benchmarks` in the root of the repository. Names select benchmarks, as in `python -m
-benchmarks planning peers`, and `--quick` makes a short run. `--add docs/benchmarks.json`
-adds the results to the record of this page, and `python docs/make_benchmarks.py` then
-writes the page. Further measurements are on the pages that they belong to: [rows of a
+To repeat the measurements, run `pip install -e '.[test,peers]'` and then `python -m
+benchmarks` in the root of the repository. The extra `peers` has the other programs; those
+that are not installed are skipped. Names select benchmarks, as in `python -m benchmarks
+planning peers`, and `--quick` makes a short run. `--add docs/benchmarks.json` adds the
+results to the record of this page, and `python docs/make_benchmarks.py` then writes the
+page. Further measurements are on the pages that they belong to: [rows of a
 run](engine.md#rows-at-once), [long runs](runs.md#how-long-how-large), [cost](cost.md),
 [accuracy](accuracy.md), [proof](proof.md) and [extreme cases](extremes.md)."""
 """How the results were measured, and how to measure them again."""
