@@ -14,13 +14,13 @@ PAGE, RECORD = DOCS / "extremes.md", DOCS / "extremes.json"
 FIGURES = re.compile(r"(?<=^## Figures\n\n).*?(?=^## )", re.M | re.S)
 
 TEXT = """\
-Taken at commit {commit} ({machine}),
-case by case; what each is, `python -m benchmarks --list` says. Over is the largest error
-over (unit roundoff x conditioning) where that is at most 1e12, and beside it where
-that is. Wrong are numbers that stand without a status and are further off than allowed:
-{wrong}.
+Measured at commit {commit} ({machine}).
+`python -m benchmarks --list` describes each case. "Ratio" is the largest error divided by
+(unit roundoff x conditioning), among rows with a conditioning of at most 1e12. The next column
+says which quantity it is and at which parameter. "Wrong" counts numbers without a status whose
+error exceeds the limit: {wrong}.
 
-| family | case | from, to | over | of | first status, at conditioning | statuses | wrong |
+| family | case | from, to | ratio | quantity | first status, at conditioning | statuses | wrong |
 |---|---|---|---:|---|---|---|---:|
 """
 

@@ -228,7 +228,7 @@ def test_key_reference_is_current():
 def test_figures_of_the_extremes_are_those_of_their_record():
     made = runpy.run_path(str(DOCS / "make_extremes.py"))["page"]()
     assert made == PAGES["extremes.md"], "run: python docs/make_extremes.py"
-    assert re.search(r"^Taken at commit [0-9a-f]{8}", made, re.M)
+    assert re.search(r"^Measured at commit [0-9a-f]{8}", made, re.M)
 
 
 def test_the_page_of_benchmarks_is_made_from_its_record():
