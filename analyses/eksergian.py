@@ -54,6 +54,10 @@ from .common import (
     row_columns,
 )
 
+ZERO_TORQUE_RATIO = 1e-12
+"""Driving torque over the largest inertia and load torque of a block up to which the
+torque is reported as 0. Larger: small torques are hidden; smaller: errors are reported."""
+
 LARGEST_DRIVING_TORQUE = "largest_torque_Nm"
 """Key of the largest torque in the summary."""
 MAX_RATES_LOSS = 1e-6
@@ -269,7 +273,13 @@ class Eksergian(AbstractAnalysis):
             return Findings()
         # Driving torques at the only input (number 0). `sure_torques` has 0 in place of
         # torques that are only rounding errors.
-        input_torque = self._inverse_solution(batch).sure_torques[:, 0]
+        solution = self._inverse_solution(batch)
+        input_torque = solution.sure_torques[:, 0].copy()
+        # In a simulation the torque is the difference of large terms, whose errors are
+        # those of the largest terms of all rows.
+        terms = np.abs(solution.Q).reshape(len(batch)) + np.abs(solution.B * batch.ddq)
+        largest_term = np.max(terms, initial=0.0, where=np.isfinite(terms))
+        input_torque[np.abs(input_torque) <= ZERO_TORQUE_RATIO * largest_term] = 0.0
         torque = np.abs(self._torque_at_pair(batch, input_torque))
         worst_row = int(np.nanargmax(batch.closure_conditioning))
         summary: dict[str, Any] = {

@@ -21,6 +21,9 @@ COARSE_STEP_DEG = 5.0
 RATIO_ERROR = 5e-10
 """Velocity ratios that are not larger are rounding errors, and printed as 0."""
 
+MEASURE_ERROR = 1e-7
+"""Transmission measures that are not larger are rounding errors, and printed as 0."""
+
 RATIO_DIGITS = 4
 """Significant digits of velocity ratios."""
 
@@ -67,7 +70,7 @@ class PlaceText:
                 return "0" if float(text) == 0.0 else text
             return _angle_text(place)
         if self.kind == "time":
-            return number_text(place, digits=4)
+            return number_text(place, digits=3 if between_samples else 4)
         return f"{place:.0f}"
 
     def between(self, first: float, last: float) -> str:
@@ -221,6 +224,16 @@ def output_table(summary: Any) -> ScreenTable | None:
             where = f"{', '.join(inputs)} (deg)"
         heading = f"least transmission angle{unit} at {where}"
         columns.append(ScreenColumn(heading))
+    has_measure = any(
+        motion["least_transmission_measure"] is not None
+        for entry in overview["modes"].values()
+        for motion in entry["outputs"]
+    )
+    if has_measure:
+        heading = "least transmission measure"
+        if place_text.kind != "sample":
+            heading += f" at {place_text.heading}"
+        columns.append(ScreenColumn(heading))
     has_rests = turns_about_axis and overview["is_path"]
     if has_rests:
         verb = "comes to rest (type I)" if len(inputs) == 1 else "turns back"
@@ -245,6 +258,8 @@ def output_table(summary: Any) -> ScreenTable | None:
             cells += _ratio_cells(motion)
             if has_transmission:
                 cells.append(_transmission_cell(entry["least_transmission"], place_text))
+            if has_measure:
+                cells.append(_measure_cell(motion, place_text))
             if has_rests:
                 cells.append(_rest_cell(output, motion, place_text))
             modes_by_cells.setdefault(tuple(cells), []).append(number)
@@ -285,6 +300,16 @@ def _transmission_cell(transmission: Any, place_text: PlaceText) -> str:
     return f"{angle} at {where}"
 
 
+def _measure_cell(motion: Any, place_text: PlaceText) -> str:
+    if motion["least_transmission_measure"] is None:
+        return "-"
+    measure, place = motion["least_transmission_measure"]
+    text = number_text(measure, MEASURE_ERROR, 2)
+    if place_text.kind == "sample":
+        return text
+    return f"{text} at {place_text.value(place)}"
+
+
 def _rest_cell(output: Any, motion: Any, place_text: PlaceText) -> str:
     if not output["fixed_axis"]:
         return "-"
@@ -312,7 +337,11 @@ def table_notes(summary: Any, table: ScreenTable | None) -> Lines:
         what = "direction" if points else "pose"
         notes.append(
             "Outputs without a fixed axis: the swing is the largest angle from the first "
-            f"{what}, the velocity ratio is a size."
+            f"{what}, and the velocity ratio is a size, 0 where the output rests (type I)."
+        )
+    if any("least transmission measure" in column.heading for column in table.columns):
+        notes.append(
+            "The transmission measure is 0 at a singularity of type II and 1 at best."
         )
     row_count = sum(len(entry["outputs"]) for entry in overview["modes"].values())
     if len(table.rows) == MAX_TABLE_ROWS and row_count > MAX_TABLE_ROWS:

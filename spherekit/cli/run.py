@@ -403,6 +403,7 @@ def _print_result(
     else:
         output = RunOutput(
             file=options.file,
+            words=options.words,
             folder=str(study.folder) if study.folder else None,
             file_names=[path.name for path in result.files],
             is_in_degrees=study.degrees,

@@ -1,6 +1,7 @@
 """The report of a run for the screen, and the progress that is printed during a run."""
 
 import math
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -29,6 +30,9 @@ MAX_LISTED_EVENTS = 6
 MIN_STAGE_SHARE = 0.005
 """Share of the time of a run below which a stage is not printed."""
 
+RATE_ERROR = 1e-12
+"""Rates of inputs (rad/s) that are not larger are rounding errors, and printed as 0."""
+
 DEFAULT_ANALYSES = ["poles"]
 """The analyses of a run that are not named in its question."""
 
@@ -52,6 +56,8 @@ class RunOutput:
     ----------
     file
         The mechanism or study as the user has named it.
+    words
+        The words of the command line after ``spherekit``.
     folder
         The folder of the run, None if no tables were written.
     file_names
@@ -65,6 +71,7 @@ class RunOutput:
     """
 
     file: str
+    words: Sequence[str] = ()
     folder: str | None = None
     file_names: Sequence[str] = ()
     is_in_degrees: bool = False
@@ -103,7 +110,7 @@ def _question(summary: Any) -> str:
         simulation = summary["simulation"]
         start = ", ".join(
             f"{pair} = {degrees_text(state['q_rad'])} deg at "
-            f"{number_text(state['dq_rad_per_s'])} rad/s"
+            f"{number_text(state['dq_rad_per_s'], RATE_ERROR)} rad/s"
             for pair, state in simulation["start"].items()
         )
         return (
@@ -457,8 +464,11 @@ def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
     outputs = summary["overview"]["outputs"] if summary["assembly_modes"] else []
     steps = []
     if "simulation" in summary:
-        steps.append((f"{command} ... -o DIR --figures", "tables and figures over time"))
-        steps.append((f"{command} ... --view", "watch the motion"))
+        same_run = shlex.join(["spherekit", *output.words])
+        if output.folder is None:
+            steps.append((f"{same_run} -o DIR --figures", "tables and figures over time"))
+        if output.recording is None:
+            steps.append((f"{same_run} --view", "watch the motion"))
     elif not summary["assembly_modes"]:
         steps.append((command, "motion: ranges of outputs and velocity ratios"))
     if outputs and "singularities" not in names and "simulation" not in summary:

@@ -374,7 +374,7 @@ class ModesOverRange:
         return Completeness(
             Guarantee.SAMPLED,
             statistics.describe("components"),
-            sentence=statistics.sentence("curve of configurations", "curves"),
+            sentence=statistics.sentence("configuration curve", "configuration curves"),
         )
 
     def _find_on_one_curve(self) -> Completeness:

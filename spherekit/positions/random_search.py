@@ -150,15 +150,15 @@ class SearchStatistics:
         """
         starts = counted(self.starts, "random start")
         if not self.closed_starts:
-            result = f"{starts} led to no {thing}"
+            result = f"A search from {starts} found no {thing}"
         else:
             count = len(self.counts)
             words = f"1 {thing}" if count == 1 else f"{count} {plural}"
             least = min(self.counts.values())
             reached = f", each at least {least} times" if least > 1 else ""
-            result = f"{starts} led to {words}{reached}"
+            result = f"A search from {starts} found {words}{reached}"
         return (
-            f"{result}. Others to which less than {self.missed_share:.2%} of the starts "
+            f"{result}. Modes to which less than {self.missed_share:.2%} of the starts "
             "lead could have been missed."
         )
 

@@ -25,6 +25,7 @@ from spherekit.positions.timing import Timing
 from spherekit.runs.sampling import Sampling
 from spherekit.status import Status
 from spherekit.velocities.transmission_angle import ARRAYS, transmission_angle
+from spherekit.velocities.transmission_measure import Transmission
 
 MAX_OVERVIEW_SAMPLES = 721
 """Number of samples at which outputs are examined: one for each half degree of a turn.
@@ -40,7 +41,7 @@ RESTING_RATIO = 1e-9
 rest; smaller: rounding errors seem to be motions."""
 
 
-MAX_RATE_CURVATURE = 0.01
+MAX_RATE_CURVATURE = 0.05
 """How far a rate may be from linear between two samples for a place of rest between them.
 
 It is the error of the trapezoidal rule over the change of the rate times the step. Larger:
@@ -164,6 +165,29 @@ class OverviewPlan:
         return dyads
 
     @cached_property
+    def transmissions(self) -> list[Transmission] | None:
+        """The transmission measure of each output, None if all groups are dyads.
+
+        Dyads have the transmission angle, which designers know.
+        """
+        groups = self.sampling.position_analysis.assembly.groups
+        if all(group.is_dyad for group in groups):
+            return None
+        links = self.mechanism.links
+        return [
+            Transmission.from_mechanism(
+                self.mechanism,
+                Output(
+                    output.label,
+                    links[output.link],
+                    links[output.reference],
+                    None if output.direction is None else np.array(output.direction),
+                ),
+            )
+            for output in self.outputs
+        ]
+
+    @cached_property
     def step(self) -> int:
         """One of so many samples is examined."""
         return -(-len(self.sampling) // MAX_OVERVIEW_SAMPLES)
@@ -224,6 +248,9 @@ class OutputOverview:
         Places of two samples between which it does so, if they are too far apart.
     further_rests
         Number of such places that are not listed.
+    transmission
+        The least transmission measure (0 at type II, 1 at best) and its place, None if it
+        is not computed.
     first_pose, last_row
         What the next block needs of the rows before: the first rotation (9,), direction
         (3,) or angle (1,), and the last examined row as `_ExaminedRows` stores it.
@@ -236,6 +263,7 @@ class OutputOverview:
     rests: list[float] = field(default_factory=list)
     uncertain_rests: list[list[float]] = field(default_factory=list)
     further_rests: int = 0
+    transmission: list[float] | None = None
     first_pose: list[float] | None = None
     last_row: list[float | None] | None = None
 
@@ -565,6 +593,8 @@ class _ExaminedRows:
         """
         output = self.plan.outputs[number]
         is_ok = self.is_ok[rows]
+        if self.plan.transmissions is not None:
+            self._add_transmission(overview, number, rows, places)
         # (m, inputs, 3) angular velocity relative to the reference, per rate of each input.
         velocity = (
             self.link_rates[rows, :, output.link]
@@ -605,6 +635,22 @@ class _ExaminedRows:
         if self.plan.moves_over_time and timing is not None:
             rates = speeds[:, 0]
         self._add_path(overview, angles, ratios, rates, inputs, places)
+
+    def _add_transmission(
+        self, overview: OutputOverview, number: int, rows: slice, places: Floats
+    ) -> None:
+        """Note the least transmission measure of an output in the rows of a mode."""
+        assert self.plan.transmissions is not None
+        transmission = self.plan.transmissions[number]
+        directions = transmission.output_directions(self.rotations[rows])
+        measures = transmission.measure(self.motion.vectors[rows], directions)
+        measures = np.where(self.closes[rows], measures, np.nan)
+        if not np.any(np.isfinite(measures)):
+            return
+        row = int(np.nanargmin(measures))
+        least = overview.transmission
+        if least is None or measures[row] < least[0]:
+            overview.transmission = [float(measures[row]), float(places[row])]
 
     def _add_rotations(
         self,
@@ -884,6 +930,7 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
                     "rests": output.rests,
                     "uncertain_rests": output.uncertain_rests,
                     "further_rests": output.further_rests,
+                    "least_transmission_measure": output.transmission,
                 }
                 for output in mode.outputs
             ],
