@@ -181,7 +181,7 @@ class OverviewPlan:
                     output.label,
                     links[output.link],
                     links[output.reference],
-                    None if output.direction is None else np.array(output.direction),
+                    output.direction,
                 ),
             )
             for output in self.outputs
