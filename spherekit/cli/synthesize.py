@@ -1,19 +1,23 @@
 """`spherekit synthesize`: sizes for a wanted function, from a file."""
 
-import sys
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 from spherekit.cli.argument_types import whole_number
 from spherekit.cli.completers import complete_toml_files, set_completer
-from spherekit.cli.main import note
-from spherekit.wording import counted, with_units
+from spherekit.cli.screen_report import ScreenReport
+from spherekit.number_text import number_text
+from spherekit.tables.screen_table import ScreenColumn, ScreenTable
+from spherekit.wording import counted
 
 if TYPE_CHECKING:
     from spherekit.designs.synthesis import Synthesis
 
 MAX_PRINTED_DESIGNS = 5
 """Number of designs that are printed."""
+
+ROUNDING = 1e-12
+"""Numbers smaller than this, relative to the largest of their column, print as 0."""
 
 EXAMPLES = """examples:
   # a four-bar whose rocker follows a function
@@ -81,22 +85,25 @@ def execute(options: Namespace) -> int:
     )
     if options.output:
         dump(result.mechanism(), options.output)
-    if not options.quiet:
-        _print_result(result)
-    sys.stdout.flush()
+    report = _make_report(result)
     if options.output:
-        note(options, f"the best in {options.output}")
+        report.files = f"mechanism of design 0 in {options.output}"
+        report.next_steps = [
+            (f"spherekit run {options.output}", "compute its motion and pole axes"),
+            (f"spherekit page {options.output}", "a page on which it moves"),
+        ]
     else:
-        note(options, "nothing was written: use -o FILE for the best mechanism")
+        report.files = "not saved; add -o FILE.toml for the mechanism of design 0"
+    report.print(options)
     return 0
 
 
-def _print_result(result: "Synthesis") -> None:
-    """Print how far each objective fell, and the best designs.
+def _make_report(result: "Synthesis") -> ScreenReport:
+    """Return what is printed: the best designs, and how far each objective fell.
 
-    A synthesis looks at many designs in all their assembly modes (ways to assemble the
+    A synthesis evaluates many designs in all their assembly modes (ways to assemble the
     loops). A row is one design in one mode. From the best rows that meet the conditions,
-    local optimisations (descents) minimise the objectives.
+    local optimisations minimise the objectives.
 
     With one objective the best designs are printed. With several objectives, designs of the
     Pareto fronts are printed, evenly chosen. Each assembly mode has its own front.
@@ -105,37 +112,68 @@ def _print_result(result: "Synthesis") -> None:
 
     synthesis = result.synthesis
     frame = result.frame()
-    print(
-        f"{synthesis.sweep.mechanism.name}: {counted(result.explored, 'design')} "
-        f"looked at, conditions held in {counted(result.feasible, 'row')}"
-    )
-    # The least value of each objective: among the explored rows that meet the conditions
-    # (`before`), and after the descents.
-    least_objectives = result.objectives.min(axis=0)
-    for name, text, before, after in zip(
-        result.headings, synthesis.minimise, result.before, least_objectives, strict=True
-    ):
-        print(f"{name}: {text}, the least there {before:.6g}, after descents {after:.6g}")
+    units = frame.attrs["units"]
+    name = synthesis.sweep.mechanism.name
+    report = ScreenReport(f"{name}: sizes that minimise {' and '.join(synthesis.minimise)}")
     has_one_objective = len(result.headings) == 1
-    if not has_one_objective:
+    if has_one_objective:
+        printed_rows = np.arange(min(MAX_PRINTED_DESIGNS, len(frame)))
+        title = "Best designs:"
+    else:
+        spaced = np.linspace(0, len(frame) - 1, MAX_PRINTED_DESIGNS)
+        printed_rows = np.unique(spaced.astype(int))
         # One design beats another of the same assembly mode if it is better in all
         # objectives by more than these differences. The front has the designs that no
         # design of the synthesis beats.
         tolerances = " and ".join(f"{value:.2g}" for value in result.tolerance)
-        print(
-            f"{counted(len(result.objectives), 'design')} that none met beats, of their "
-            f"mode, in all objectives by more than {tolerances}:"
+        title = (
+            f"Pareto front: {counted(len(frame), 'design')}, to none of which a design was "
+            f"found that is better in all objectives (by more than {tolerances}):"
         )
-    if has_one_objective:
-        rows = np.arange(min(MAX_PRINTED_DESIGNS, len(frame)))
-    else:
-        spaced = np.linspace(0, len(frame) - 1, MAX_PRINTED_DESIGNS)
-        rows = np.unique(spaced.astype(int))
+    if len(frame) > len(printed_rows):
+        title = title.removesuffix(":") + f"; {len(printed_rows)} of {len(frame)}:"
     # A matched column has the error of a design at one point of the wanted function. There
-    # is a column for each point, so these are not printed.
-    matched_columns = [name for name in frame.columns if name in synthesis.matched]
-    printed = frame.drop(columns=matched_columns).iloc[rows]
-    printed.columns = with_units(printed.columns, frame.attrs["units"])
-    print(printed.to_string(index=False, float_format="%.8g"))
-    if len(frame) > MAX_PRINTED_DESIGNS:
-        print(f"... {counted(len(frame) - MAX_PRINTED_DESIGNS, 'more design')}")
+    # is a column for each point, so these are not printed. An objective that is itself a
+    # figure of merit has two equal columns, of which one is printed.
+    repeated = [figure for figure in synthesis.minimise if figure in result.figures]
+    skipped = {*synthesis.matched, *repeated}
+    names = [column for column in frame.columns if column not in skipped]
+    # The least value of each objective: among the evaluated rows that meet the conditions
+    # (`before`), and after the local optimisation.
+    titles = dict(zip(result.headings, synthesis.minimise, strict=True))
+    columns = [ScreenColumn("design", "right")]
+    for column in names:
+        heading = titles.get(column, column)
+        unit = units.get(column) or units.get(heading)
+        heading = f"{heading} ({unit})" if unit else heading
+        columns.append(ScreenColumn(heading, "left" if column == "mode" else "right"))
+    rows = []
+    for number in printed_rows:
+        row = frame.iloc[number]
+        cells = [
+            str(row[column])
+            if column == "mode"
+            else number_text(row[column], error=ROUNDING * float(frame[column].abs().max()))
+            for column in names
+        ]
+        rows.append((str(number), *cells))
+    report.results.append(ScreenTable(tuple(columns), tuple(rows), title))
+    if "match" in synthesis.minimise:
+        report.results.append(
+            "match is the root mean square of the deviations from the wanted function, in "
+            f"{synthesis.sweep.angle}."
+        )
+    least_objectives = result.objectives.min(axis=0)
+    for text, before, after in zip(
+        synthesis.minimise, result.before, least_objectives, strict=True
+    ):
+        report.results.append(
+            f"{text}: {number_text(after)} after local optimisation, {number_text(before)} "
+            "in the best of the designs that were tried first"
+        )
+    report.results.append(
+        f"{counted(result.explored, 'design')} were tried first; their conditions were met "
+        f"in {result.feasible} assembly modes. A longer search (--designs) may find better "
+        "ones."
+    )
+    return report

@@ -1,6 +1,7 @@
 """`spherekit trade`: the measured speed and accuracy of an analysis's settings."""
 
 import json
+import shlex
 from argparse import ArgumentParser, Namespace
 from importlib.util import find_spec
 from pathlib import Path
@@ -8,7 +9,8 @@ from typing import Any
 
 from spherekit.cli.argument_types import number, whole_number
 from spherekit.cli.completers import complete_analyses, set_completer
-from spherekit.cli.main import note, print_json
+from spherekit.cli.main import print_json
+from spherekit.cli.screen_report import ScreenReport
 from spherekit.cli.study_arguments import (
     add_study_arguments,
     add_time_arguments,
@@ -101,14 +103,26 @@ def execute(options: Namespace) -> int:
         )
     _check_destinations(options)
     result = trade(study, analyses[0], rounds=options.rounds)
+    files = []
     if options.output:
-        _write_files(result, options)
+        files.append(_write_files(result, options))
     if options.save:
         _write_recording(result, options)
+        files.append(f"recording in {options.save}")
     if options.json:
         print_json(result.as_dict(options.tol))
     else:
-        print(as_text(result, options.tol))
+        heading, *lines = as_text(result, options.tol).splitlines()
+        report = ScreenReport(heading, results=[*lines])
+        report.files = "; ".join(files) or "not saved; add -o DIR"
+        if options.tol is None:
+            words = [*options.words, "--tol", "1e-9"]
+            command = (
+                shlex.join(["spherekit", *words]),
+                "name a setting for this error",
+            )
+            report.next_steps = [command]
+        report.print(options)
     return 0
 
 
@@ -137,8 +151,10 @@ def _check_destinations(options: Namespace) -> None:
         check_made_by_spherekit(options.output / "trade.png", SOFTWARE_MARK.encode())
 
 
-def _write_files(result: Any, options: Namespace) -> None:
-    """Write the times and errors of all settings as CSV, JSON and figure.
+def _write_files(result: Any, options: Namespace) -> str:
+    """Write the times and errors of all settings; return which files were written.
+
+    The files are CSV, JSON and a figure.
 
     A setting is a way to compute the tables of an analysis. JSON and figure mark the
     fastest setting that meets the tolerance `options.tol`, if the user gives one. There is
@@ -159,7 +175,7 @@ def _write_files(result: Any, options: Namespace) -> None:
         result.plot(options.tol).savefig(
             folder / "trade.png", metadata={"Creator": SOFTWARE_MARK}
         )
-    note(options, f"{files} in {folder}")
+    return f"{files} in {folder}"
 
 
 def _write_recording(result: Any, options: Namespace) -> None:
@@ -173,4 +189,3 @@ def _write_recording(result: Any, options: Namespace) -> None:
     with RerunRecorder(result.mechanism, path=options.save) as recorder:
         recorder.start(RecordingHead())
         recorder.log(scene(result, options.tol), np.arange(1))
-    note(options, f"recording in {options.save}")
