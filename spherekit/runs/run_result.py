@@ -682,7 +682,11 @@ def write_results(
     summary["cost"]["seconds"][TABLES] = time.perf_counter() - start
     # Tables of an earlier run in the folder, which are removed or replaced.
     endings = tuple(f".{kind.ending}" for kind in TABLE_FORMATS.values())
-    replaced = [name for name in folder.earlier_files() if name.endswith(endings)]
+    replaced = [
+        name
+        for name in folder.earlier_files()
+        if name.endswith(endings) and name != COLUMNS
+    ]
     if replaced:
         summary = {**summary, "replaced_files": replaced}
     written_summary = sign_summary(
