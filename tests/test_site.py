@@ -273,6 +273,28 @@ def test_formulas_have_their_renderer(site, pages):
 
 
 @slow
+def test_figures_of_code_have_a_version_for_each_theme(site):
+    """Pages of the gallery show one of two different images, by the theme of the reader."""
+    scripts = sorted((site / "generated" / "gallery").rglob("plot_*.html"))
+    assert scripts
+    for page in scripts:
+        images = re.findall(r"<img[^>]*>", page.read_text("utf-8"))
+        sources = {
+            theme: re.findall(r'src="([^"]*)"', image)
+            for image in images
+            for theme in ("only-light", "only-dark")
+            if theme in image
+        }
+        assert sorted(sources) == ["only-dark", "only-light"], page
+        light, dark = (
+            (page.parent / source).read_bytes()
+            for theme in ("only-light", "only-dark")
+            for source in sources[theme]
+        )
+        assert light != dark
+
+
+@slow
 def test_the_search_has_words_of_pages_and_all_public_names(site):
     """Words are stored by their stem, with the numbers of the pages that have them."""
     text = (site / "searchindex.js").read_text("utf-8")

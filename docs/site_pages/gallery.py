@@ -18,8 +18,6 @@ def last_figure(
     block: tuple[Any, ...], block_vars: dict[str, Any], gallery_conf: dict[str, Any]
 ) -> str:
     """Save the figure that a block ends with, after the script's picture in miniature."""
-    from sphinx_gallery.scrapers import figure_rst
-
     figure = block_vars["example_globals"].get("___")
     if not hasattr(figure, "savefig"):
         return ""
@@ -27,15 +25,24 @@ def last_figure(
     if not len(paths):
         _thumbnail(figure, Path(block_vars["src_file"]), next(paths))
     light, dark = save_versions(figure, Path(next(paths)))
-    home = gallery_conf["src_dir"]
-    # `figure_rst` returns the directive for an image. Its class selects the theme.
+    # The directive `image-sg` of sphinx-gallery would drop the class of the theme.
     return "\n".join(
-        str(figure_rst([str(path)], home)).replace(
-            ":class: sphx-glr-single-img", f":class: sphx-glr-single-img {theme}"
+        IMAGE.format(
+            uri="/" + path.relative_to(gallery_conf["src_dir"]).as_posix(),
+            alt=f"Figure that the code of {Path(block_vars['src_file']).name} draws",
+            theme=theme,
         )
         for path, theme in ((light, "only-light"), (dark, "only-dark"))
     )
 
+
+IMAGE = """\
+.. image:: {uri}
+   :alt: {alt}
+   :class: {theme}
+
+"""
+"""Image of a figure that one theme shows, in reStructuredText."""
 
 THUMBNAIL_SIZE_IN = (4.8, 2.4)
 """Width and height (inches) of a thumbnail."""
