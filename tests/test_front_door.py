@@ -374,6 +374,18 @@ def test_a_torque_that_jumps_unforeseen_is_found():
     assert jumping.at([1.0]).q[0] == pytest.approx(then.at([1.0 - half]).q[0], abs=1e-7)
 
 
+def test_an_over_constrained_mechanism_has_a_plan_and_a_notebook_table():
+    """Counting gives the Miura unit no mobility; by the rank of its equations it has one.
+
+    A mechanism whose inputs are too many by both is refused.
+    """
+    plan = sk.plan("miura_unit")
+    assert len(plan.rounds) == 36 and "Pole table of miura_unit" in plan._repr_html_()
+    assert sk.plan("miura_unit", iter(["f33/f11"])).rounds
+    with pytest.raises(sk.SpherekitError, match="= 1, but the number of inputs is 2"):
+        sk.plan(sk.load("four_bar").with_inputs("21", "41"))
+
+
 def test_objects_show_themselves_in_a_line():
     """The text of each public object is one line with its class and mechanism name."""
     mechanism = sk.load("four_bar")

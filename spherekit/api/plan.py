@@ -3,11 +3,12 @@
 from collections.abc import Iterable
 
 from spherekit.argument_validation import checked
-from spherekit.errors import PlanError
+from spherekit.errors import CountError, PlanError
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.planning import pole_planner as planning
 from spherekit.planning.plan_text import as_text
 from spherekit.planning.pole_plan import Plan, Pole
+from spherekit.positions.position_analysis import PositionAnalysis
 
 
 @checked(PlanError)
@@ -46,7 +47,18 @@ def plan(
     3    I  x  ■  x
     4    x  I  x  ■
     """
-    return planning.plan(mechanism_of(mechanism), poles, input_pair)
+    loaded_mechanism = mechanism_of(mechanism)
+    requested_poles = None if poles is None else list(poles)
+    try:
+        return planning.plan(loaded_mechanism, requested_poles, input_pair)
+    except CountError:
+        # The number of links and pairs gives too small a mobility for over-constrained
+        # mechanisms. The position analysis then uses the rank of the velocity equations.
+        # Its positions are not used here, so two samples suffice.
+        only_input = input_pair if len(loaded_mechanism.inputs) <= 1 else None
+        if not PositionAnalysis(loaded_mechanism, only_input, samples=2).by_rank:
+            raise
+        return planning.plan(loaded_mechanism, requested_poles, input_pair, by_rank=True)
 
 
 @checked(PlanError)
