@@ -27,13 +27,13 @@ def add_arguments(parser: ArgumentParser) -> None:
         "analysis",
         nargs="?",
         metavar="ANALYSIS",
-        help="describe this one",
+        help="print parameters, tables and columns of this analysis",
     )
     set_completer(analysis_argument, complete_analyses)
     parser.add_argument(
         "--json",
         action="store_true",
-        help="as JSON",
+        help="print as JSON",
     )
 
 

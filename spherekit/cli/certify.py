@@ -77,7 +77,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     file_argument = parser.add_argument(
         "file",
         metavar="FILE",
-        help="mechanism: path or shipped name",
+        help="mechanism: path of a file, or name of a shipped one",
     )
     set_completer(file_argument, complete_mechanisms)
     parser.add_argument(
@@ -91,7 +91,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--poles",
         action="store_true",
-        help="with --at: enclose every pole axis and velocity coefficient too",
+        help="with --at: also enclose every pole axis and velocity coefficient",
     )
     parser.add_argument(
         "--range",
@@ -118,7 +118,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--figure",
         metavar="PNG",
-        help="with two inputs: draw their map",
+        help="with two inputs: draw the map of the number of modes into this file",
     )
     parser.add_argument(
         "--tolerance",
@@ -132,7 +132,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "-o",
         "--out",
         metavar="JSON",
-        help="write the certificate here",
+        help="write the certificate into this file",
     )
 
 

@@ -18,23 +18,36 @@ from spherekit.version import __version__
 USAGE_ERROR = 2
 """Exit status of a command line that the parser refuses."""
 
+COMMAND_GROUPS = {
+    "describe a mechanism": {
+        "new": "write a file to start from: a mechanism, or an analysis of your own",
+        "validate": "check mechanism and study files",
+        "import": "make a mechanism file from a MuJoCo model or a URDF",
+        "mechanisms": "list the mechanisms that come with spherekit and its plugins",
+    },
+    "analyse": {
+        "run": "compute motion and analyses; write tables, figures and a recording",
+        "plan": "show how the pole axes can be constructed one after another",
+        "explain": "predict what a run computes, and the sizes of its tables",
+        "analyses": "list the analyses, or describe one",
+        "certify": "prove assembly modes and singularities; write a certificate",
+        "trade": "measure the speed and accuracy of the settings of a run",
+    },
+    "design": {
+        "sweep": "compare designs: vary sizes and compute figures of merit",
+        "synthesize": "find the sizes that generate a function or minimise an objective",
+    },
+    "show and export": {
+        "view": "show a recording or a mechanism in the viewer, or make a picture",
+        "page": "write a mechanism as one HTML page on which it moves",
+        "export": "write source code, tables, LaTeX or a MuJoCo model",
+        "completion": "print a shell completion script",
+    },
+}
+"""The subcommands by their purpose, and what each does."""
+
 COMMANDS = {
-    "new": "write files to start from: a mechanism or an analysis of your own",
-    "validate": "check mechanism and study files and say what they hold",
-    "plan": "print the Table and the steps that give every pole axis",
-    "explain": "say what an analysis will compute, before anything is computed",
-    "certify": "prove modes, curves and singularities; write a certificate",
-    "run": "run analyses over the motion; write tables and a recording",
-    "sweep": "compare designs: figures of merit while sizes are varied",
-    "synthesize": "find sizes for a wanted function, or the least of a figure of merit",
-    "trade": "measure speed against accuracy, and find the cheapest setting",
-    "export": "write a mechanism for others: C and other sources, LaTeX, MuJoCo, tables",
-    "page": "write a mechanism as one page that any browser opens and moves",
-    "import": "read a mechanism from a MuJoCo model (MJCF) or a URDF",
-    "view": "open a recording, or a run's folder, in the viewer, or take a picture",
-    "mechanisms": "list the mechanisms that come with spherekit or plugins",
-    "analyses": "list the installed analyses, or describe one",
-    "completion": "print what makes a shell complete spherekit's words",
+    name: summary for group in COMMAND_GROUPS.values() for name, summary in group.items()
 }
 """The subcommands and what each is for."""
 
@@ -161,7 +174,7 @@ class CommandParser(CommandLineParser):
             "-T",
             "--traceback",
             action="store_true",
-            help="show the Python trace of an error",
+            help="print the Python traceback of an error",
         )
         self.add_argument("-q", "--quiet", action="store_true", help="print errors only")
         self.add_argument(
@@ -188,20 +201,32 @@ def build_parser() -> CommandLineParser:
     `spherekit.cli.run`, only if the command is used. The module then declares its options.
     """
     parser = CommandLineParser(
-        prog="spherekit", description="Analysis of spherical mechanisms.", epilog=EXAMPLES
+        prog="spherekit", description=_describe_commands(), epilog=EXAMPLES
     )
     parser.add_argument("--version", action="version", version=f"spherekit {__version__}")
     commands = parser.add_subparsers(
-        dest="command", metavar="COMMAND", parser_class=CommandParser
+        dest="command",
+        metavar="COMMAND",
+        parser_class=CommandParser,
+        help="one of these commands; spherekit COMMAND --help describes it",
     )
     for name, summary in COMMANDS.items():
         commands.add_parser(
             name,
             command=name,
-            help=summary,
             description=f"{summary[0].upper()}{summary[1:]}.",
         )
     return parser
+
+
+def _describe_commands() -> str:
+    """Return the beginning of the help: all commands, by their purpose."""
+    lines = ["Analysis of spherical mechanisms."]
+    width = max(map(len, COMMANDS))
+    for purpose, summaries in COMMAND_GROUPS.items():
+        lines += ["", f"commands to {purpose}:"]
+        lines += [f"  {name:{width}}  {summary}" for name, summary in summaries.items()]
+    return "\n".join(lines)
 
 
 def command_parsers(

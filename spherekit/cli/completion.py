@@ -17,7 +17,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "shell",
         choices=("bash", "zsh", "fish"),
-        help="the shell",
+        help="the shell whose completion script is printed",
     )
 
 

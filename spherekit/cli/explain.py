@@ -46,18 +46,21 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--only-needed",
         action="store_true",
-        help="as `run --only-needed`: without links and pairs that no analysis needs",
+        help="as for `run`: leave out links and pairs that no analysis needs",
     )
     parser.add_argument(
         "--recording",
         action="store_true",
         # Its size follows from those of two short recordings, which are made for this.
-        help="predict the recording too, from two short ones (needs a second or two)",
+        help=(
+            "also predict the size of the recording, from two short ones (takes a "
+            "second or two)"
+        ),
     )
     parser.add_argument(
         "--json",
         action="store_true",
-        help="as JSON",
+        help="print as JSON",
     )
 
 

@@ -46,7 +46,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     file_argument = parser.add_argument(
         "file",
         metavar="FILE",
-        help="path or shipped name",
+        help="mechanism: path of a file, or name of a shipped one",
     )
     set_completer(file_argument, complete_mechanisms)
     parser.add_argument(
@@ -54,9 +54,10 @@ def add_arguments(parser: ArgumentParser) -> None:
         choices=tuple(FORMAT_NAMES),
         required=True,
         help=(
-            "c, cpp, js, python, julia, casadi: its formulas as source; latex: in print; "
-            "model: its functions for use without it (.npz, or source); mjcf: a MuJoCo "
-            "model; coupling: a table for controllers (.csv, .npz or .h)"
+            "c, cpp, js, python, julia, casadi: source code of all formulas; latex: "
+            "the formulas for print; model: functions that need no mechanism (.npz "
+            "or source); mjcf: a MuJoCo model; coupling: a table for controllers "
+            "(.csv, .npz or .h)"
         ),
     )
     parser.add_argument(
@@ -70,21 +71,26 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs="*",
         metavar="NAME",
         help=(
-            "sources, latex: what they compute, names or patterns such as theta_* "
-            "(default: angles, coefficients of links, transmission angles, inertia and "
-            "driving torque)"
+            "for source code and latex: quantities to compute, as names or patterns "
+            "such as theta_* (default: angles, velocity coefficients of links, "
+            "transmission angles, inertia and driving torque)"
         ),
     )
     parser.add_argument(
         "--vary",
         nargs="*",
         metavar="KEY",
-        help="sources, latex: numbers of the file that are arguments, such as links.2.arc",
+        help=(
+            "for source code and latex: numbers of the file that become arguments of "
+            "the functions, such as links.2.arc"
+        ),
     )
     parser.add_argument(
         "--assembly-mode",
         metavar="N-or-NAME",
-        help="assembly mode, by number or name (default: 0; sources and coupling: all)",
+        help=(
+            "assembly mode, by number or name (default: 0; source code and coupling: all)"
+        ),
     )
     parser.add_argument(
         "--crossings",
@@ -99,22 +105,25 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs="*",
         metavar="POLE",
         help=(
-            "model, coupling: only these poles, as 3/1 (default: all; coupling, and model "
-            "of several inputs: none)"
+            "for model and coupling: poles to include, such as 3/1 (default: all for "
+            "a model of one input, otherwise none)"
         ),
     )
     pairs_argument = parser.add_argument(
         "--pairs",
         nargs="*",
         metavar="PAIR",
-        help="coupling: only these passive pairs (default: all)",
+        help="for coupling: passive pairs to include (default: all)",
     )
     set_completer(pairs_argument, complete_pairs)
     parser.add_argument(
         "--samples",
         metavar="N[xM...]",
         type=sample_counts,
-        help="coupling: nodes along each input (default: as many as --tol needs)",
+        help=(
+            "for coupling: number of nodes along each input (default: as many as "
+            "--tol needs)"
+        ),
     )
     parser.add_argument(
         "--tol",

@@ -19,13 +19,13 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "model",
         metavar="MODEL",
-        help="an MJCF (.xml) or a URDF (.urdf)",
+        help="MuJoCo model (.xml) or robot description (.urdf)",
     )
     parser.add_argument(
         "-o",
         "--output",
         metavar="X",
-        help="file to write (default: MODEL with .toml)",
+        help="file to write (default: name of the model with .toml)",
     )
     parser.add_argument(
         "--within",

@@ -22,7 +22,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     file_argument = parser.add_argument(
         "file",
         metavar="FILE",
-        help="path or shipped name",
+        help="mechanism: path of a file, or name of a shipped one",
     )
     set_completer(file_argument, complete_mechanisms)
     parser.add_argument(
@@ -36,8 +36,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs="*",
         metavar="KEY",
         help=(
-            "numbers of the file that have sliders, such as links.2.arc (default: all arcs "
-            "and angles of links, or the axes of a reference pose)"
+            "numbers of the file that get a slider, such as links.2.arc (default: "
+            "all arcs and angles of links, or the axes of the reference pose)"
         ),
     )
     parser.add_argument(
@@ -45,9 +45,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs="*",
         metavar="NAME",
         help=(
-            "quantities whose curves the page shows: names or patterns such as theta_* "
-            "(default: velocity coefficients of outputs, transmission angles and, with "
-            "masses, driving torques)"
+            "quantities whose curves the page shows, as names or patterns such as "
+            "theta_* (default: velocity coefficients of outputs, transmission angles "
+            "and, with masses, driving torques)"
         ),
     )
     # Curves of configurations cross where two assembly modes meet. The sign of a dyad says
@@ -57,8 +57,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--crossings",
         choices=("end", "pass"),
         help=(
-            "where curves of configurations cross, modes keep the signs of dyads (end, the "
-            "default), or follow the smooth curve through the crossing (pass)"
+            "what a mode does where two curves of configurations cross: end = it "
+            "keeps the signs of its dyads (default); pass = it follows its smooth "
+            "curve through the crossing"
         ),
     )
 

@@ -34,13 +34,13 @@ def add_arguments(parser: ArgumentParser) -> None:
     file_argument = parser.add_argument(
         "file",
         metavar="FILE",
-        help="path or shipped name",
+        help="mechanism: path of a file, or name of a shipped one",
     )
     set_completer(file_argument, complete_mechanisms)
     input_argument = parser.add_argument(
         "--input",
         metavar="PAIR",
-        help="the pair that moves (default: each input in turn, the others locked)",
+        help=("the input that moves while the others are locked (default: each in turn)"),
     )
     set_completer(input_argument, complete_pairs)
     parser.add_argument(
@@ -48,23 +48,26 @@ def add_arguments(parser: ArgumentParser) -> None:
         dest="poles",
         nargs="+",
         metavar="POLE",
-        help="only these poles: 3/1 is that of link 3 relative to link 1",
+        help=(
+            "only these poles and those that they need; 3/1 is the pole of link 3 "
+            "relative to link 1"
+        ),
     )
     exclusive = parser.add_mutually_exclusive_group()
     exclusive.add_argument(
         "--json",
         action="store_true",
-        help="table and steps as JSON",
+        help="print table and steps as JSON",
     )
     exclusive.add_argument(
         "--markdown",
         action="store_true",
-        help="the table as Markdown",
+        help="print the table as Markdown",
     )
     parser.add_argument(
         "--steps",
         action="store_true",
-        help="print how each pole is constructed, too",
+        help="also print how each pole is constructed",
     )
 
 

@@ -51,7 +51,10 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--analysis",
         metavar="NAME[:key=value,...]",
         action="append",
-        help="analysis to run, may be repeated (default: the study's, or poles)",
+        help=(
+            "analysis to run; may be repeated (default: those of the study, "
+            "otherwise poles)"
+        ),
     )
     set_completer(analysis_argument, complete_analyses)
     parser.add_argument(
@@ -59,33 +62,33 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--output",
         metavar="DIR",
         type=Path,
-        help="write tables here",
+        help="write the tables into this folder",
     )
     parser.add_argument(
         "--format",
         choices=tuple(FORMAT_CHOICES),
         help=(
-            "which files; by default Parquet, and CSV up to 100 MB, which takes four times "
-            "the space"
+            "format of the tables (default: Parquet, plus CSV if it stays below 100 "
+            "MB; CSV is about four times larger)"
         ),
     )
     exclusive = parser.add_mutually_exclusive_group()
     exclusive.add_argument(
         "--resume",
         action="store_true",
-        help="go on with a run that was stopped in DIR; start, if there is none",
+        help="continue the interrupted run in DIR; start a new run if there is none",
     )
     exclusive.add_argument(
         "--restart",
         action="store_true",
-        help="throw away the work of a run that was stopped in DIR, and start",
+        help="discard the interrupted run in DIR and start again",
     )
     parser.add_argument(
         "--deg",
         action="store_true",
         help=(
-            "angles in tables, their rates and accelerations in degrees; what is per rad "
-            "stays so"
+            "write angles, angular rates and accelerations of tables in degrees; "
+            "quantities per rad are not converted"
         ),
     )
     parser.add_argument(
@@ -93,15 +96,16 @@ def add_arguments(parser: ArgumentParser) -> None:
         const="png",
         nargs="?",
         choices=("png", "pdf", "svg"),
-        help="draw figures into DIR/figures: png (default), pdf or svg",
+        help="draw figures into DIR/figures, as png (default), pdf or svg",
     )
     parser.add_argument(
         "--tol",
         metavar="T",
         type=number,
         help=(
-            "tolerance of a simulation, default 1e-9; without one, the largest error of "
-            "any column, for which the cheapest way to compute is taken"
+            "for a simulation: error tolerance of the integration (default: 1e-9). "
+            "Otherwise: largest accepted error of any column, for which the fastest "
+            "settings are chosen"
         ),
     )
     parser.add_argument(
@@ -110,16 +114,19 @@ def add_arguments(parser: ArgumentParser) -> None:
         type=Path,
         action="append",
         help=(
-            "with --tol: choose by the trade that `spherekit trade -o DIR` wrote for this "
-            "run, once for each analysis; of a simulation --tol is then the error of its "
-            "tables, and integrator and step tolerance are chosen"
+            "choose settings for --tol from the measurement that `spherekit trade -o "
+            "DIR` has stored; once for each analysis. For a simulation, --tol is "
+            "then the error of the tables"
         ),
     )
     parser.add_argument(
         "--engine",
         choices=("auto", "numpy", "compiled"),
         default="auto",
-        help="what solves a simulation (--start), default auto: the quicker one",
+        help=(
+            "integrator of a simulation (default: auto, the one that is expected to "
+            "be faster)"
+        ),
     )
     parser.add_argument(
         "--verify",
@@ -128,24 +135,25 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="ROWS",
         type=row_count,
         help=(
-            "compute so many rows (default 16) once more in 50 digits and print how far "
-            "each table column is off"
+            "recompute ROWS rows (default: 16) with 50 digits and print the error of "
+            "each table column"
         ),
     )
     parser.add_argument(
         "--prove",
         action="store_true",
         help=(
-            "enclose every pole of every row by proof in a table proven_poles, and check "
-            "the error bounds of the table poles against it"
+            "enclose every pole of every row with proven error bounds (table "
+            "proven_poles), and check the error bounds of the table poles against "
+            "them"
         ),
     )
     parser.add_argument(
         "--only-needed",
         action="store_true",
         help=(
-            "leave out links and pairs that no analysis needs; assembly modes are then "
-            "those of the part that is left"
+            "leave out links and pairs that no analysis needs; assembly modes are "
+            "then those of the remaining part"
         ),
     )
     parser.add_argument(
@@ -156,19 +164,19 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--strict",
         action="store_true",
-        help="exit with 3 if any sample failed or --tol is not met",
+        help="exit with status 3 if any sample failed or --tol was not met",
     )
     parser.add_argument(
         "--save",
         metavar="X.rrd",
         type=Path,
-        help="write a recording",
+        help="write a recording for the viewer Rerun",
     )
     parser.add_argument(
         "--log-every",
         metavar="K",
         type=whole_number,
-        help="one of K samples goes to the recording; default 1, more in long runs",
+        help="record every K-th sample (default: every sample; fewer in long runs)",
     )
     exclusive = parser.add_mutually_exclusive_group()
     exclusive.add_argument(
@@ -177,17 +185,19 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs="?",
         metavar="PORT",
         type=whole_number,
-        help="serve the recording to viewers while the run goes on",
+        help=(
+            "serve the recording at this port while the run is in progress (default: 9876)"
+        ),
     )
     exclusive.add_argument(
         "--connect",
         metavar="URL",
-        help="stream into a running viewer",
+        help="send the recording to a viewer that is already open",
     )
     exclusive.add_argument(
         "--view",
         action="store_true",
-        help="open the viewer",
+        help="open the recording in the viewer after the run",
     )
 
 

@@ -34,7 +34,8 @@ def add_lock_argument(parser: ArgumentParser) -> None:
         metavar="PAIR=VALUE",
         action="append",
         help=(
-            "lock an R pair at an angle, such as 21=30deg, so that its two links are one; "
+            "fix an R pair at an angle, such as 21=30deg, so that its two links "
+            "become one; may be repeated; "
             f"{UNIT_RULE}"
         ),
     )
@@ -46,7 +47,10 @@ def add_input_argument(parser: ArgumentParser) -> None:
         "--input",
         metavar="PAIR",
         action="append",
-        help="a driven pair, once for each freedom (default: the file's)",
+        help=(
+            "drive this pair instead of the inputs of the file; give the option once "
+            "for each degree of freedom"
+        ),
     )
     set_completer(input_argument, complete_pairs)
 
@@ -56,7 +60,7 @@ def add_study_arguments(parser: ArgumentParser) -> None:
     file_argument = parser.add_argument(
         "file",
         metavar="FILE|STUDY",
-        help="mechanism or study: path or shipped name",
+        help="mechanism or study: path of a file, or name of a shipped one",
     )
     set_completer(file_argument, complete_studies)
     parser.add_argument(
@@ -64,8 +68,9 @@ def add_study_arguments(parser: ArgumentParser) -> None:
         metavar="N[xM...]",
         type=sample_counts,
         help=(
-            "samples along the input's range, default 361; with several inputs on the "
-            "straight path through their ranges, or on a grid with 41x21"
+            "number of samples over the range of the input (default: 361). With "
+            "several inputs, N samples on the straight path through their ranges, or "
+            "41x21 on a grid"
         ),
     )
     add_input_argument(parser)
@@ -85,18 +90,21 @@ def add_time_arguments(parser: ArgumentParser) -> None:
         metavar="[PAIR=]KIND:key=value,...",
         action="append",
         help=(
-            "time law of an input, such as cycloidal:from=0deg,to=90deg,duration=2: "
+            "motion of an input over time, such as "
+            "cycloidal:from=0deg,to=90deg,duration=2. Kinds: "
             "constant_speed:speed=,from= polynomial:coefficients=a+b+c "
-            "cycloidal:from=,to=,duration= table:times=a+b,angles=a+b,rest_at_ends=; "
-            f"times are in s; {UNIT_RULE}"
+            "cycloidal:from=,to=,duration= table:times=a+b,angles=a+b,rest_at_ends=. "
+            "Times are in s; "
+            f"{UNIT_RULE}"
         ),
     )
     parser.add_argument(
         "--start",
         metavar="q=Q[,dq=W]",
         help=(
-            "state of the input at t = 0, such as q=20deg,dq=1rad/s, of several inputs "
-            "q=Q+Q,dq=W+W; the motion then follows from the loads; "
+            "simulate from this state of the input at t = 0, such as "
+            "q=20deg,dq=1rad/s (several inputs: q=Q+Q,dq=W+W). The motion follows "
+            "from the loads; "
             f"{UNIT_RULE}"
         ),
     )
@@ -104,7 +112,10 @@ def add_time_arguments(parser: ArgumentParser) -> None:
         "--torque",
         metavar="[PAIR=]EXPR",
         action="append",
-        help="driving torque at an input, N m, with --start; others turn freely",
+        help=(
+            "driving torque at an input in N m, for a simulation (--start); inputs "
+            "without one turn freely"
+        ),
     )
     # The samples divide the duration into equal time steps.
     parser.add_argument(
@@ -112,28 +123,28 @@ def add_time_arguments(parser: ArgumentParser) -> None:
         metavar="T",
         type=seconds,
         help=(
-            "time in s that the samples divide, for --law and --start; with neither the "
-            "input turns at 1 rad/s"
+            "duration of the motion in s, divided into equal time steps by the "
+            "samples. Without --law and --start, the input turns at 1 rad/s"
         ),
     )
     parser.add_argument(
         "--crossings",
         choices=("end", "pass"),
         help=(
-            "where curves of configurations cross: keep the signs of dyads, and with "
-            "--start end there (end, the default); or follow the smooth curve through the "
-            "crossing (pass)"
+            "what a mode does where two curves of configurations cross: end = it "
+            "keeps the signs of its dyads, and a simulation ends (default); pass = "
+            "it follows its smooth curve through the crossing"
         ),
     )
     parser.add_argument(
         "--assembly-mode",
         metavar="N-or-NAME",
-        help="only this assembly mode, by number or name",
+        help="compute only this assembly mode, given by its number or name",
     )
     parser.add_argument(
         "--no-search",
         action="store_true",
-        help="only the assembly mode of the reference pose, if the file gives one",
+        help=("compute only the assembly mode of the reference pose, if the file has one"),
     )
 
 

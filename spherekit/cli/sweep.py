@@ -14,7 +14,6 @@ from spherekit.cli.study_arguments import (
     add_time_arguments,
     study_from,
 )
-from spherekit.cli.sweep_report import sweep_report
 from spherekit.wording import counted
 
 if TYPE_CHECKING:
@@ -58,7 +57,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--analysis",
         metavar="NAME[:key=value,...]",
         action="append",
-        help="an analysis whose figures of merit are wanted, may be repeated",
+        help="use the figures of merit of this analysis; may be repeated",
     )
     set_completer(analysis_argument, complete_analyses)
     parser.add_argument(
@@ -67,41 +66,43 @@ def add_arguments(parser: ArgumentParser) -> None:
         action="append",
         help=(
             "a figure of merit: how (min, max, mean, rms, range, swing, sum, argmin, "
-            "argmax, at) and an expression of what a configuration has, in rad; may be "
-            "repeated"
+            "argmax, at) the values of an expression over the motion become one "
+            "number, such as swing(theta_41); angles in rad; may be repeated"
         ),
     )
     parser.add_argument(
         "--tables",
         action="store_true",
         help=(
-            "write the tables too that runs of these analyses have, of every design, below "
-            "the folder of -o"
+            "also write all tables of the analyses for every design, below the folder of -o"
         ),
     )
     parser.add_argument(
         "--where",
         metavar="A<B",
         action="append",
-        help="leave out designs and rows that do not meet this; may be repeated",
+        help=(
+            "keep only designs and assembly modes that meet this condition, such as "
+            "closes>0.99; may be repeated"
+        ),
     )
     parser.add_argument(
         "--designs",
         metavar="N",
         type=whole_number,
-        help="so many designs, not a grid",
+        help="number of designs, spread over the ranges LOW:HIGH, instead of a grid",
     )
     parser.add_argument(
         "--scheme",
         metavar="NAME",
-        help="how they are chosen: sobol (default), latin or random",
+        help="how --designs are chosen: sobol (default), latin or random",
     )
     parser.add_argument(
         "--seed",
         metavar="K",
         type=whole_number,
         default=0,
-        help="of that choice; default 0",
+        help="seed of the random numbers of --scheme (default: 0)",
     )
     parser.add_argument(
         "-o",
@@ -109,8 +110,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="DIR",
         type=Path,
         help=(
-            "write Parquet parts here while it goes on; the same command goes on with a "
-            "sweep that was stopped"
+            "write all rows into this folder as Parquet; run the same command again "
+            "to continue an interrupted sweep"
         ),
     )
     parser.add_argument(
@@ -124,17 +125,17 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--workers",
         metavar="N",
         type=whole_number,
-        help="processes (default: one for each core)",
+        help="number of processes (default: one for each core)",
     )
     parser.add_argument(
         "--dask",
         metavar="ADDRESS",
-        help="compute on the workers of this Dask scheduler",
+        help="address of a Dask scheduler, whose workers compute the sweep",
     )
     parser.add_argument(
         "--json",
         action="store_true",
-        help="print the rows as JSON lines",
+        help="print the rows as JSON, one object per line",
     )
 
 
@@ -147,6 +148,7 @@ def execute(options: Namespace) -> int:
     from dataclasses import replace
 
     from spherekit.api.sweep import perform, sweep_of
+    from spherekit.cli.sweep_report import sweep_report
     from spherekit.designs.design_space import DesignSpace, parse_variation
     from spherekit.errors import DesignError
     from spherekit.runs.registry import create_analysis

@@ -35,7 +35,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     synthesis_argument = parser.add_argument(
         "synthesis",
         metavar="SYNTHESIS",
-        help="file with the wanted function, the free sizes and the conditions",
+        help="file with the wanted function, the sizes that may vary, and conditions",
     )
     set_completer(synthesis_argument, complete_toml_files)
     parser.add_argument(
@@ -43,27 +43,30 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="N",
         type=whole_number,
         default=16384,
-        help="number of designs that are evaluated first; default 16384",
+        help="number of designs that are evaluated first (default: 16384)",
     )
     parser.add_argument(
         "--starts",
         metavar="K",
         type=whole_number,
         default=12,
-        help="number of the best designs that are optimised further; default 12",
+        help=(
+            "number of the best designs from which a local optimisation starts "
+            "(default: 12)"
+        ),
     )
     parser.add_argument(
         "--seed",
         metavar="K",
         type=whole_number,
         default=0,
-        help="seed of the random numbers for the first designs; default 0",
+        help="seed of the random numbers that choose the first designs (default: 0)",
     )
     parser.add_argument(
         "-o",
         "--output",
         metavar="TOML",
-        help="write the file of the best mechanism here",
+        help="write the mechanism file of the best design here",
     )
 
 

@@ -37,28 +37,33 @@ def add_arguments(parser: ArgumentParser) -> None:
         "-a",
         "--analysis",
         metavar="NAME[:key=value,...]",
-        help="the analysis (default: the study's only one, or poles)",
+        help=("analysis to measure (default: the only one of the study, otherwise poles)"),
     )
     set_completer(analysis_argument, complete_analyses)
     parser.add_argument(
         "--tol",
         metavar="T",
         type=number,
-        help="largest error of any column; the fastest setting that meets it is named",
+        help=("recommend the fastest setting whose largest error of any column is below T"),
     )
     parser.add_argument(
         "--rounds",
         metavar="N",
         type=whole_number,
         default=5,
-        help="times that every setting is timed, the best counts; default 5",
+        help=(
+            "number of times that every setting is timed; the best time counts (default: 5)"
+        ),
     )
     parser.add_argument(
         "-o",
         "--output",
         metavar="DIR",
         type=Path,
-        help="write trade.csv and trade.json here, and trade.png if matplotlib is there",
+        help=(
+            "write trade.csv, trade.json and, if matplotlib is installed, trade.png "
+            "into this folder"
+        ),
     )
     parser.add_argument(
         "--save",
@@ -69,7 +74,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--json",
         action="store_true",
-        help="print everything as JSON",
+        help="print all results as JSON",
     )
 
 

@@ -36,13 +36,13 @@ def add_arguments(parser: ArgumentParser) -> None:
         "file",
         nargs="+",
         metavar="FILE|STUDY",
-        help="mechanism or study: path or shipped name",
+        help="mechanism or study: path of a file, or name of a shipped one",
     )
     set_completer(file_argument, complete_studies)
     parser.add_argument(
         "--json",
         action="store_true",
-        help="one JSON object per file",
+        help="print one JSON object per file",
     )
 
 

@@ -28,41 +28,46 @@ def add_arguments(parser: ArgumentParser) -> None:
     file_argument = parser.add_argument(
         "file",
         metavar="FILE|DIR",
-        help="X.rrd, a folder with one, or a mechanism: X.toml or a shipped name",
+        help=(
+            "recording (X.rrd), folder of a run, or mechanism (X.toml or a shipped name)"
+        ),
     )
     set_completer(file_argument, complete_recordings)
     parser.add_argument(
         "--png",
         metavar="PNG",
-        help="write a picture, no display needed",
+        help="write a picture instead of opening the viewer; needs no display",
     )
     parser.add_argument(
         "--web",
         action="store_true",
-        help="in a browser: serve the page on this computer until Ctrl-C",
+        help="show it in a browser; the page is served on this computer until Ctrl-C",
     )
     parser.add_argument(
         "--sample",
         metavar="N",
         type=whole_number,
-        help="sample to show",
+        help="number of the sample to show",
     )
     parser.add_argument(
         "--front",
         metavar="TITLE",
         action="append",
-        help="page or tab to bring to the front of the picture, may be repeated",
+        help=(
+            "bring this page or tab of the recording to the front of the picture; "
+            "may be repeated"
+        ),
     )
     parser.add_argument(
         "--only-3d",
         action="store_true",
-        help="only the mechanism in the picture",
+        help="show only the 3D view in the picture",
     )
     parser.add_argument(
         "--size",
         metavar="WxH",
         default="1600x1000",
-        help="size of the picture",
+        help="width and height of the picture in pixels (default: 1600x1000)",
     )
 
 
