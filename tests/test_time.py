@@ -257,10 +257,10 @@ def test_the_command_says_that_a_simulation_reached_a_joint_limit(tmp_path, caps
         "1e-8",
     ]
     assert main([*command, "-a", "eksergian", "-o", str(tmp_path / "out")]) == 0
-    output, error_text = capsys.readouterr()
-    assert "ended at" in error_text
-    assert "reached its joint limit" in error_text
-    assert "tolerance 1.0e-08" in output
+    output = capsys.readouterr().out
+    assert "ended at" in output
+    assert "reached its joint limit" in output
+    assert "tolerance 1e-08" in output
     events = (tmp_path / "out" / "motion_events.csv").read_text()
     assert events.count("joint_limit") == 1
 

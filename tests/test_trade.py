@@ -385,7 +385,7 @@ def test_a_long_run_takes_the_cheapest_setting(capsys):
     )
     assert main(command.split()) == 0
     lines = capsys.readouterr().out.splitlines()
-    (line,) = [line for line in lines if line.startswith("tolerance")]
+    (line,) = [line for line in lines if line.startswith("  tolerance")]
     assert "the cheapest of a short trade of poles" in line
     assert "NOT MET" not in line
 
