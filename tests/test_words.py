@@ -140,3 +140,18 @@ def test_columns_and_parameters_of_analyses_are_no_retired_words(name, mechanism
     parameters = set(analysis.__dataclass_fields__)
     assert not KEYS & (set(meaning_by_column) | parameters)
     assert not [text for text in meaning_by_column.values() if retired(text)]
+
+
+def test_the_change_log_of_the_first_version_has_no_history():
+    """It is one page by topic, and says what the version can do.
+
+    Nothing was released before, so nothing has changed for a reader. New abilities go into
+    the section of their topic.
+    """
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    history = re.compile(
+        r"\bno longer\b|\b(?:is|are) gone\b|^- Fixed|\bended in a trace", re.M
+    )
+    assert "## 0.1.0" in text
+    assert not history.findall(text)
+    assert len(text.splitlines()) <= 120
