@@ -270,7 +270,7 @@ def _numbers(mechanism: sk.Mechanism, summary: dict[str, Any]) -> str:
         ("outputs", outputs),
         ("Assur groups", ", ".join(summary["groups"]) or "none"),
         ("assembly modes", f"{len(modes)}: {mode_names}"),
-        ("search for modes", summary["search"]),
+        ("completeness", summary["completeness"]),
         ("configurations", f"{summary['status'].get('OK', 0)} of {sample_count} close"),
     ]
     constraints = summary["redundant_constraints"]["count"]
