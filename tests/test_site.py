@@ -201,7 +201,10 @@ MOST_CLICKS = 3
 
 @slow
 def test_every_page_is_reached_in_three_clicks(site, pages):
-    """Clicks follow the links of pages, of their text and of the lists around it."""
+    """Clicks follow the links of pages, of their text and of the lists around it.
+
+    The page of search results is left out: the search box leads to it.
+    """
     reached = {site / "index.html"}
     for _ in range(MOST_CLICKS):
         for path in [*reached]:
@@ -210,6 +213,7 @@ def test_every_page_is_reached_in_three_clicks(site, pages):
                 if parts.path and not parts.netloc:
                     target = (path.parent / unquote(parts.path)).resolve()
                     reached |= {target} & set(pages)
+    reached.add(site / "search.html")
     missed = sorted(path.relative_to(site).as_posix() for path in {*pages} - reached)
     assert not missed, missed
 
@@ -223,7 +227,7 @@ def test_every_page_has_the_version_and_a_link_to_the_source_code(site, pages):
         name = path.relative_to(site).as_posix()
         assert f"spherekit {sk.__version__}" in path.read_text("utf-8"), name
         targets = {(path.parent / unquote(urlsplit(x).path)).resolve() for x in page.links}
-        assert source_code in targets, name
+        assert source_code in targets or path == source_code, name
 
 
 FIND_FIRST_RESULT = """() => {
@@ -240,7 +244,7 @@ FIRST_PAGES = {
     "spring": "how_to/spring",
     "fold": "tutorials/folds",
     "workspace": "workspace",
-    "assembly mode": "motion",
+    "assembly mode": "how_to/assembly_mode",
     "glossary": "glossary",
 }
 """The page that a search for some words has to find first."""

@@ -94,6 +94,7 @@ Angles are in radians unless an argument `angle_unit` says otherwise. Vectors ha
 components along the axes of the ground link. The samples are the first axis of every
 array, except in the result of `evaluate` at one input in one assembly mode.
 [From Python](../../python.md) has examples.
+The {ref}`index <genindex>` lists all names in alphabetical order.
 
 """
 
