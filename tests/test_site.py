@@ -238,7 +238,6 @@ FIND_FIRST_RESULT = """() => {
 
 FIRST_PAGES = {
     "install": "install",
-    "spring": "how_to/spring",
     "gear": "tutorials/differential",
     "inverse kinematics": "inverse",
     "spring": "how_to/spring",
