@@ -117,6 +117,16 @@ def fold_variable(motion, crease):
     return motion.values[:, motion.mechanism.angles[crease]]
 
 
+def test_the_plan_of_an_over_constrained_fold_is_found_by_rank():
+    """In Python as on the command line, a facet beside another one has a crease as pole."""
+    plan = sk.plan("miura_unit")
+    table = sk.table(plan)
+    assert len(table.splitlines()) == 10
+    assert table.count("x") == 2 * 12  # each crease is the pole of two facets
+    with pytest.raises(sk.SpherekitError, match="rigid"):
+        sk.plan(sk.lock(sk.load("flat_foldable_vertex"), {"c2": 0.3}, angle_unit="rad"))
+
+
 def write_vertex(folder, sectors, name="vertex"):
     """Write the file of a new vertex with the command; return its path."""
     path = folder / f"{name}.toml"
