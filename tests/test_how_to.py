@@ -71,3 +71,58 @@ def test_csv_files_have_the_properties_that_matlab_needs(tmp_path):
         assert [cell == "" for cell in cells] == unknown.tolist()
         failed_rows += unknown.sum()
     assert failed_rows > 0
+
+
+def load_from_page(page, folder):
+    """Return the mechanism whose complete file a page shows."""
+    (text,) = (block for block in code_blocks(page, "toml") if "format = 1" in block)
+    path = folder / "shown.toml"
+    path.write_text(text, encoding="utf-8")
+    return sk.load(path)
+
+
+def test_the_cylinder_carries_the_weight_of_the_lid(tmp_path):
+    """The force of the cylinder balances the weight of the closed lid by hand.
+
+    The force acts along the line from the foot to the head of the cylinder. Its moment
+    about the hinge line, the y axis, is that of the weight.
+    """
+    hatch = load_from_page("linear_actuator.md", tmp_path)
+    foot, head = np.array([0.18, 0.24, -0.4]), np.array([0.32, 0.24, 0.0])
+    length = np.linalg.norm(head - foot)
+    lever_arm = abs(np.cross(head, (head - foot) / length)[1])
+    force_by_hand = 8.0 * 9.81 * 0.3 / lever_arm
+
+    result = sk.run(hatch, "statics", samples=2, assembly_mode=0)
+    torque = result.frame("statics")["tau"][0]
+    foot_arm, head_arm = np.linalg.norm(foot), np.linalg.norm(head)
+    angle = hatch.inputs[0].start
+    force = torque * length / (foot_arm * head_arm * np.sin(angle))
+    assert force == pytest.approx(force_by_hand, rel=1e-12)
+
+
+def test_the_second_sun_turns_by_the_ratio_of_the_teeth(tmp_path):
+    reducer = load_from_page("second_sun.md", tmp_path)
+    ratio = sk.evaluate(reducer, 0.3, assembly_mode=0).velocity_coefficient(
+        "second_sun/sun"
+    )
+    assert ratio == pytest.approx(1.0 - (36 / 18) * (18 / 35), rel=1e-12)
+
+
+def test_both_vertices_fold_as_flat_foldable_vertices_do(tmp_path):
+    """Each vertex has the two known constant ratios of tangents of half the fold angles.
+
+    They are -cos(m)/cos(d) and sin(m)/sin(d), with half the sum m and half the difference d
+    of the sector between the two creases and the next sector.
+    """
+    sheet = load_from_page("several_vertices.md", tmp_path)
+    folded = sk.evaluate(sheet, np.radians([20.0, 60.0, 140.0]))
+    for crease, sector, next_sector in (("da", 80.0, 120.0), ("be", 130.0, 70.0)):
+        half_sum = np.radians(0.5 * (sector + next_sector))
+        half_difference = np.radians(0.5 * (sector - next_sector))
+        ratios = np.tan(0.5 * folded.variable(crease)) / np.tan(0.5 * folded.q)
+        first = -np.cos(half_sum) / np.cos(half_difference)
+        second = np.sin(half_sum) / np.sin(half_difference)
+        distances = np.abs(ratios[:, None] - [first, second])
+        assert distances.min(axis=1).max() < 1e-12
+        assert set(distances.argmin(axis=1)) == {0, 1}
