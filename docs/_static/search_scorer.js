@@ -5,8 +5,8 @@ var Scorer = {
   titleWord: 6,
   points: [
     [/^install$/, 12],
-    [/^how_to\//, 8],
-    [/^(tutorials\/|first_mechanism$)/, 4],
+    [/^(how_to|tutorials)\//, 8],
+    [/^first_mechanism$/, 4],
     [/^(notebooks|generated\/(gallery|commands|mechanisms|analyses))\//, -4],
     [/(^sections\/|\/index$|^generated\/(api|changelog|contributing))/, -10],
     [/^(architecture|decisions|dependencies|benchmarks|extremes|cross_checks)$/, -8],
