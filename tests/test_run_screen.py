@@ -11,7 +11,6 @@ import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.errors import PluginError
 from spherekit.plugin import Findings, ScreenColumn, ScreenTable
-from spherekit.runs.contract import table_from_json
 from spherekit.runs.motion_overview import MotionOverview
 from spherekit.runs.result_checks import compute_findings
 
@@ -103,7 +102,7 @@ def test_an_overview_is_restored_from_its_journal():
     table = ScreenTable((ScreenColumn("a"), ScreenColumn("b", "right")), (("x", "1"),), "t")
     findings = Findings({"n": 1}, ("w",), ("r",), (table,))
     assert Findings.from_json(json.loads(json.dumps(asdict(findings)))) == findings
-    assert table_from_json(asdict(table)) == table
+    assert ScreenTable.from_json(asdict(table)) == table
 
 
 def test_results_come_first_and_bookkeeping_with_verbose(capsys):

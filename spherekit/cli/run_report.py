@@ -17,7 +17,6 @@ from spherekit.cli.screen_report import ScreenReport
 from spherekit.conventions import Lines
 from spherekit.number_text import degree_range_text, degrees_text, number_text
 from spherekit.progress import ProgressReporter
-from spherekit.runs.contract import table_from_json
 from spherekit.tables.screen_table import ScreenTable
 from spherekit.wording import counted, listing, numbered, size_text
 
@@ -173,7 +172,7 @@ def _analysis_results(summary: Any) -> list[str | ScreenTable]:
     results: list[str | ScreenTable] = []
     names = [analysis["name"] for analysis in summary["analyses"]]
     for analysis in summary["analyses"]:
-        tables = [table_from_json(entry) for entry in analysis["screen_tables"]]
+        tables = [ScreenTable.from_json(entry) for entry in analysis["screen_tables"]]
         remarks = analysis["remarks"]
         if len(names) > 1 and (tables or remarks):
             results.append(f"{analysis['name']}:")

@@ -17,7 +17,7 @@ from spherekit.runs.batch import Batch
 from spherekit.runs.figure_of_merit import FigureOfMerit
 from spherekit.runs.needs import Needs
 from spherekit.scenes.scene import Scene
-from spherekit.tables.screen_table import ScreenColumn, ScreenTable
+from spherekit.tables.screen_table import ScreenTable
 from spherekit.tables.table import Table, TableArrays, Tables
 
 CONTRACT = 1
@@ -101,17 +101,8 @@ class Findings:
             entries["figures"],
             tuple(entries["warnings"]),
             tuple(entries["remarks"]),
-            tuple(table_from_json(table) for table in entries["tables"]),
+            tuple(ScreenTable.from_json(table) for table in entries["tables"]),
         )
-
-
-def table_from_json(entries: Mapping[str, Any]) -> ScreenTable:
-    """Return a table of the screen from the data of `dataclasses.asdict` after JSON."""
-    return ScreenTable(
-        columns=tuple(ScreenColumn(**column) for column in entries["columns"]),
-        rows=tuple(tuple(row) for row in entries["rows"]),
-        title=entries["title"],
-    )
 
 
 class AbstractAnalysis(ABC):

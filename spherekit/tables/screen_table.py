@@ -1,7 +1,8 @@
 """A small table of results for the screen, whose cells are texts."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal, Self
 
 from spherekit.conventions import Names
 
@@ -50,6 +51,15 @@ class ScreenTable:
                     f"the row {row} has {len(row)} cells, the table has "
                     f"{len(self.columns)} columns"
                 )
+
+    @classmethod
+    def from_json(cls, entries: Mapping[str, Any]) -> Self:
+        """Return a table from the data of `dataclasses.asdict` after JSON."""
+        return cls(
+            columns=tuple(ScreenColumn(**column) for column in entries["columns"]),
+            rows=tuple(tuple(row) for row in entries["rows"]),
+            title=entries["title"],
+        )
 
 
 def row_sentences(table: ScreenTable) -> list[str]:
