@@ -22,6 +22,7 @@ from spherekit.mechanism.cache import MechanismCache
 from spherekit.mechanism.elements import Input, Pair, PoseGeometry, Profile
 from spherekit.mechanism.load_kinds import JointLimit
 from spherekit.mechanism.mechanism import Mass, Mechanism
+from spherekit.number_text import degrees_text
 from spherekit.planning.pole_plan import all_poles
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.symbolic.expression_function import expression_function
@@ -401,7 +402,8 @@ def test_a_stop_beyond_a_turn_ends_the_motion_at_its_angle(engine):
     farther = with_crank_limits(-1.0, 9.5)
     for rate, stop in ((1.0, 9.0), (-1.0, -1.0)):
         result = sk.simulate(mechanism, Start(0.3, rate), 60.0, engine=engine)
-        assert result.end.message == f"pair 21 reached its joint limit at {stop:g} rad"
+        limit = f"{degrees_text(stop)} deg ({stop:g} rad)"
+        assert result.end.message == f"pair 21 reached its joint limit at {limit}"
         assert result.end.kind == "joint_limit"
         assert abs(result.at([result.end.t]).q[0] - stop) < 1e-10
         with pytest.raises(SolveError, match="reached its joint limit"):
@@ -426,7 +428,7 @@ def test_a_motion_may_start_at_a_joint_limit_but_not_outside(engine):
         sk.simulate(with_crank_limits(-1.0, 9.0), Start(9.2, 1.0), 10.0, engine=engine)
     mechanism = with_crank_limits(0.3, 2.0)
     inwards = sk.simulate(mechanism, Start(0.3, 1), 5.0, engine=engine)
-    assert inwards.end.message.endswith("2 rad")
+    assert inwards.end.message.endswith("(2 rad)")
     outwards = sk.simulate(mechanism, Start(0.3, -1), 5.0, engine=engine)
     assert (outwards.end.kind, outwards.end.t) == ("joint_limit", 0.0)
     assert [event.kind for event in outwards.events] == ["joint_limit"]

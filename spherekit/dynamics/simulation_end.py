@@ -10,6 +10,7 @@ from spherekit.dynamics.inertia import inertia_matrix
 from spherekit.dynamics.simulated_path import StatePath
 from spherekit.dynamics.simulation_start import Problem
 from spherekit.errors import SolveError
+from spherekit.number_text import degrees_text
 
 EndKind = Literal[
     "time",
@@ -81,8 +82,9 @@ class SimulationEnd:
 
 def joint_limit_end(t: float, pair: str, value: float) -> SimulationEnd:
     """Return the end at a joint limit of a pair whose variable is `value` (rad)."""
+    limit = f"{degrees_text(value)} deg ({value:.6g} rad)"
     return SimulationEnd(
-        "joint_limit", t, f"pair {pair} reached its joint limit at {value:.6g} rad"
+        "joint_limit", t, f"pair {pair} reached its joint limit at {limit}"
     )
 
 
