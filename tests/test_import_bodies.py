@@ -217,7 +217,7 @@ def test_outputs_come_back(tmp_path):
     assert set(found) == {"tip", "between"}
     assert (found["between"].link, found["between"].relative_to) == ("4", "2")
     placed = sk.evaluate(made, 0.7, assembly_mode=0)
-    direction = placed.rotation("3")[0] @ [0.6, 0.0, 0.8]
+    direction = placed.rotation("3") @ [0.6, 0.0, 0.8]
     assert found["tip"].direction == pytest.approx(direction, abs=1e-12)
 
 

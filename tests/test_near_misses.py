@@ -8,6 +8,7 @@ from mechanism_examples.named_mechanisms import four_bar
 from oracles.four_bar_singularities import findings_and_warnings
 
 import spherekit as sk
+from spherekit.cli.main import main
 from spherekit.mechanism.elements import Input
 from spherekit.numerics.minima import find_local_minima
 from spherekit.plugin.motion import PositionAnalysis
@@ -203,10 +204,13 @@ def test_a_slow_output_is_not_near_its_dead_centre():
 
 
 @pytest.mark.parametrize("analysis", ["dynamics", "statics", "reactions", "sensitivity"])
-def test_what_is_the_largest_of_samples_says_so(analysis):
-    said = sk.run("four_bar", analysis, samples=9).summary["remarks"]
-    told = [words for words in said if "largest" in words or "up to" in words]
-    assert told and all("sample" in words for words in told)
+def test_the_screen_says_that_coarse_samples_miss_extremes(analysis, capsys):
+    """Nine samples of one turn, and the analysis prints the largest of its values."""
+    assert main(["run", "four_bar", "-a", analysis, "--samples", "9"]) == 0
+    printed = capsys.readouterr().out
+    assert "largest" in printed or "up to" in printed
+    (sentence,) = [line for line in printed.splitlines() if "Samples are" in line]
+    assert "45 deg apart" in sentence and "extremes" in sentence
 
 
 def test_minima_of_values_alone():

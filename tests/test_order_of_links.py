@@ -84,7 +84,7 @@ def test_stored_models_have_the_same_signs():
     evaluation = sk.evaluate("four_bar", 0.7, assembly_mode=0)
     for pole in ("4/1", "1/4", "2/1", "1/2", "4/3", "3/4"):
         relative_rate = model.rate(pole, 0.7) * model.pole(pole, 0.7)
-        expected = evaluation.velocity_coefficient(pole)[0] * evaluation.direction(pole)[0]
+        expected = evaluation.velocity_coefficient(pole) * evaluation.direction(pole)
         np.testing.assert_allclose(relative_rate, expected, atol=1e-10)
         opposite_pole = "/".join(reversed(pole.split("/")))
         assert model.rate(opposite_pole, 0.7) == -model.rate(pole, 0.7)
@@ -113,12 +113,12 @@ def test_quantities_of_sources_and_sweeps_have_the_sign_of_their_first_link():
     values = array_function(list(formula_set.outputs), terms)(point)[:, 0]
     coefficients, axes = values[: len(pairs)], values[len(pairs) :].reshape(-1, 3)
     evaluation = sk.evaluate("four_bar", 0.7, assembly_mode=0)
-    w = {link: evaluation.angular_velocity(link)[0] for link in links}
+    w = {link: evaluation.angular_velocity(link) for link in links}
     joined = {frozenset(pair.links) for pair in evaluation.mechanism.pairs}
     for (a, b), coefficient, axis in zip(pairs, coefficients, axes, strict=True):
         np.testing.assert_allclose(coefficient * axis, w[a] - w[b], atol=1e-12)
         if frozenset((a, b)) in joined:
-            expected = evaluation.velocity_coefficient(f"{a}/{b}")[0]
+            expected = evaluation.velocity_coefficient(f"{a}/{b}")
             assert coefficient == pytest.approx(expected, abs=1e-12)
         else:
             assert coefficient >= 0.0
