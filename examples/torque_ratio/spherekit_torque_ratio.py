@@ -50,7 +50,7 @@ class TorqueRatio(AbstractAnalysis):
     link: str = ""
 
     def pole(self, mechanism: Mechanism) -> Pole:
-        """Return the pole of the link and the ground; refuse what is no moving link."""
+        """Return the pole of the link and the ground; refuse a link that does not exist."""
         name = self.link or next((item.link for item in mechanism.outputs), "")
         number = mechanism.link_number.get(name, 0)
         if number == 0:
@@ -63,7 +63,7 @@ class TorqueRatio(AbstractAnalysis):
         return Needs(rates=frozenset([self.pole(mechanism)]))
 
     def ratio(self, batch: Batch) -> Floats:
-        """Return (n,) the ratio of torques; endless where the link is at rest."""
+        """Return the ratio of torques (n,), infinite if the link is at rest."""
         with np.errstate(divide="ignore"):
             return 1.0 / batch.velocity_coefficient(*self.pole(batch.mechanism))
 
@@ -80,7 +80,7 @@ class TorqueRatio(AbstractAnalysis):
         }
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
-        """Return a plot for each assembly mode, with a gap where the ratio is endless."""
+        """Return a plot for each assembly mode, with a gap where the ratio is large."""
         ratio = self.ratio(batch)
         ratio = np.where(np.abs(ratio) < 20.0, ratio, np.nan)
         link = batch.mechanism.links[self.pole(batch.mechanism)[1]]
