@@ -22,11 +22,19 @@ from spherekit.plugin import (
 from spherekit.plugin.motion import Motion
 from spherekit.plugin.rotations import MidPlaneArchitecture
 
-WORKING_MODE = Column("working_mode", "", "signs of the working mode's legs", "text")
+WORKING_MODE = Column(
+    "working_mode", "", "working mode: the sign of each leg, such as +-", "text"
+)
 """The column of working modes."""
 
 DIRECTION_COLUMNS = tuple(
-    Column(name, "", "of the direction, or of the unit quaternion xyzw", turns="otherwise")
+    Column(
+        name,
+        "",
+        f"{name} component of the output's direction, or of its unit quaternion "
+        "(x, y, z, w), in axes of the output's reference link",
+        turns="otherwise",
+    )
     for name in "xyz"
 )
 """The columns of a direction, or of the first three components of a unit quaternion."""
@@ -34,15 +42,20 @@ DIRECTION_COLUMNS = tuple(
 MID_PLANE_COLUMNS = tuple(
     Column(name, "rad", f"{meaning}; empty without a mid-plane symmetric architecture")
     for name, meaning in (
-        ("phi", "arc from Q to P, negative where P is on the side z0 < 0"),
-        ("gamma", "turn of the mid-plane"),
+        ("phi", "angle phi = -2 arcsin(n_x) of the mid-plane with the unit normal n"),
+        ("gamma", "angle gamma = 2 arcsin(n_y) of the mid-plane with the unit normal n"),
     )
 )
 """The columns of the angles of the mid-plane of a direction."""
 
 POSE_COLUMNS = (
     *DIRECTION_COLUMNS,
-    Column("w", "", "of the quaternion; empty for directions", turns="otherwise"),
+    Column(
+        "w",
+        "",
+        "w component (the real part) of the output's unit quaternion; empty for directions",
+        turns="otherwise",
+    ),
     *MID_PLANE_COLUMNS,
 )
 """The columns of a pose, which is a direction or an orientation of the output."""
@@ -50,9 +63,15 @@ POSE_COLUMNS = (
 TILT_TORSION_COLUMNS = tuple(
     Column(name, "rad", meaning, turns="otherwise")
     for name, meaning in (
-        ("azimuth", "of the direction, or in which the link is tilted"),
-        ("tilt", "of the direction, or of the link's z axis"),
-        ("torsion", "turn of the link that is not a tilt; empty for directions"),
+        (
+            "azimuth",
+            "azimuth about z of the output's direction, or of the output link's z axis",
+        ),
+        ("tilt", "angle from z to the output's direction, or to the output link's z axis"),
+        (
+            "torsion",
+            "rotation of the output link about its tilted z axis; empty for directions",
+        ),
     )
 )
 """The columns of a pose in tilt and torsion angles."""

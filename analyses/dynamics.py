@@ -48,12 +48,26 @@ from .common import (
 
 TORQUE_KEY = "largest_torque_Nm"
 """Key of the largest torque at an input in the summary."""
-RATES = Column("dq", "rad/s", "rate of the variable of", per_input=True)
-ACCELERATIONS = Column("ddq", "rad/s2", "acceleration of the variable of", per_input=True)
-DRIVING_TORQUES = Column("tau", "N m", "driving torque at", per_input=True)
-FORCES = Column("Q", "N m", "generalised force of all loads at", per_input=True)
-PARTS = Column("Q", "N m", "part of the load in the generalised force at", per_input=True)
-DERIVATIVES = Column("dM", "kg m2/rad", "derivative of the entry by", per_input=True)
+RATES = Column("dq", "rad/s", "rate of the variable of the driven pair", per_input=True)
+ACCELERATIONS = Column(
+    "ddq",
+    "rad/s2",
+    "second time derivative of the variable of the driven pair",
+    per_input=True,
+)
+DRIVING_TORQUES = Column("tau", "N m", "driving torque at the driven pair", per_input=True)
+FORCES = Column(
+    "Q", "N m", "generalised force of all loads at the driven pair", per_input=True
+)
+PARTS = Column(
+    "Q", "N m", "generalised force of this load at the driven pair", per_input=True
+)
+DERIVATIVES = Column(
+    "dM",
+    "kg m2/rad",
+    "derivative of M with respect to the variable of the driven pair",
+    per_input=True,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,22 +96,28 @@ class Dynamics(AbstractAnalysis):
                 ACCELERATIONS,
                 DRIVING_TORQUES,
                 FORCES,
-                Column("kinetic_energy", "J", "kinetic energy"),
-                Column("power", "W", "power of all driving torques"),
+                Column("kinetic_energy", "J", "kinetic energy of the mechanism"),
+                Column("power", "W", "power of the driving torques of all inputs"),
                 RESIDUAL,
                 STATUS,
             ),
         ),
         Table(
             "inertia",
-            "one row per sample, assembly mode and two inputs",
+            "one row per sample, assembly mode and entry of the inertia matrix",
             (
                 SAMPLE,
                 ASSEMBLY_MODE,
                 INPUTS,
-                Column("row", "", "the one input", "text"),
-                Column("column", "", "the other input, or the same", "text"),
-                Column("M", "kg m2", "entry of the inertia matrix"),
+                Column("row", "", "driven pair of the row of the inertia matrix", "text"),
+                Column(
+                    "column", "", "driven pair of the column of the inertia matrix", "text"
+                ),
+                Column(
+                    "M",
+                    "kg m2",
+                    "entry of the inertia matrix M; q' M q' / 2 is the kinetic energy",
+                ),
                 DERIVATIVES,
                 STATUS,
             ),
@@ -110,9 +130,9 @@ class Dynamics(AbstractAnalysis):
                 ASSEMBLY_MODE,
                 TIME,
                 INPUTS,
-                Column("load", "", "the load", "text"),
+                Column("load", "", "name of the load in the mechanism file", "text"),
                 PARTS,
-                Column("power", "W", "its power"),
+                Column("power", "W", "power of this load"),
                 STATUS,
             ),
         ),
@@ -266,6 +286,6 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
     if summary["rows_at_singularities"]:
         warnings = (
             f"in {counted(summary['rows_at_singularities'], 'row')} the inputs do not hold "
-            "the mechanism, so that no torques at them do it (AT_SINGULARITY)",
+            "the mechanism, so no torques at them can balance the loads (AT_SINGULARITY)",
         )
     return Findings(summary, warnings, remarks)

@@ -118,7 +118,9 @@ def read_end(
     form = next((terms for terms in forms if set(terms) == set(number_of_term)), None)
     if form is None:
         alternatives = listing("=..+".join(terms) + "=.." for terms in forms)
-        raise AnalysisError(f'{where}: "{text}" is not a pose; say one of {alternatives}')
+        raise AnalysisError(
+            f'{where}: "{text}" does not describe a pose; give one of {alternatives}'
+        )
 
     # 2. Convert the numbers, in the order of the form, to a pose. Angles are in rad.
     values = np.array([number_of_term[term] for term in form])
@@ -138,7 +140,8 @@ def read_end(
     angle = values[3]
     if not angle > 0.0:
         raise AnalysisError(
-            f'{where}: "{text}": angle has to be above 0; turn the axis round instead'
+            f'{where}: "{text}": angle must be above 0; reverse the axis for a rotation in '
+            "the opposite sense"
         )
     return AtRotation(pose_or_axis, float(angle))
 
@@ -241,9 +244,9 @@ def read_terms(
         is_number = name != "" and np.isfinite(number)
         if not is_number or (begins_pose and not allow_several):
             raise AnalysisError(
-                f'{where}: "{part}" of "{"+".join(parts)}" is not name=number'
-                f"{'' if allow_several else ', each name once'}; say for example "
-                "azimuth=10+tilt=20"
+                f'{where}: "{part}" of "{"+".join(parts)}" is not '
+                f"name=number{'' if allow_several else ', each name once'}; write for "
+                "example azimuth=10+tilt=20"
             )
         if begins_pose:
             poses.append({})

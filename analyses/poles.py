@@ -49,10 +49,10 @@ visible at first. Larger: drawings of large mechanisms are crowded."""
 CHART_MEANINGS = {
     "xi": "pseudo-Cartesian coordinate of the pole, arctan(y/x) in the axes of the chart",
     "zeta": "pseudo-Cartesian coordinate of the pole, arctan(z/x) in the axes of the chart",
-    "circle_1_epsilon": "slope in the chart of the first great circle through the pole",
-    "circle_1_theta": "angle of this circle in its pencil of meridians",
-    "circle_2_epsilon": "slope in the chart of the second great circle through the pole",
-    "circle_2_theta": "angle of this circle in its pencil of meridians",
+    "circle_1_epsilon": "slope, in the chart, of the first great circle through the pole",
+    "circle_1_theta": "angle of the first great circle in its pencil of meridians",
+    "circle_2_epsilon": "slope, in the chart, of the second great circle through the pole",
+    "circle_2_theta": "angle of the second great circle in its pencil of meridians",
 }
 """Meanings of the columns of the gnomonic chart. Axes of pairs have no great circles."""
 
@@ -95,13 +95,14 @@ class Poles(AbstractAnalysis):
                 SAMPLE,
                 ASSEMBLY_MODE,
                 INPUT,
-                Column("link", "", "the link that moves", "text"),
-                Column("relative_to", "", "the link it is seen from", "text"),
+                Column("link", "", "link whose motion is described", "text"),
+                Column("relative_to", "", "link relative to which it moves", "text"),
                 *(
                     Column(
                         f"u{axis}",
                         "",
-                        f"pole axis, {axis} in ground axes",
+                        f"{axis} component of the unit vector u along the pole axis, in "
+                        "ground axes",
                         scale="absolute",
                         turns="vector",
                     )
@@ -111,8 +112,8 @@ class Poles(AbstractAnalysis):
                     Column(
                         f"du{axis}_dq",
                         "1/rad",
-                        f"derivative of u{axis} by q, where the coefficient is not too "
-                        "small to know it",
+                        f"derivative of u{axis} with respect to q; empty if the velocity "
+                        "coefficient is too small to determine it",
                         scale="none",
                         turns="vector",
                     )
@@ -121,53 +122,63 @@ class Poles(AbstractAnalysis):
                 Column(
                     "velocity_coefficient",
                     "",
-                    "velocity coefficient: times u it is the angular velocity per unit "
-                    "rate of q",
+                    "velocity coefficient k: k u is the relative angular velocity of the "
+                    "two links per unit rate of q",
                 ),
                 Column(
                     "acceleration_coefficient",
                     "1/rad",
-                    "acceleration coefficient: derivative of the velocity coefficient by q",
+                    "acceleration coefficient: derivative of the velocity coefficient with "
+                    "respect to q",
                 ),
                 Column(
                     "conditioning",
                     "",
-                    "how far the angular velocities of both links are from cancelling: the "
-                    "size of their difference over the sum of sizes; 1 for pairs",
+                    "relative speed of the two links divided by the sum of their speeds: "
+                    "1 for axes of pairs; digits of the pole cancel if it is small",
                     scale="none",
                 ),
                 Column(
                     "error_bound",
                     "rad",
-                    "bound of the error of u: of rounding and of the configuration",
+                    "upper bound of the angular error of u, from rounding and from the "
+                    "closure residual",
                     scale="none",
                 ),
                 Column(
                     "velocity_coefficient_error_bound",
                     "",
-                    "bound of the error of the velocity coefficient, likewise",
+                    "upper bound of the error of velocity_coefficient, from rounding and "
+                    "from the closure residual",
                     scale="none",
                 ),
                 Column(
                     "acceleration_coefficient_error_bound",
                     "1/rad",
-                    "bound of the error of acceleration_coefficient, likewise",
+                    "upper bound of the error of acceleration_coefficient, from rounding "
+                    "and from the closure residual",
                     scale="none",
                 ),
                 Column(
                     "direction_dq_error_bound",
                     "1/rad",
-                    "bound of the error of du_dq, the length of the error vector, likewise",
+                    "upper bound of the length of the error vector of (dux_dq, duy_dq, "
+                    "duz_dq), from rounding and from the closure residual",
                     scale="none",
                 ),
                 RESIDUAL,
                 STATUS,
-                Column("moving", "", "the moving input, the others locked", "text"),
+                Column(
+                    "moving",
+                    "",
+                    "driven pair that moves; the other inputs are locked",
+                    "text",
+                ),
                 *(
                     Column(
                         name,
                         "rad",
-                        f"{meaning} (with the parameter chart)",
+                        f"{meaning}; on request with the parameter chart",
                         scale="none",
                         turns="otherwise",
                         on_request="chart",

@@ -51,6 +51,18 @@ EQUAL_MAXIMUM_RATIO = 1e-9
 """Values that differ from the maximum by a smaller part are maxima too; the first of them
 is reported. Smaller: rounding decides which of equal maxima is reported."""
 
+AXIS_MEANINGS = {
+    "x": "the zero direction of an R pair in its second link, or the tangent of a contact",
+    "y": "the y axis of an R pair in its second link, or the normal of a contact",
+    "z": "the axis of an R pair, or the line from the centre to the contact",
+}
+"""Meanings of the axes of a pair, along which components are given."""
+FIRST_LINK_AXIS_MEANINGS = {
+    "x": "the zero direction of the pair in its first link",
+    "y": "the y axis of the pair in its first link",
+}
+"""Meanings of the axes of an R pair that are fixed in its first link."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ReactionAnalysis(AbstractAnalysis):
@@ -74,57 +86,98 @@ class ReactionAnalysis(AbstractAnalysis):
                 ASSEMBLY_MODE,
                 TIME,
                 INPUTS,
-                Column("pair", "", "the pair", "text"),
-                Column(
-                    "moment_x",
-                    "N m",
-                    "moment of its first link on the second about the centre: about the "
-                    "zero direction of an R pair in the second link, with which it turns, "
-                    "or the tangent of a contact",
+                Column("pair", "", "name of the pair", "text"),
+                *(
+                    Column(
+                        f"moment_{axis}",
+                        "N m",
+                        "moment about the centre that the first link of the pair exerts on "
+                        f"the second, about {words}",
+                    )
+                    for axis, words in AXIS_MEANINGS.items()
                 ),
-                Column("moment_y", "N m", "about the direction across it, or the normal"),
-                Column("moment_z", "N m", "about the axis, or the point of a contact"),
-                Column(
-                    "moment_x_first",
-                    "N m",
-                    "of an R pair: about its zero direction in the first link instead",
+                *(
+                    Column(
+                        f"moment_{axis}_first",
+                        "N m",
+                        "moment about the centre that the first link of an R pair exerts "
+                        f"on the second, about {words}; empty for contacts",
+                    )
+                    for axis, words in FIRST_LINK_AXIS_MEANINGS.items()
                 ),
-                Column("moment_y_first", "N m", "about the direction across that one"),
-                Column("transverse_moment", "N m", "its part across the axis or the point"),
+                Column(
+                    "transverse_moment",
+                    "N m",
+                    "size of the part of the moment at right angles to the pair axis, or "
+                    "to the line from the centre to the contact",
+                ),
                 Column(
                     "contact_torque",
                     "N m",
-                    "force of a contact along its normal, times the radius: above 0 it "
-                    "presses",
+                    "normal force of a contact times the radius: positive if the contact "
+                    "presses; empty for R pairs",
                 ),
-                Column("traction", "N m", "that along its tangent, on the second link"),
                 Column(
-                    "force_x",
-                    "N",
-                    "force of its first link on the second, in the same axes: of an R pair "
-                    "through the centre, of a contact at its point",
+                    "traction",
+                    "N m",
+                    "tangential force of a contact on the second link, times the radius; "
+                    "empty for R pairs",
                 ),
-                Column("force_y", "N", "likewise"),
-                Column("force_z", "N", "likewise: of an R pair along the axis"),
-                Column("force_x_first", "N", "along the axes of moment_x_first"),
-                Column("force_y_first", "N", "and moment_y_first"),
+                *(
+                    Column(
+                        f"force_{axis}",
+                        "N",
+                        "force of the first link on the second, through the centre for an "
+                        f"R pair and at the contact point otherwise, along {words}",
+                    )
+                    for axis, words in AXIS_MEANINGS.items()
+                ),
+                *(
+                    Column(
+                        f"force_{axis}_first",
+                        "N",
+                        "force through the centre of the first link of an R pair on the "
+                        f"second, along {words}; empty for contacts",
+                    )
+                    for axis, words in FIRST_LINK_AXIS_MEANINGS.items()
+                ),
                 STATUS,
             ),
         ),
         Table(
             "bearings",
-            "one row per sample, assembly mode and bearing that the file places",
+            "one row per sample, assembly mode and bearing whose position the file gives",
             (
                 SAMPLE,
                 ASSEMBLY_MODE,
                 TIME,
                 INPUTS,
-                Column("load", "", "the load that places it", "text"),
-                Column("pair", "", "the pair", "text"),
-                Column("position", "m", "its distance from the centre along the axis"),
-                Column("couple_force", "N", "force across the axis of the couple alone"),
-                Column("radial", "N", "that with the force through the centre"),
-                Column("axial", "N", "force along the axis, on the second link"),
+                Column(
+                    "load", "", "load of the mechanism file that places the bearing", "text"
+                ),
+                Column("pair", "", "name of the pair", "text"),
+                Column(
+                    "position",
+                    "m",
+                    "position of the bearing along the pair axis, from the centre",
+                ),
+                Column(
+                    "couple_force",
+                    "N",
+                    "force on the bearing at right angles to the axis that the moment of "
+                    "the pair causes",
+                ),
+                Column(
+                    "radial",
+                    "N",
+                    "whole force on the bearing at right angles to the axis: that of the "
+                    "moment and that of the force through the centre",
+                ),
+                Column(
+                    "axial",
+                    "N",
+                    "force on the second link at this bearing along the pair axis",
+                ),
                 STATUS,
             ),
         ),
@@ -511,10 +564,15 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
         # in the file would determine the normal force from the tangential one.
         without_angle = summary["forces_need"]["pressure_angles"]
         meshes = [name for name in without_angle if name in open_pairs]
-        hint = f"; teeth at {listing(meshes)} would have a pressure_angle" if meshes else ""
+        hint = ""
+        if meshes:
+            hint = (
+                f"; a pressure_angle of the teeth at {listing(meshes)} reduces the number "
+                "of unknowns"
+            )
         remarks.append(
-            "redundant constraints leave open how reactions are shared among the pairs "
-            f"{listing(open_pairs)}; what is open is left empty{hint}"
+            f"redundant constraints leave undetermined how the pairs {listing(open_pairs)} "
+            f"share the reactions; undetermined components are empty{hint}"
         )
 
     # 2. The largest moment, and the largest loads of bearings.
@@ -598,9 +656,9 @@ def _describe_open_forces(summary: Mapping[str, Any]) -> list[str]:
     sliding_links = summary["links_that_slide"]
     if sliding_links:
         return [
-            "so many pairs float that none holds the links "
-            f"{listing(sliding_links)} in the centre of the sphere: no "
-            "force is determined; let a pair take axial force there (axial)"
+            f"all pairs of the links {listing(sliding_links)} let them slide along their "
+            "axes, so nothing holds these links at the centre of the sphere and no force "
+            "is determined; let a bearing of these pairs take axial force (key axial)"
         ]
     open_pairs = [
         name for name, record in summary["pairs"].items() if record["force_is_open"]
@@ -608,6 +666,6 @@ def _describe_open_forces(summary: Mapping[str, Any]) -> list[str]:
     if not open_pairs:
         return []
     return [
-        f"forces through the centre are open in the pairs {listing(open_pairs)}; a file "
-        f"that says {listing(summary['forces_need']['wanted'])} determines them"
+        f"forces through the centre are undetermined in the pairs {listing(open_pairs)}; a "
+        f"file that says {listing(summary['forces_need']['wanted'])} determines them"
     ]

@@ -11,6 +11,7 @@ from spherekit.plugin import (
     ASSEMBLY_MODE,
     INPUTS,
     SAMPLE,
+    STATUS,
     AbstractAnalysis,
     AnalysisError,
     Batch,
@@ -158,41 +159,78 @@ class SensitivityAnalysis(AbstractAnalysis):
                 SAMPLE,
                 ASSEMBLY_MODE,
                 INPUTS,
-                Column("quantity", "", "what changes", "text"),
+                Column("quantity", "", "name of the quantity", "text"),
                 Column(
                     "size",
                     "",
-                    "the size that changes it, a key of the file",
+                    "key of the size in the mechanism file",
                     "text",
                     turns="otherwise",
                 ),
-                Column("value", "", "the quantity, rad and SI"),
-                Column("derivative", "", "by the size, per rad or unit, the inputs held"),
-                Column("status", "", "what became of the row", "status"),
+                Column("value", "", "value of the quantity, in rad and SI units"),
+                Column(
+                    "derivative",
+                    "",
+                    "derivative of the quantity with respect to the size (per rad or SI "
+                    "unit), at constant inputs",
+                ),
+                STATUS,
             ),
         ),
         Table(
             "tolerances",
-            "one row per sample, assembly mode and quantity: what deviations of sizes do",
+            "one row per sample, assembly mode and quantity: effect of deviations of sizes",
             (
                 SAMPLE,
                 ASSEMBLY_MODE,
                 INPUTS,
-                Column("quantity", "", "what deviates, rad and SI", "text"),
-                Column("spread", "", "standard deviation, to first order"),
-                Column("worst", "", "worst case, to first order"),
-                Column("drawn_spread", "", "standard deviation of the draws", scale="none"),
-                Column("drawn_worst", "", "largest deviation of a draw", scale="none"),
-                Column("lost", "", "share of draws that cannot be or close", scale="none"),
+                Column(
+                    "quantity",
+                    "",
+                    "name of the quantity, whose deviations are in rad and SI units",
+                    "text",
+                ),
+                Column("spread", "", "standard deviation of the quantity, to first order"),
+                Column(
+                    "worst",
+                    "",
+                    "worst case of the deviation of the quantity, to first order: the "
+                    "effects of all sizes add up, each at its limit or at 3 standard "
+                    "deviations",
+                ),
+                Column(
+                    "drawn_spread",
+                    "",
+                    "standard deviation of the quantity in mechanisms with random sizes",
+                    scale="none",
+                ),
+                Column(
+                    "drawn_worst",
+                    "",
+                    "largest deviation of the quantity in mechanisms with random sizes",
+                    scale="none",
+                ),
+                Column(
+                    "lost",
+                    "",
+                    "fraction of the mechanisms with random sizes that cannot be assembled",
+                    scale="none",
+                ),
                 Column(
                     "matters_most",
                     "",
-                    "the size with the largest share, all where they are equal",
+                    "size that causes the largest part of the variance; equal ones are "
+                    "joined by +",
                     "text",
                     turns="otherwise",
                 ),
-                Column("share", "", "its share of the variance, to first order"),
-                Column("status", "", "what became of the row", "status"),
+                Column(
+                    "share",
+                    "",
+                    "fraction of the variance that the size in matters_most causes, to "
+                    "first order",
+                ),
+                STATUS,
             ),
         ),
     )
@@ -429,8 +467,8 @@ class SensitivityAnalysis(AbstractAnalysis):
             return findings
         left_out = listing(f"links.{link}" for link in sensitivity.left_out)
         warning = (
-            f"sizes of {left_out} are left out: "
-            "two of its axes are on one line, and what opens an arc of 0 has no derivative"
+            f"sizes of {left_out} are left out: two of its axes are collinear, and the "
+            "loops have no derivative with respect to an arc of 0"
         )
         return replace(findings, warnings=(warning,))
 

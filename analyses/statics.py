@@ -54,12 +54,13 @@ PRINCIPAL_STIFFNESSES = ("least", "middle", "largest")
 """Names of the principal stiffnesses of an output, in their order."""
 
 HOLDING_TORQUES = Column(
-    "tau", "N m", "torque that holds against all loads at", per_input=True
+    "tau", "N m", "holding torque at the driven pair against all loads", per_input=True
 )
 ADVANTAGES = Column(
     "advantage",
     "",
-    "moment on the output that a unit torque balances, the others locked, at",
+    "moment on the output that a unit torque at the driven pair balances while the other "
+    "inputs are locked",
     per_input=True,
 )
 
@@ -93,7 +94,7 @@ class Statics(AbstractAnalysis):
                 SAMPLE,
                 ASSEMBLY_MODE,
                 INPUTS,
-                Column("output", "", "the output", "text"),
+                Column("output", "", "name of the output", "text"),
                 ADVANTAGES,
                 *(
                     column
@@ -102,15 +103,15 @@ class Statics(AbstractAnalysis):
                         Column(
                             f"stiffness_{number}",
                             "N m/rad",
-                            f"{words} principal stiffness of the output; infinite "
-                            "where no input yields",
+                            f"{words} principal stiffness of the output; infinite if no "
+                            "drive yields about its axis",
                         ),
                         *(
                             Column(
                                 f"axis_{number}_{axis}",
                                 "",
-                                f"its axis in ground axes, {axis}; empty where it does not "
-                                "yield",
+                                f"{axis} component, in ground axes, of the axis of the "
+                                f"{words} principal stiffness; empty if that is infinite",
                                 turns="vector",
                             )
                             for axis in "xyz"

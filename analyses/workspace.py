@@ -87,45 +87,96 @@ class WorkspaceAnalysis(AbstractAnalysis):
     tables = (
         Table(
             "workspace",
-            "one row per mode and sample, inside and outside",
+            "one row per working mode and sample pose, inside or outside the workspace",
             (
                 WORKING_MODE,
                 *POSE_COLUMNS,
-                Column("inside", "", "yes or no", "text"),
-                Column("margin", "rad", "left to the nearest limit, negative outside"),
-                Column("limiting", "", "that limit", "text"),
+                Column(
+                    "inside",
+                    "",
+                    "yes if the pose is in the workspace, otherwise no",
+                    "text",
+                ),
+                Column(
+                    "margin",
+                    "rad",
+                    "angle that is left to the nearest limit; negative outside of it",
+                ),
+                Column(
+                    "limiting",
+                    "",
+                    "name of the nearest limit, to which margin refers",
+                    "text",
+                ),
                 INPUTS,
-                Column("type_1", "", "least measure of type I, 0 at a singularity"),
-                Column("type_2", "", "measure of type II, 0 at a singularity"),
+                Column(
+                    "type_1",
+                    "",
+                    "speed of the output per unit rate of an input, the least of all "
+                    "inputs; 0 at a type I singularity",
+                ),
+                Column(
+                    "type_2",
+                    "",
+                    "transmission measure, from 0 at a type II singularity to 1",
+                ),
             ),
         ),
         Table(
             "boundary",
-            "one row per point of the border of directions, the workspace to its left",
+            "one row per point of the border of a workspace of directions, which is to the "
+            "left of the border",
             (
                 WORKING_MODE,
-                Column("curve", "", "number of the closed curve", "integer"),
-                Column("component", "", "the part of the workspace beside it", "integer"),
-                Column("gap", "", "the part of the outside beside it", "integer"),
-                Column("arc", "", "number of the smooth arc in its curve", "integer"),
-                Column("point", "", "number of the point in its arc", "integer"),
+                Column("curve", "", "number of the closed border curve", "integer"),
+                Column(
+                    "component",
+                    "",
+                    "number of the part of the workspace beside the curve",
+                    "integer",
+                ),
+                Column(
+                    "gap", "", "number of the unreached part beside the curve", "integer"
+                ),
+                Column("arc", "", "number of the smooth arc in the curve", "integer"),
+                Column("point", "", "number of the point in the arc", "integer"),
                 *DIRECTION_COLUMNS,
                 *MID_PLANE_COLUMNS,
-                Column("constraint", "", "the limit that ends the workspace", "text"),
+                Column(
+                    "constraint",
+                    "",
+                    "name of the limit that ends the workspace here",
+                    "text",
+                ),
             ),
         ),
         Table(
             "areas",
-            "one row per mode for the whole, and for each part and hole",
+            "one row per working mode for the whole workspace, and for each part and hole",
             (
                 WORKING_MODE,
-                Column("part", "", "whole, component, hole or outside", "text"),
-                Column("number", "", "of the part, the largest first", "integer"),
-                Column("size", SIZE_UNIT, "area, or volume of all 8 pi^2 orientations"),
-                Column("error", SIZE_UNIT, "bound of its error"),
-                Column("curves", "", "numbers of the curves around it", "text"),
+                Column(
+                    "part",
+                    "",
+                    "what the row describes: whole, component, hole or outside",
+                    "text",
+                ),
+                Column("number", "", "number of the part, the largest first", "integer"),
+                Column(
+                    "size",
+                    SIZE_UNIT,
+                    "area of directions, or volume of orientations (8 pi^2 for all)",
+                ),
+                Column("error", SIZE_UNIT, "upper bound of the error of size"),
+                Column(
+                    "curves", "", "numbers of the border curves around the part", "text"
+                ),
                 *POSE_COLUMNS,
-                Column("margin", "rad", "at this sample, well within the part"),
+                Column(
+                    "margin",
+                    "rad",
+                    "margin of the sample pose of this row, which is well within the part",
+                ),
             ),
         ),
     )

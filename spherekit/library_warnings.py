@@ -54,8 +54,9 @@ def warnings_as_sentences(
         # In result tables, a row without some of its numbers has a status with the reason.
         # Rows without a status count as valid, so the user should check these.
         report(
-            f"warning: {_name_library(filename)} reports: {text}; this was not expected "
-            f"and may concern results, so check those without a status; {where}"
+            f"warning: {_name_library(filename)} reports: {text}; spherekit did not expect "
+            "this warning, which may concern results; check results that have no status; "
+            f"{where}"
         )
 
     with warnings.catch_warnings():

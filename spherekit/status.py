@@ -26,30 +26,32 @@ class Status(IntEnum):
 
 
 STATUS_MEANING = {
-    Status.OK: "closed, on its assembly mode, with finite rates",
-    Status.OUT_OF_REACH: "the arcs cannot close at this input or pose, a joint limit "
-    "excludes the pose (column limiting names it), the assembly mode ends at a "
-    "dead centre before it, or with several inputs no configuration here is joined to it; "
-    "narrow the range, sample more finely or change the arcs",
-    Status.AT_SINGULARITY: "the links close, but the input rate does not determine "
-    "the motion here; choose another input pair or step around it",
-    Status.MODE_LOST: "a solution was found, but not on this assembly mode; ask for more "
-    "samples or start nearer",
-    Status.NOT_CONVERGED: "the iteration did not reach the tolerance; start nearer "
-    "or check for nearly parallel axes",
-    Status.NOT_CLOSED: "the closure residual is above the tolerance",
-    Status.NO_POLE: "the two links do not move relative to each other here: the "
-    "coefficient is zero and they have no pole axis",
-    Status.ILL_CONDITIONED: "nearly parallel axes or a singularity nearby leave the "
-    "direction of this pole, though the links move, or the inertia and torque of this row "
-    "unknown to the accuracy asked for",
-    Status.OFF_PROFILE: "the contact has run off the end of an open profile",
+    Status.OK: "the loops close in this assembly mode, and all rates are finite",
+    Status.OUT_OF_REACH: "the links cannot be assembled at this input or pose, the "
+    "assembly mode ends at a dead centre before it, a joint limit excludes the pose "
+    "(column limiting names it), or with several inputs no motion leads here; "
+    "narrow the range, sample more finely, or change the arcs",
+    Status.AT_SINGULARITY: "the loops close, but the rates of the inputs do not determine "
+    "the motion in this configuration; choose another driven pair, or samples beside it",
+    Status.MODE_LOST: "a configuration was found, but in another assembly mode; take more "
+    "samples, or start nearer to this one",
+    Status.NOT_CONVERGED: "the iteration did not reach its tolerance; start nearer, or "
+    "check for nearly parallel axes",
+    Status.NOT_CLOSED: "the closure residual is above its tolerance; start nearer, or "
+    "check for nearly parallel axes",
+    Status.NO_POLE: "the two links do not move relative to each other here: their velocity "
+    "coefficient is 0, and they have no pole axis",
+    Status.ILL_CONDITIONED: "nearly parallel axes or a singularity nearby leave too few "
+    "digits of the pole axis, or of the inertia and torque of this row",
+    Status.OFF_PROFILE: "the contact is beyond the end of an open profile; make the "
+    "profile longer, or narrow the range",
     Status.CURVATURE: "at the contact the profiles have equal curvature or would enter "
     "each other; use a smaller roller or a less curved cam",
-    Status.OVERFLOW: "a load, an inertia or their torque is too large for a number; use "
+    Status.OVERFLOW: "a load, an inertia or a torque is too large for a float64; use "
     "other units, or look for a load that grows without bound",
     Status.LIFT_OFF: "a contact would have to pull to keep its links together; press it "
-    "with a spring, or move more slowly",
-    Status.BOUND_EXCEEDED: "a proven enclosure shows that this row is off by more than its "
-    "error bound says; please report it with the mechanism",
+    "together with a spring, or move more slowly",
+    Status.BOUND_EXCEEDED: "a proof shows that the error of this row exceeds its error "
+    "bound; please report this with the mechanism file",
 }
+"""The meaning of each status for users, and what to do."""

@@ -187,7 +187,7 @@ def test_absurd_options_are_refused_in_a_sentence(
     assert status in range(5)
     assert "Traceback" not in errors
     assert not re.search(r"Warning\b|\.py:\d", errors)
-    assert "this was not expected" not in errors, errors
+    assert "spherekit did not expect this warning" not in errors, errors
     assert "\u202e" not in errors  # the value is escaped where it is quoted
     if value is None or option in OUTPUT_OPTIONS:
         return
@@ -268,8 +268,8 @@ def test_a_repeated_warning_of_numpy_is_printed_once_in_one_sentence(
         (["run", "four_bar", "--samples", "9" * 20], ["samples: found 9", "at most"]),
         (["trade", "four_bar", "--samples", "9" * 30], ["samples: found 9", "at most"]),
         (["explain", "four_bar", "--samples", "9" * 20], ["samples: found 9", "at most"]),
-        (["explain", "four_bar", "--samples", "1x1x1"], ["1x1x1 is of 3 inputs"]),
-        (["explain", "five_bar", "--samples", "1x1x1"], ["3 inputs, but it has 2 inputs"]),
+        (["explain", "four_bar", "--samples", "1x1x1"], ["1x1x1 is for 3 inputs"]),
+        (["explain", "five_bar", "--samples", "1x1x1"], ["but the mechanism has 2 inputs"]),
         (
             ["run", "five_bar", "--samples", "9999999x9999999"],
             ["samples: found 9999999x9999999", "at most"],

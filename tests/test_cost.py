@@ -211,7 +211,7 @@ def test_frames_and_zeros_stay_where_sizes_are_given():
 
 
 def test_only_needed_refuses_what_looks_at_the_whole(twelve_bar):
-    with pytest.raises(AnalysisError, match="looks at the whole mechanism"):
+    with pytest.raises(AnalysisError, match="needs the whole mechanism"):
         sk.run("four_bar", "reactions", only_needed=True)
     with pytest.raises(AnalysisError, match="follows from loads"):
         start = sk.Start(0.3, 1.0)

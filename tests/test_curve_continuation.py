@@ -188,7 +188,7 @@ def test_starts_that_cannot_be_followed(no_crank):
     given = no_crank.nodes.values[0]
     with pytest.raises(SolveError, match=r"0\.1 beyond the lowest value .* of variable 2"):
         follow_arc(closure, given, {2: (given[2] + 0.1, given[2] + 1.0)})
-    with pytest.raises(SolveError, match="limits on both sides"):
+    with pytest.raises(SolveError, match="limits are close on both sides"):
         follow_arc(closure, given, {1: (given[1], given[1])})
     with pytest.raises(SolveError, match="has to be finite"):
         follow_arc(closure, np.full(4, np.nan))

@@ -208,7 +208,7 @@ def test_the_default_gives_way_to_a_lock():
     assert rest.inputs[0].is_default and rest.inputs[0].pair == rest.pairs[0].name
     driven = undriven.with_inputs(only.pair)
     assert not driven.inputs[0].is_default
-    with pytest.raises(ModelError, match="nothing would move"):
+    with pytest.raises(ModelError, match="no link can move"):
         sk.lock(driven, {only.pair: 80.0}, angle_unit="deg")
     with pytest.raises(PlanError, match="2"):
         sk.plan(undriven)

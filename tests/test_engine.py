@@ -340,7 +340,7 @@ def test_dry_friction_ends_a_motion_when_its_work_has_used_the_energy():
     mechanism = with_torque(load("four_bar"), "21", "-3*sign(dtheta_21)")
     result = run(mechanism, Start(0.3, 0.5), 50.0)
     assert result.end.kind == "sticking"
-    assert "turn back at once" in result.end.message
+    assert "reverse the motion at once" in result.end.message
     rows = result.at([0.0, result.end.t])
     turned_angle = np.diff(rows.q)[0]
     assert abs(3.0 * turned_angle - rows.kinetic[0]) < 1e-12

@@ -416,7 +416,7 @@ def test_more_than_three_inputs_are_refused():
     four_inputs = replace(
         mechanism, inputs=(*mechanism.inputs, replace(first_input, pair="b1"))
     )
-    with pytest.raises(AnalysisError, match="4 inputs are more than the three"):
+    with pytest.raises(AnalysisError, match="4 inputs, but an orientation has only three"):
         EquivalentRotation(start="", end="").needs(four_inputs)
     analysis = EquivalentRotation(start="a1=1+a2=2+a3=3", end="a1=1+a2=2+a3=4")
     assert analysis.needs(mechanism) == Needs(tracer=True)

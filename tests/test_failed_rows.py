@@ -112,7 +112,7 @@ def test_a_load_without_finite_values_fails_only_the_rows_that_need_it(
 
 
 CANCELS = '[loads.x]\npair = "32"\ntorque = "1/(theta_32 - theta_32)"\n'
-CANCELLED = "divides by what is zero everywhere"
+CANCELLED = "divides by an expression that is zero everywhere"
 POLE = '[loads.x]\npair = "32"\ntorque = "1/theta_21"\n'
 BEGUN = ["--start", "q=0,dq=1rad/s", "--duration", "1", "--samples", "5"]
 SIZES = ["--vary", "links.2.arc=19:21:3"]

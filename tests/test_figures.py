@@ -411,7 +411,7 @@ def test_an_analysis_without_a_scene_has_its_columns_drawn_over_blocks():
 def test_an_unknown_figure_is_refused_with_those_there_are(four_bar):
     with pytest.raises(AnalysisError, match="did you mean"):
         four_bar.plot("velocity coeficients")
-    with pytest.raises(AnalysisError, match="several figures are meant by 'poles'"):
+    with pytest.raises(AnalysisError, match="the name 'poles' matches several figures"):
         four_bar.plot("poles")
     assert "velocity coefficients" in repr(four_bar.plot())
 
@@ -593,7 +593,7 @@ def test_an_angle_that_jumps_by_a_turn_interrupts_its_curve():
         (
             ("q", "status"),
             {},
-            r'"status" of the table poles has no numbers; use it in where',
+            r'"status" of the table poles has no numbers; use it in the argument where',
         ),
         (
             ("sigma", "ux"),

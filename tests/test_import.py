@@ -384,5 +384,5 @@ def test_a_model_whose_joints_are_all_locked_is_refused(tmp_path):
         '<inertial mass="1" pos="0.1 0 0" diaginertia="1 1 1"/></body></worldbody>'
         '<equality><joint joint1="j"/></equality></mujoco>',
     )
-    with pytest.raises(FileError, match="nothing moves: all joints are locked"):
+    with pytest.raises(FileError, match="all joints are locked"):
         sk.import_mechanism(path)

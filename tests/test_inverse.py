@@ -327,7 +327,7 @@ def test_files_state_the_pointer_of_an_output_in_three_ways():
     assert np.allclose(turned, [0.0, np.cos(np.radians(15)), np.sin(np.radians(15))])
     with pytest.raises(FileError, match=r"pointer.axis: link .* has no R pair .21."):
         loads(text.replace(line, 'axis = "21"'))
-    with pytest.raises(FileError, match="the direction is given by axis already"):
+    with pytest.raises(FileError, match="the direction is already given by axis"):
         loads(text.replace(line, f'axis = "43"\n{line}'))
 
 

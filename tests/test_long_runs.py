@@ -139,7 +139,7 @@ def test_stopped_after_every_block_it_ends_as_if_never_stopped(job, tmp_path):
             is_finished = True
         except KeyboardInterrupt as stop:
             stops += 1
-            assert re.fullmatch(r"\d+ of \d+ samples are done and kept in .*", note(stop))
+            assert re.fullmatch(r"\d+ of \d+ samples are done and saved in .*", note(stop))
             assert names_in(folder) == [WORK]
     assert stops == 5
     assert contents(folder) == contents(tmp_path / "whole")
@@ -241,13 +241,13 @@ def test_a_signal_stops_a_run_and_prints_the_command_to_resume_it(
     assert process.stdout == ""
     assert "Traceback" not in process.stderr
     (line,) = process.stderr.splitlines()
-    match = re.match(r"spherekit: stopped; (\d+) of 80000 samples are done and kept", line)
+    match = re.match(r"spherekit: stopped; (\d+) of 80000 samples are done and saved", line)
     assert match
     assert 0 < int(match[1]) < 80000
     resume_command = shlex.split(line.partition("go on with: ")[2])
     assert resume_command == ["spherekit", *arguments, str(folder), "--resume"]
     assert main([*arguments, str(folder)]) == 1
-    assert "go on with --resume" in capsys.readouterr().err
+    assert "continue with --resume" in capsys.readouterr().err
     assert main(resume_command[1:]) == 0
     assert main([*arguments, str(tmp_path / "whole"), "-q"]) == 0
     assert contents(folder) == contents(tmp_path / "whole")
@@ -345,7 +345,7 @@ def test_work_of_another_run_is_refused_with_what_differs(tmp_path):
     """
     with pytest.raises(KeyboardInterrupt):
         run_four_bar(tmp_path, progress=interrupt_after(2))
-    with pytest.raises(OutputError, match="when 20 of 60 samples were done; go on with"):
+    with pytest.raises(OutputError, match="after 20 of 60 samples; continue with"):
         run_four_bar(tmp_path)
     for options, difference in [
         ({"samples": 61}, "samples: 60 there, 61 now"),
@@ -355,7 +355,7 @@ def test_work_of_another_run_is_refused_with_what_differs(tmp_path):
         ({"duration": 1.0}, "over time: false there, true now"),
     ]:
         for unfinished in ("refuse", "resume"):
-            with pytest.raises(OutputError, match=f"different run is there.*{difference}"):
+            with pytest.raises(OutputError, match=f"different run .*{difference}"):
                 run_four_bar(tmp_path, unfinished=unfinished, **options)
     with pytest.raises(OutputError, match="mechanism: four_bar there, stephenson now"):
         sk.run(sk.load("stephenson"), "poles", folder=tmp_path, unfinished="resume")
@@ -598,7 +598,7 @@ def test_an_analysis_of_all_samples_is_not_resumed(tmp_path):
             folder=tmp_path,
             progress=interrupt,
         )
-    assert "361 of 361 samples are done and kept" in note(error.value)
+    assert "361 of 361 samples are done and saved" in note(error.value)
     result = sk.run(
         sk.load("four_bar"), AnalysisOfAllSamples(), folder=tmp_path, unfinished="resume"
     )

@@ -55,7 +55,7 @@ def test_a_design_without_the_mode_keeps_a_row(capsys):
 def test_a_negative_seed_is_refused(scheme, capsys):
     vary = ("sweep", "four_bar", "--vary", "links.2.arc=10:40", "--designs", "4")
     status, text = said(capsys, *vary, *MERIT, "--scheme", scheme, "--seed=-1")
-    assert status != 0 and "seed: found -1; a seed is a whole number from 0 on" in text
+    assert status != 0 and "seed: found -1; a seed is a whole number of at least 0" in text
 
 
 BORDER = {

@@ -290,7 +290,7 @@ def test_an_export_names_each_load_that_it_leaves_out(tmp_path, capsys):
         ("motor", "change in time"),
         ("profile", "no tables in time"),
         ("cross", "depends on other pairs"),
-        ("swing", "not constant"),
+        ("swing", "neither constant"),
     ):
         (line,) = re.findall(rf"load {name} left out: .*", messages)
         assert reason in line and f"load {name} left out" in text

@@ -189,7 +189,7 @@ def test_a_dyad_that_closes_in_the_other_mode_is_not_at_fault(tmp_path):
     text = mechanism_text("three_dyads")
     path = tmp_path / "three_dyads.toml"
     path.write_text(text)
-    with pytest.raises(SolveError, match="the dyad of pairs 76, 87, 81 reaches nowhere"):
+    with pytest.raises(SolveError, match="dyad of pairs 76, 87, 81 cannot be assembled"):
         sk.trace(path, samples=3)
     lines = [line for line in text.split("\n") if not line.startswith(("7", "8"))]
     shorter = "\n".join(lines).replace(', "81"]', "]").replace(', "76"]', "]")

@@ -87,8 +87,11 @@ def test_names_are_those_of_the_modes_whatever_their_order():
 @pytest.mark.parametrize(
     ("modes", "said"),
     [
-        ({"far": {"21": 60.0, "41": 10.0}}, "modes.far: it is none at 21 = 60 deg, where"),
-        ({"any": {"21": 60.0}}, "modes.any: it is none at 21 = 60 deg, where"),
+        (
+            {"far": {"21": 60.0, "41": 10.0}},
+            "modes.far: no mode has these angles at 21 = 60 deg",
+        ),
+        ({"any": {"21": 60.0}}, "modes.any: no mode has these angles at 21 = 60 deg"),
         (
             {"one": {"21": 60.0, "41": 52.8}, "two": {"21": 0.0, "41": 53.7}},
             "modes.two: it is mode 1, as one is",

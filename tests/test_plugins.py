@@ -202,7 +202,7 @@ def test_the_same_name_twice_is_refused(tmp_path, monkeypatch):
     lines = "[spherekit.analyses]", "poles = helpers.broken_plugins:Sound"
     write_distribution(tmp_path, "third_party", *lines)
     monkeypatch.syspath_prepend(str(tmp_path))
-    with pytest.raises(PluginError, match="several distributions"):
+    with pytest.raises(PluginError, match="several installed packages"):
         load_analysis("poles")
 
 

@@ -183,7 +183,7 @@ def test_an_open_curve_refuses_arc_lengths_beyond_its_ends(four_bar):
     assert not model.heading.periodic
     assert np.allclose(np.sort(model.value("theta_21", [0.0, high])), [0.5, 4.5])
     for x in (high + 0.1, -0.1, float("nan"), np.array([0.1, high + 0.1])):
-        with pytest.raises(SolveError, match="lies within 0 to"):
+        with pytest.raises(SolveError, match="must be within 0 to"):
             model.pole("3/1", x)
 
 
@@ -227,7 +227,7 @@ def test_damaged_files_of_stored_models_are_refused(models, tmp_path):
     for path, message in (
         (
             write_changed("version.npz", version=1),
-            "has version 1 of the format, and spherekit",
+            "has version 1 of the format, but spherekit",
         ),
         (
             write_changed("nan.npz", coefficients_0=with_nan),
@@ -238,7 +238,7 @@ def test_damaged_files_of_stored_models_are_refused(models, tmp_path):
             "columns for 5 functions",
         ),
         (tmp_path / "foreign.npz", "is not a spherekit reduced model"),
-        (tmp_path / "no_checksum.npz", "checksum is missing.*changed.*make it anew"),
+        (tmp_path / "no_checksum.npz", "checksum is missing.*create it again"),
         (tmp_path / "absent.npz", "cannot be read: No such file"),
     ):
         with pytest.raises(FileError, match=message):
@@ -247,7 +247,7 @@ def test_damaged_files_of_stored_models_are_refused(models, tmp_path):
     content = valid_file.read_bytes()
     for length in (0, 100, len(content) // 2, len(content) - 30):
         (tmp_path / "cut.npz").write_bytes(content[:length])
-        with pytest.raises(FileError, match="make it anew"):
+        with pytest.raises(FileError, match="store the model again"):
             load_reduced(tmp_path / "cut.npz")
 
 

@@ -160,10 +160,11 @@ def test_a_stored_model_is_defined_where_its_assembly_mode_is_away_from_its_ends
     difference = angle[in_domain] - motion.values[in_domain, five_bar.angles["32"]]
     assert np.max(np.abs(np.sin(0.5 * difference))) < 1e-5
     assert np.all(np.isnan(angle[~in_domain]))
-    with pytest.raises(SolveError, match=r"not in its domain. .*covers 0\.\d+ of the box"):
+    reason = r"not in the domain of the model\. .*covers the part 0\.\d+ of the box"
+    with pytest.raises(SolveError, match=reason):
         model.value("theta_32", q[~in_domain][0].tolist())
     outside_the_box = [5.0, 1.0]
-    with pytest.raises(SolveError, match="not in its domain"):
+    with pytest.raises(SolveError, match="not in the domain of the model"):
         model.value("theta_32", outside_the_box)
 
 

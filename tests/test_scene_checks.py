@@ -182,7 +182,7 @@ WRONG = {
     ),
     "SphereMap corners as floats": (
         unchecked(SphereMap, "m", "m", CORNERS, ONE_TRIANGLE * 1.0, LINE[:3]),
-        "triangles holds float64 values",
+        "triangles contains float64 values",
     ),
     "Surface axes": (
         unchecked(Surface, "u", "u", CORNERS, ONE_TRIANGLE, ("x", "y")),

@@ -278,7 +278,7 @@ def test_waiting_for_workers_is_reported_every_minute_with_a_way_out(
         )
         assert "dask worker tcp://here:1" in text
         assert "Ctrl-C" in text
-        assert "parts that are written stay" in text
+        assert "parts that are written are kept" in text
         assert "without --dask" in text
 
 
@@ -418,9 +418,9 @@ def test_a_lost_scheduler_ends_a_sweep_with_one_sentence(
     error_text = sweep.communicate(timeout=120)[1]
     assert sweep.returncode == 1
     assert error_text == (
-        f"spherekit: {machines.address}: the scheduler is lost; parts that are written "
-        "stay, and the same command continues, with another --dask ADDRESS or, without "
-        "--dask, on this machine\n"
+        f"spherekit: {machines.address}: the connection to the scheduler is lost. Parts "
+        "that are written are kept; run the same command again to continue, with another "
+        "--dask ADDRESS, or without --dask on this machine\n"
     )
     finished_count = len(list(folder.glob("designs/part-*")))
     assert 0 < finished_count < part_count

@@ -494,7 +494,7 @@ def test_a_folder_takes_only_the_sweep_that_it_holds(tmp_path):
     with pytest.raises(OutputError, match="of another sweep.*samples: "):
         sweep(samples=6, folder=tmp_path)
     (tmp_path / DEFINITION_FILE).unlink()
-    with pytest.raises(OutputError, match="does not say which sweep"):
+    with pytest.raises(OutputError, match="does not identify the sweep"):
         sweep(samples=5, folder=tmp_path)
 
 
@@ -733,7 +733,7 @@ def test_a_torque_table_that_is_too_short_for_the_range_is_refused():
     table = sk.TorqueTable("gust", "hinge", angles, (1.0, -2.0, 3.0, 1.0), False)
     mechanism = base.with_loads(*base.loads, table)
     two_turns = mechanism.with_inputs(ranges={"drive": (0, 720)}, angle_unit="deg")
-    with pytest.raises(ModelError, match="but the table has"):
+    with pytest.raises(ModelError, match="but its table covers"):
         sk.sweep(two_turns, {"links.crank.arc": [20.0]}, HIGH_AND_LOW)
 
 

@@ -273,7 +273,7 @@ def test_missing_starts_or_laws_of_several_inputs_are_refused(write_study):
         run(write_study(head + f"[inputs.21.law]\n{LAWS['constant']}\n"))
     grid_head = head.replace("samples = 41", "samples = [4, 4]")
     laws = "".join(f"[inputs.{p}.law]\n{LAWS['constant']}\n" for p in ("21", "51"))
-    with pytest.raises(FileError, match="samples: over time the samples are times"):
+    with pytest.raises(FileError, match="samples: with a duration the samples are times"):
         run(write_study(grid_head + laws))
 
 

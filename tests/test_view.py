@@ -507,7 +507,7 @@ def test_a_lost_viewer_does_not_stop_the_file(tmp_path, recording):
         recorder.start(RecordingHead([scene], INPUTS, titles))
         recorder.log(moving_scene(0, SAMPLES), SAMPLES, INPUTS)
         server.__exit__(None, None, None)
-        with pytest.warns(UserWarning, match="the file goes on"):
+        with pytest.warns(UserWarning, match="the recording in the file continues"):
             recorder.log(moving_scene(1, SAMPLES), SAMPLES, INPUTS)
     assert find_differences(tmp_path / "a.rrd", recording) == []
 

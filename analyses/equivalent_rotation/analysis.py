@@ -52,9 +52,10 @@ from .scenes import RotationResult, mid_planes
 
 MEANING_OF_END: Mapping[Status, str] = {
     Status.OUT_OF_REACH: "the output link cannot turn further; choose another pose",
-    Status.AT_SINGULARITY: "the loops stop fixing the links there; choose another way",
+    Status.AT_SINGULARITY: "the loops no longer determine the links there; choose another "
+    "start or end",
     Status.OFF_PROFILE: "a contact runs off its profile; choose a nearer pose",
-    Status.MODE_LOST: "no verified step leads on; choose another way",
+    Status.MODE_LOST: "no verified step continues the motion; choose another start or end",
 }
 """Why a rotation ends before its whole angle, by its status."""
 FIXED_AXIS_TOLERANCE_RAD = 1e-9
@@ -116,32 +117,64 @@ class EquivalentRotation(AbstractAnalysis):
     tables = (
         Table(
             "equivalent_rotation",
-            "one row per angle of the rotation",
+            "one row per angle of the rotation about the fixed axis",
             (
-                Column("sample", "", "number of the angle, from 0", "integer"),
-                Column("theta", "rad", "angle turned through about the axis"),
+                Column("sample", "", "number of the angle theta, from 0", "integer"),
+                Column(
+                    "theta", "rad", "angle of rotation about the fixed axis, from the start"
+                ),
                 *MID_PLANE_COLUMNS,
                 *TILT_TORSION_COLUMNS,
                 INPUTS,
-                Column("dq_dtheta", "", "derivative of q by theta", per_input=True),
-                Column("orientation_error", "rad", "angle from the pose turned exactly"),
                 Column(
-                    "drift", "rad", "angle from the axis of the moment to the fixed one"
+                    "dq_dtheta",
+                    "",
+                    "derivative of the variable of the driven pair with respect to theta",
+                    per_input=True,
                 ),
-                Column("type_2", "", "transmission measure, 0 at a type II singularity"),
+                Column(
+                    "orientation_error",
+                    "rad",
+                    "angle between the orientation of the output link and that of an exact "
+                    "rotation about the fixed axis",
+                ),
+                Column(
+                    "drift",
+                    "rad",
+                    "angle between the instantaneous axis of rotation and the fixed axis",
+                ),
+                Column(
+                    "type_2",
+                    "",
+                    "transmission measure, from 0 at a type II singularity to 1",
+                ),
                 STATUS,
             ),
         ),
         Table(
             "schedule",
-            "the rotation in time, for a controller; empty without limits",
+            "the rotation as a function of time, for a controller; empty without limits of "
+            "speed or acceleration",
             (
                 TIME,
-                Column("theta", "rad", "angle turned through about the axis"),
+                Column(
+                    "theta", "rad", "angle of rotation about the fixed axis, from the start"
+                ),
                 INPUTS,
-                Column("dq", "rad/s", "rate of q", per_input=True),
-                Column("ddq", "rad/s2", "acceleration of q", per_input=True),
-                Column("type_2", "", "transmission measure, 0 at a type II singularity"),
+                Column(
+                    "dq", "rad/s", "rate of the variable of the driven pair", per_input=True
+                ),
+                Column(
+                    "ddq",
+                    "rad/s2",
+                    "second time derivative of the variable of the driven pair",
+                    per_input=True,
+                ),
+                Column(
+                    "type_2",
+                    "",
+                    "transmission measure, from 0 at a type II singularity to 1",
+                ),
                 STATUS,
             ),
         ),
@@ -176,8 +209,8 @@ class EquivalentRotation(AbstractAnalysis):
         # A link on a sphere has three degrees of freedom, so more inputs are redundant.
         if len(inputs) > 3:
             raise AnalysisError(
-                f"{self.name}: {len(inputs)} inputs are more than the three freedoms of an "
-                "orientation; lock some of them"
+                f"{self.name}: the mechanism has {len(inputs)} inputs, but an orientation "
+                "has only three degrees of freedom; lock some inputs"
             )
         angle_unit = mechanism.angle_unit
         read_pose(self.start, inputs, f"{self.name}: start", angle_unit)
@@ -189,7 +222,7 @@ class EquivalentRotation(AbstractAnalysis):
         if not all(0.0 <= theta < np.inf for theta in self.theta):
             raise AnalysisError(
                 f"{self.name}: theta: found {'+'.join(map(str, self.theta))}, needs angles "
-                "in degrees from 0 to that of the rotation"
+                "in degrees between 0 and the angle of the whole rotation"
             )
         try:
             # This call only raises an error if a limit is not valid.
@@ -414,7 +447,7 @@ class EquivalentRotation(AbstractAnalysis):
         why_no_schedule = ""
         if self.speed or self.acceleration:
             if rotation.end != Status.OK:
-                why_no_schedule = "the mechanism does not follow all the way"
+                why_no_schedule = "the mechanism cannot follow the whole rotation"
             else:
                 try:
                     schedule = time_optimal(

@@ -102,7 +102,8 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         self.pair_numbers(mechanism)
         if self.nearest < 0:
             raise AnalysisError(
-                f"{self.name}: nearest: {self.nearest} is not a number of rows"
+                f"{self.name}: nearest: found {self.nearest}, needs a number of rows of at "
+                "least 0"
             )
         return Needs()
 
@@ -147,9 +148,9 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         for name in self.pairs:
             if name not in number_of_pair:
                 raise AnalysisError(
-                    f'{self.name}: pairs: no pair is named "{name}"'
-                    f"{nearest(name, number_of_pair) or ';'} Pairs: "
-                    f"{listing(number_of_pair)}; or say all"
+                    f"{self.name}: pairs: no pair is named "
+                    f'"{name}"{nearest(name, number_of_pair) or ";"} Pairs: '
+                    f"{listing(number_of_pair)}; or write all for every pair"
                 )
         return [number_of_pair[name] for name in self.pairs]
 

@@ -204,8 +204,8 @@ def _read_list(
     for number, pose in enumerate(given_numbers, 1):
         if pose.keys() != first_pose.keys():
             raise AnalysisError(
-                f"{where}: number {number} has {listing(pose)}, but the first "
-                f"{listing(first_pose)}; say all poses in the same terms"
+                f"{where}: pose {number} is given by {listing(pose)}, but the first pose "
+                f"by {listing(first_pose)}; give all poses by the same quantities"
             )
     rows = [[pose[term] for term in form] for pose in given_numbers]
     return NumberTable(form, np.array(rows), units=dict.fromkeys(form, "rad"))
@@ -248,7 +248,8 @@ def _read_file(
     missing = [name for name in columns if name not in column_of_term]
     if missing:
         raise AnalysisError(
-            f"{where}: it has no column {listing(missing)}; columns: {listing(header)}"
+            f"{where}: the file has no column {listing(missing)}; columns: "
+            f"{listing(header)}"
         )
     if columns:
         forms_of_file = [_match_form(forms, columns, where)]
@@ -313,8 +314,8 @@ def _read_window(
             is_valid = False
         if not is_valid or name in values_of_term:
             raise AnalysisError(
-                f'{where}: "{text}" is not NAME:FROM:TO:COUNT, each name once; '
-                "say for example azimuth:0:360:37"
+                f'{where}: "{text}" is not of the form NAME:FROM:TO:COUNT with each name '
+                "once; write for example azimuth:0:360:37"
             )
         values_of_term[name] = np.linspace(low, high, int(count))
     form = _match_form(_forms_of_output(solver), tuple(values_of_term), where)
@@ -390,7 +391,8 @@ def _check_pose_count(count: int, where: str) -> None:
     """Raise an error if there are too many poses for the tables in memory."""
     if count > MAX_POSES:
         raise AnalysisError(
-            f"{where}: {count} poses are more than {MAX_POSES}; take them in parts"
+            f"{where}: found {count} poses, at most {MAX_POSES} are possible in one run; "
+            "split them into several runs"
         )
 
 
@@ -435,7 +437,8 @@ def _match_form(
         if sorted(form) == sorted(names):
             return form
     raise AnalysisError(
-        f"{where}: {listing(names)} is not a pose; say one of {_list_forms(forms)}"
+        f"{where}: {listing(names)} does not describe a pose; give one of "
+        f"{_list_forms(forms)}"
     )
 
 

@@ -43,7 +43,7 @@ SAME_SOLUTION_RAD = 1e-6
 singularity are confused; smaller: rounding hides the working mode of a pose."""
 
 POSE_NUMBER = Column(
-    "pose", "", "number of the pose or of the inputs given, from 0", "integer"
+    "pose", "", "number of the given pose, or of the given set of inputs, from 0", "integer"
 )
 
 
@@ -52,7 +52,12 @@ ALL_POSE_COLUMNS = (*POSE_COLUMNS, *TILT_TORSION_COLUMNS)
 
 
 MID_PLANE_RATE_COLUMNS = tuple(
-    Column(f"d{name}_dq", "", f"derivative of {name} by q", per_input=True)
+    Column(
+        f"d{name}_dq",
+        "",
+        f"derivative of {name} with respect to the variable of the driven pair",
+        per_input=True,
+    )
     for name in ("phi", "gamma")
 )
 
@@ -60,14 +65,15 @@ MID_PLANE_RATE_COLUMNS = tuple(
 SOLVED_BY = Column(
     "solved_by",
     "",
-    "dyads, graph: all that were found; mid-plane: those that mirror base and output",
+    "method that found the solution: dyads (finds all), graph (may miss some) or mid-plane "
+    "(finds those in which base and output are mirror images)",
     "text",
 )
 
 
 INVERSE = Table(
     "inverse_kinematics",
-    "one row per pose and working mode, or configuration found",
+    "one row per pose and working mode, or per pose and configuration found",
     (
         POSE_NUMBER,
         WORKING_MODE,
@@ -77,37 +83,73 @@ INVERSE = Table(
             Column(
                 f"rate_{axis}",
                 "",
-                f"rate of q per unit angular velocity of the output about {axis}",
+                f"rate of the driven pair per unit angular velocity of the output about "
+                f"{axis}",
                 per_input=True,
             )
             for axis in "xyz"
         ),
         *MID_PLANE_RATE_COLUMNS,
-        Column("margin", "rad", "left to the nearest limit, negative outside"),
-        Column("limiting", "", "that limit", "text"),
-        Column("type_1", "", "0 at a type I singularity of q", per_input=True),
-        Column("type_2", "", "0 at a type II singularity"),
-        Column("sense", "", "sign of the determinant of the rates", "integer"),
+        Column(
+            "margin",
+            "rad",
+            "angle that is left to the nearest limit (reach of a leg, joint limit); "
+            "negative if the limit is exceeded",
+        ),
+        Column("limiting", "", "name of the nearest limit, to which margin refers", "text"),
+        Column(
+            "type_1",
+            "",
+            "speed of the output per unit rate of the driven pair; 0 at a type I "
+            "singularity",
+            per_input=True,
+        ),
+        Column("type_2", "", "transmission measure, from 0 at a type II singularity to 1"),
+        Column(
+            "sense",
+            "",
+            "sign of the determinant of the input rates by the angular velocity of the "
+            "output; it changes at singularities only",
+            "integer",
+        ),
         STATUS,
         SOLVED_BY,
-        *(Column(f"near_{axis}", "", "of the nearest reachable pose") for axis in "xyzw"),
-        Column("away", "rad", "how far that is"),
+        *(
+            Column(
+                f"near_{axis}",
+                "",
+                f"{axis} component of the nearest reachable pose; empty for a pose that is "
+                "reached",
+            )
+            for axis in "xyzw"
+        ),
+        Column("away", "rad", "angle between the pose and the nearest reachable one"),
     ),
 )
 
 
 FORWARD = Table(
     "forward",
-    "one row per inputs given and pose found",
+    "one row per given set of inputs and pose found",
     (
         POSE_NUMBER,
-        Column("solution", "", "number of the pose at these inputs", "integer"),
-        Column("assembly_mode", "", "signs of the assembly mode's groups", "text"),
-        Column("working_mode", "", "label of its working mode, if known", "text"),
+        Column("solution", "", "number of the pose at these inputs, from 0", "integer"),
+        Column(
+            "assembly_mode",
+            "",
+            "assembly mode: the signs of its groups, such as +-",
+            "text",
+        ),
+        Column(
+            "working_mode",
+            "",
+            "working mode of the pose, as signs of the legs; empty if unknown",
+            "text",
+        ),
         INPUTS,
         *ALL_POSE_COLUMNS,
         *MID_PLANE_RATE_COLUMNS,
-        Column("type_2", "", "0 at a type II singularity"),
+        Column("type_2", "", "transmission measure, from 0 at a type II singularity to 1"),
         STATUS,
         SOLVED_BY,
     ),
@@ -116,12 +158,12 @@ FORWARD = Table(
 
 PAIRS = Table(
     "pairs",
-    "variables of pairs: one row per pose, mode and pair asked for",
+    "variables of pairs: one row per pose, working mode and requested pair",
     (
         POSE_NUMBER,
         WORKING_MODE,
         Column("pair", "", "name of the pair", "text"),
-        Column("value", "rad", "its variable"),
+        Column("value", "rad", "value of the variable of the pair"),
     ),
 )
 

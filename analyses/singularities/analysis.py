@@ -198,14 +198,15 @@ class SingularityAnalysis(AbstractAnalysis):
             value = getattr(self, name)
             if value is not None and not value >= 0:
                 raise AnalysisError(
-                    f"singularities: {name}: {value:g} is not 0 or more; 0 leaves it out"
+                    f"singularities: {name}: found {value:g}, needs a number of at least "
+                    "0; 0 switches this part of the analysis off"
                 )
         if len(mechanism.inputs) > 1:
             if self.output:
                 raise AnalysisError(
-                    "singularities: output: leave it out, since with several inputs the "
-                    "analysis computes all outputs that the mechanism declares as "
-                    "[outputs.NAME]"
+                    "singularities: output: can be given only for a mechanism with one "
+                    "input; leave it out. With several inputs the analysis computes all "
+                    "outputs that the mechanism file declares as [outputs.NAME]"
                 )
             # This raises an error if the mechanism declares no output.
             output_of(mechanism)

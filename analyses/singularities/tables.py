@@ -23,77 +23,188 @@ from ..common import POSE_COLUMNS, direction_or_quaternion_columns
 from .scenes import name_kind
 
 KIND_MEANING = (
-    "I: the output rests though inputs move; II: it moves though they rest; III: both; "
-    "self-motion: other links move, and neither does"
+    "I: the output is at rest while inputs move; II: the output moves while the inputs are "
+    "at rest; III: both; self-motion: other links move while inputs and output are at rest"
 )
 """Explanation of the column of kinds."""
 OUTPUT = Column(
-    "output", "", "link relative to link, with its name where others are these", "text"
+    "output",
+    "",
+    "link and reference link of the output, such as 4/1, and its name if several outputs "
+    "have these links",
+    "text",
 )
 SINGULARITIES = Table(
     "singularities",
     "one row per singularity and output",
     (
         Column("kind", "", KIND_MEANING, "text"),
-        Column("condition", "", "geometric conditions that hold", "text"),
-        Column("assembly_mode", "", "assembly modes that it belongs to", "text"),
+        Column(
+            "condition",
+            "",
+            "geometric conditions that hold here; ? marks uncertain ones",
+            "text",
+        ),
+        Column(
+            "assembly_mode",
+            "",
+            "numbers of the assembly modes that meet the singularity",
+            "text",
+        ),
         INPUTS,
-        Column("inside", "", "whether the inputs are in their ranges", "text"),
+        Column(
+            "inside", "", "yes if the inputs are within their ranges, otherwise no", "text"
+        ),
         OUTPUT,
         *POSE_COLUMNS[:4],
-        Column("signs", "", "of its groups; 0 where singular, * of one left out", "text"),
+        Column(
+            "signs",
+            "",
+            "signs of the groups of the configuration; 0 for a singular group, * for one "
+            "that does not affect the output",
+            "text",
+        ),
         Column("theta", "rad", "variable of the passive pair", per_passive=True),
-        Column("curve", "", "number of the configuration curve", "integer"),
-        Column("s", "rad", "place on it, in its own arc length"),
-        Column("error", "rad", "bound of the error of the place"),
-        Column("residual", "", "sine by which the condition is missed"),
-        Column("reversal", "", "what reverses there: input, output, both", "text"),
-        Column("double", "", "whether it is only touched", "text"),
-        Column("certain", "", "whether the kind is certain", "text"),
-        Column("guarantee", "", "what is known of those not listed", "text"),
-        Column("note", "", "what coincides, what is in doubt", "text"),
+        Column("curve", "", "number of the curve that the singularity is on", "integer"),
+        Column("s", "rad", "arc length of the curve at the singularity"),
+        Column("error", "rad", "upper bound of the error of s"),
+        Column(
+            "residual",
+            "",
+            "sine of the angle by which the geometric condition is not met exactly",
+        ),
+        Column(
+            "reversal",
+            "",
+            "what reverses here: input, output, or both; empty if neither does",
+            "text",
+        ),
+        Column(
+            "double",
+            "",
+            "yes if the rate that vanishes does not change its sign, otherwise no",
+            "text",
+        ),
+        Column(
+            "certain",
+            "",
+            "yes if the kind is certain within rounding, otherwise no",
+            "text",
+        ),
+        Column(
+            "guarantee",
+            "",
+            "whether singularities could be missing from the table: certified, complete, "
+            "complete to a box size, component only or sampled",
+            "text",
+        ),
+        Column("note", "", "remarks: what coincides here, and what is uncertain", "text"),
     ),
 )
 RELATION = Table(
     "relation",
-    "c y' = d q' and nearness, one row per sample, assembly mode, output and form",
+    "relation c y' = d q' of the rates y' of the output and q' of the input, and nearness "
+    "of singularities: one row per sample, assembly mode, output and form",
     (
         SAMPLE,
         ASSEMBLY_MODE,
         INPUTS,
         OUTPUT,
-        Column("form", "", "i or ii", "text"),
-        Column("c", "", "coefficient of the output rate"),
-        Column("d", "", "coefficient of the input rate"),
-        Column("velocity_coefficient", "", "y'/q' = d/c, infinite at type II"),
-        Column("distance_I", "rad", "angle to type I, 0 there alone"),
+        Column(
+            "form",
+            "",
+            "form of the relation: i if y' is relative to the output's reference link, ii "
+            "if it is relative to the input's",
+            "text",
+        ),
+        Column(
+            "c", "", "coefficient of the rate y' of the output in c y' = d q'; 0 at type II"
+        ),
+        Column(
+            "d", "", "coefficient of the rate q' of the input in c y' = d q'; 0 at type I"
+        ),
+        Column(
+            "velocity_coefficient",
+            "",
+            "rate of the output per unit rate of the input, y'/q' = d/c; infinite at "
+            "type II",
+        ),
+        Column(
+            "distance_I",
+            "rad",
+            "angular distance from type I, 0 only at such a singularity",
+        ),
         Column(
             "distance_II",
             "rad",
-            "angle to type II, 0 there alone; proportional to the size of short arcs",
+            "angular distance from type II, 0 only at such a singularity; proportional to "
+            "the size of the mechanism if all arcs are short",
         ),
-        Column("output_rate", "", "of y by the arc length of all variables"),
-        Column("input_rate", "", "of q by the arc length of all variables"),
-        Column("transmission", "rad", "transmission angle of the output's dyad"),
-        Column("input_margin_I", "rad", "change of the input to the nearest type I"),
-        Column("input_margin_II", "rad", "change of the input to the nearest type II"),
-        Column("sigma", "", "least singular value of the passive equations"),
-        Column("reciprocal_condition", "", "its part of the greatest one"),
+        Column(
+            "output_rate",
+            "",
+            "rate of the output per unit arc length of all pair variables",
+        ),
+        Column(
+            "input_rate", "", "rate of the input per unit arc length of all pair variables"
+        ),
+        Column(
+            "transmission",
+            "rad",
+            "transmission angle of the dyad that holds the output; empty if no dyad does",
+        ),
+        Column(
+            "input_margin_I", "rad", "change of the input to the nearest type I singularity"
+        ),
+        Column(
+            "input_margin_II",
+            "rad",
+            "change of the input to the nearest type II singularity",
+        ),
+        Column(
+            "sigma",
+            "",
+            "least singular value of the loop equations with all inputs locked; 0 if a "
+            "link can still move",
+        ),
+        Column(
+            "reciprocal_condition",
+            "",
+            "least singular value of the loop equations with all inputs locked, divided by "
+            "the greatest one",
+        ),
         STATUS,
-        Column("moving", "", "the moving input, the others locked", "text"),
-        Column("type", "", "regular, I, II, III or self-motion", "text"),
-        Column("group", "", "1: of a single-freedom part, 2: of none", "integer"),
+        Column("moving", "", "driven pair that moves; the other inputs are locked", "text"),
+        Column(
+            "type",
+            "",
+            "type of the singularity in this row (I, II, III, self-motion), or regular",
+            "text",
+        ),
+        Column(
+            "group",
+            "",
+            "0: regular; 1: singular while one input moves alone; 2: singular only while "
+            "several inputs move",
+            "integer",
+        ),
     ),
 )
 ASPECTS = Table(
     "aspects",
-    "with several inputs: configurations over an input grid, by parts not singular",
+    "with several inputs: one row per configuration over an input grid, with the number of "
+    "its aspect (a connected set of configurations without singularities)",
     (
-        Column("aspect", "", "number of the part, the largest first", "integer"),
+        Column("aspect", "", "number of the aspect, from 0, the largest first", "integer"),
         INPUTS,
-        Column("sign_II", "", "sign of the determinant of type II", "integer"),
-        Column("sign_I", "", "sign of the determinant of type I", "integer"),
-        Column("assembly_modes", "", "assembly modes of one input in the part", "integer"),
+        Column("sign_II", "", "sign of the determinant that is 0 at type II", "integer"),
+        Column("sign_I", "", "sign of the determinant that is 0 at type I", "integer"),
+        Column(
+            "assembly_modes",
+            "",
+            "largest number of assembly modes of the aspect at the same inputs",
+            "integer",
+        ),
     ),
 )
 

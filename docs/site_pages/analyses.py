@@ -40,7 +40,7 @@ def _page(cls: type[AbstractAnalysis]) -> Iterator[str]:
         yield f"\n## Table `{table.name}`\n\n{meaning}\n"
         yield "| column | unit | meaning |\n|---|---|---|"
         for column in table.columns:
-            yield f"| {_names(column)} | {column.unit} | {_cell(_meaning(column))} |"
+            yield f"| {_names(column)} | {column.unit} | {_cell(column.meaning)} |"
     yield "\n## Sources\n"
     yield from (f"- {text}" for text in cls.cites)
     yield ""
@@ -53,13 +53,6 @@ def _names(column: Column) -> str:
     if column.per_passive:
         return "the name of each variable of the passive pairs"
     return f"`{column.name}`"
-
-
-def _meaning(column: Column) -> str:
-    """Return the meaning of a column in a sentence that is complete."""
-    if column.per_input and column.meaning.endswith(" at"):
-        return f"{column.meaning} the input"  # else the name of the pair completes it
-    return column.meaning
 
 
 def parameter_meanings(cls: type[AbstractAnalysis]) -> dict[str, str]:

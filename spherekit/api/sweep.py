@@ -209,8 +209,8 @@ def sweep_of(
         merits[merit.name] = merit
     if tables and not analyses:
         raise DesignError(
-            f"{study.mechanism.name}: tables come from analyses; name the analyses whose "
-            "tables are wanted"
+            f"{study.mechanism.name}: tables are requested, but no analysis; name the "
+            "analyses whose tables are wanted"
         )
 
     # Figures of merit that are read from the tables of an analysis need a run of each
@@ -291,7 +291,7 @@ def perform(
         If the number of processes is below 1, or a cluster has no folder.
     """
     if workers is not None and workers < 1:
-        raise DesignError(f"workers: {workers} processes; give at least 1")
+        raise DesignError(f"workers: found {workers}, needs at least 1 process")
     if dask is None:
         is_alone = folder is None or not can_start_workers()
         process_count = 1 if is_alone else workers or usable_cores()

@@ -235,9 +235,9 @@ def _describe_waiting(address: str, waited_seconds: float) -> str:
     so_far = f" for {counted(minutes, 'minute')}" if minutes else ""
     return (
         f"{address}: the scheduler has no workers{so_far}; waiting for them. Start some "
-        f"with: dask worker {address}. Or stop with Ctrl-C: parts that are written stay, "
-        "and the same command continues, with another --dask ADDRESS or, without --dask, "
-        "on this machine"
+        f"with: dask worker {address}. Or stop with Ctrl-C: parts that are written are "
+        "kept. Run the same command again to continue, with another --dask ADDRESS, or "
+        "without --dask on this machine"
     )
 
 
@@ -262,9 +262,9 @@ def _has_workers(client: "Client", address: str) -> bool:
 def _lost_scheduler(address: str) -> DesignError:
     """Return the error to raise when the connection to the scheduler is lost."""
     return DesignError(
-        f"{address}: the scheduler is lost; parts that are written stay, and the same "
-        "command continues, with another --dask ADDRESS or, without --dask, on this "
-        "machine"
+        f"{address}: the connection to the scheduler is lost. Parts that are written are "
+        "kept; run the same command again to continue, with another --dask ADDRESS, or "
+        "without --dask on this machine"
     )
 
 
@@ -346,7 +346,8 @@ def _read_answer(
             raise
         raise DesignError(
             f"{name}: a worker of {address} cannot load the sweep ({type(fault).__name__}: "
-            f"{fault}); install on it what is installed here, in the same versions"
+            f"{fault}); install the same packages there, in the same versions as on this "
+            "machine"
         ) from None
     except (CancelledError, OSError):
         # With the status "error", computing the part on the worker raised the error, for

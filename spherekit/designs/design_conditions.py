@@ -81,8 +81,8 @@ def parse_condition(text: str, names: Collection[str]) -> Condition:
     parts = _COMPARISON_SIGN.split(text)
     if len(parts) != 3:
         raise DesignError(
-            f'"{text}" is no condition: write one comparison, such as '
-            "links_2_arc < links_4_arc; give several one by one"
+            f'"{text}" is not a condition; write a single comparison, such as links_2_arc '
+            "< links_4_arc, and give several conditions separately"
         )
     left_text, sign, right_text = parts
     try:

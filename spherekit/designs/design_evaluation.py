@@ -856,9 +856,9 @@ class DesignEvaluator:
             # are evaluated at any inputs, without tracking.
             inputs = listing(f"{angle:.6g}" for angle in point)
             raise DesignError(
-                f"{self.mechanism.name}: inputs {inputs} rad are not a sample; with "
-                "several inputs and groups other than dyads, figures of merit are known "
-                "only at samples. Choose the inputs of a sample"
+                f"{self.mechanism.name}: the inputs {inputs} rad are not those of a "
+                "sample. With several inputs and groups other than dyads, figures of merit "
+                "are computed only at samples; choose the inputs of a sample"
             )
         point_samples = np.argmin(distances, axis=0)
         return input_grid, np.append(np.arange(len(input_grid)), point_samples)

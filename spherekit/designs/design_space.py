@@ -108,7 +108,10 @@ def parse_variation(
             "10,20,25, or LOW:HIGH for --designs"
         ) from None
     if not numbers or not all_finite(numbers):
-        raise DesignError(f"{key}: give at least one value, and finite ones")
+        raise DesignError(
+            f"{key}: has no value, or one that is not finite; give at least "
+            "one value, and only finite ones"
+        )
     return Variation(key, min(numbers), max(numbers), tuple(numbers), has_angle_unit)
 
 
@@ -126,7 +129,7 @@ def range_variation(
     """
     if not -math.inf < low < high < math.inf:
         raise DesignError(
-            f"{key}: {low:g} to {high:g} is no range; give the lower end first"
+            f"{key}: {low:g} to {high:g} is not a range; give the lower end first"
         )
     return Variation(key, low, high, has_angle_unit=has_angle_unit)
 
@@ -190,8 +193,8 @@ class DesignSpace:
         if scheme == "grid":
             if count is not None:
                 raise DesignError(
-                    "a grid has as many designs as combinations: leave out "
-                    "the number of designs, or take sobol, latin or random"
+                    "the number of designs of a grid follows from its values; leave the "
+                    "number of designs out, or choose sobol, latin or random"
                 )
             for variation in variations:
                 if variation.values is None:
@@ -204,17 +207,20 @@ class DesignSpace:
             if seed != 0:
                 raise DesignError(
                     f"seed: found {seed}; a grid has no random numbers, so a seed has no "
-                    "effect. Leave it out, or take sobol, latin or random with a number of "
-                    "designs"
+                    "effect. Leave it out, or choose sobol, latin or random with a number "
+                    "of designs"
                 )
         if count is None or count < 1:
-            raise DesignError(f"{scheme}: give how many designs, at least 1")
+            raise DesignError(
+                f"{scheme}: the number of designs is missing or below 1; "
+                "give at least 1 (--designs N)"
+            )
         if count > MAX_DESIGNS:
             raise DesignError(
                 f"{scheme}: found {count} designs; at most {MAX_DESIGNS} are possible"
             )
         if seed < 0:
-            raise DesignError(f"seed: found {seed}; a seed is a whole number from 0 on")
+            raise DesignError(f"seed: found {seed}; a seed is a whole number of at least 0")
         return DesignSpace(tuple(variations), scheme, count, seed)
 
     def compute_designs(self, start: int, stop: int) -> Floats:

@@ -116,9 +116,8 @@ def design_variable(document: Document, key: str) -> DesignVariable:
     path = number_path(document, key)
     if path[0] not in DESIGNED:
         raise DesignError(
-            f"{document.name}: {key} is no size of a design: the samples, ranges "
-            f"and joint limits "
-            f"are the same for all; vary numbers of {listing(DESIGNED)}"
+            f"{document.name}: {key} cannot be varied: samples, ranges and joint limits "
+            f"are the same for all designs; vary numbers of {listing(DESIGNED)}"
         )
     # Kind and location of an angle that is an argument of kernels: functions that compute
     # many designs at once. `slot` is None for all other numbers. Most of them, such as

@@ -415,8 +415,8 @@ class KernelFigures:
                 and not merit.place
             ):
                 fault = (
-                    f"there are {counted(count, 'input')}: say whose value is wanted, "
-                    f"{merit.reduction}({merit.expression}, {self.inputs[0]})"
+                    f"there are {counted(count, 'input')}: name the one whose value is "
+                    f"wanted, {merit.reduction}({merit.expression}, {self.inputs[0]})"
                 )
             elif merit.place not in ("", *self.inputs):
                 fault = f"{merit.place} is not driven; driven are {listing(self.inputs)}"
@@ -424,8 +424,8 @@ class KernelFigures:
             # turn. In a grid no sample follows another one.
             if merit.reduction == "swing" and len(self.samples.shape) > 1:
                 fault = (
-                    "swing follows an angle along a path, and the samples are a grid; take "
-                    "the range of a sine or cosine"
+                    "swing follows an angle along a path, but the samples form a grid; use "
+                    "the reduction range of a sine or cosine instead"
                 )
             if fault:
                 raise DesignError(f"{mechanism.name}: {merit.name}: {fault}")

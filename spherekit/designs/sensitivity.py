@@ -125,8 +125,9 @@ class Sensitivity:
         )
         if not self.keys:
             raise DesignError(
-                f"{mechanism.name}: no link has two axes, so there are no link sizes by "
-                "which to take derivatives; name numbers of the file instead"
+                f"{mechanism.name}: no link has two axes, so there are no link sizes with "
+                "respect to which derivatives could be taken; name numbers of the file "
+                "instead"
             )
         self.variables = tuple(self._make_variable(key) for key in self.keys)
         # Locations, in the file, of the sizes that the user has named.
@@ -211,9 +212,9 @@ class Sensitivity:
         # position or a direction of an axis. It is None for other numbers.
         if variable.slot is None and not is_contact_number:
             raise DesignError(
-                f"{self.mechanism.name}: {key} is not a size; derivatives can be taken by "
-                "arcs, angles, zeros and axes of R pairs, and by numbers of profiles, "
-                "masses and loads"
+                f"{self.mechanism.name}: {key} is not a size; derivatives can be taken "
+                "with respect to arcs, angles, zeros and axes of R pairs, and numbers of "
+                "profiles, masses and loads"
             )
         return variable
 
@@ -306,7 +307,7 @@ class Sensitivity:
         )
         if design is None:
             raise DesignError(
-                f"{self.mechanism.name}: with the numbers of its file there is no valid "
+                f"{self.mechanism.name}: the numbers of its file do not form a valid "
                 "mechanism, so there are no derivatives; check the file with `spherekit "
                 "validate`"
             )
@@ -350,9 +351,9 @@ class Sensitivity:
         for key in singly:
             if key not in self.keys:
                 raise DesignError(
-                    f"{self.mechanism.name}: a deviation is given for {key}, but no "
-                    f"derivative by {key} was asked for"
-                    f"{choices(key, self.keys, 'derivatives are asked for by')}"
+                    f"{self.mechanism.name}: a deviation is given for {key}, but "
+                    "derivatives with respect to it are not requested"
+                    f"{choices(key, self.keys, 'requested')}"
                 )
         deviations = np.where(self._is_mass_or_load, 0.0, size)
         for key, deviation in singly.items():

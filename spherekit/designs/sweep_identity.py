@@ -75,7 +75,7 @@ def working_folder(folder: Path, definition: Facts) -> Iterator[str]:
     unexpected = [*links, *foreign_files]
     if unexpected:
         raise OutputError(
-            f"{folder}: holds {listing(unexpected)}, which is a symbolic link or not a "
+            f"{folder}: contains {listing(unexpected)}, which is a symbolic link or not a "
             "file of a sweep; choose another folder, or move it away"
         )
     stored_definition: Facts = {}
@@ -83,11 +83,11 @@ def working_folder(folder: Path, definition: Facts) -> Iterator[str]:
         stored_definition = _read_definition(definition_path)
     if stored_definition != definition:
         if any(path for pattern in PART_PATTERNS for path in folder.glob(pattern)):
-            difference = f"{DEFINITION_FILE} does not say which sweep"
+            difference = f"{DEFINITION_FILE} does not identify the sweep"
             if stored_definition:
                 difference = differences(stored_definition, definition)
             raise OutputError(
-                f"{folder}: holds parts of another sweep, or parts made by other code "
+                f"{folder}: contains parts of another sweep, or parts made by other code "
                 f"({difference}); one data set cannot mix them. Continue the sweep that is "
                 "there, choose another folder, or remove this folder"
             )

@@ -45,7 +45,7 @@ TEMPORARY_PREFIX = "spherekit-sweep-"
 """Beginning of the names of temporary folders, which are deleted with their result."""
 
 DISK_FULL_ADVICE = (
-    "what is written stays; choose another folder, or fewer designs or samples"
+    "parts that are written are kept; choose another folder, or fewer designs or samples"
 )
 
 
@@ -142,7 +142,9 @@ class SweepResult:
         # `spherekit.sweep` stores the function that draws, because the packages that
         # compute do not import those that draw.
         if self.draw is None:
-            raise DesignError("plot: only what spherekit.sweep returns can be drawn")
+            raise DesignError(
+                "plot: only a result that spherekit.sweep returned can be drawn"
+            )
         return self.draw(self, columns)
 
     @property
@@ -346,7 +348,10 @@ def _lock_folder(parts_folder: Path) -> Iterator[None]:
     """
     lock = acquire_lock(parts_folder / LOCK_FILE)
     if isinstance(lock, str):
-        raise OutputError(f"{parts_folder}: another sweep is at work in it ({lock})")
+        raise OutputError(
+            f"{parts_folder}: another sweep is running in this folder "
+            f"({lock}); wait until it ends, or choose another folder"
+        )
     try:
         yield
     finally:
@@ -443,7 +448,7 @@ class _Progress:
                 all_parts = counted(sweep.part_count, "part")
                 interrupt.add_note(
                     f"{len(self._done_parts)} of {all_parts} are in {self.parts_folder}, "
-                    "and the same command goes on from there"
+                    "and the same command continues from there"
                 )
                 raise
             finally:

@@ -285,9 +285,9 @@ def _require_gradients(specification: Specification) -> DesignEvaluator:
         raise DesignError(
             f"{sweep.mechanism.name}: synthesis cannot compute gradients for these "
             "designs; sweep them instead. Where profiles are not circles, gradients exist "
-            "only by sizes of links and by numbers under pairs.PAIR.profiles. Gradients do "
-            "not exist with redundant constraints, with groups of more than 7 bodies or 64 "
-            'solutions, or with crossings "pass"'
+            "only with respect to sizes of links and numbers under pairs.PAIR.profiles. "
+            "Gradients do not exist with redundant constraints, with groups of more than 7 "
+            'bodies or 64 solutions, or with crossings "pass"'
         )
     if evaluator.has_unsigned_modes and len(specification.minimise) > 1:
         raise DesignError(
@@ -354,8 +354,7 @@ def _explore_designs(
         raise DesignError(
             f"{sweep.mechanism.name}: none of {counted(sweep.space.count, 'design')} meets "
             f"the conditions: {specification.explain_failure()}; widen ranges, relax "
-            f"conditions, or look "
-            "at more with --designs"
+            "conditions, or examine more designs with --designs"
         )
     rows = {
         name: np.concatenate([part[name] for part in rows_of_parts])

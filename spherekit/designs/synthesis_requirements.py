@@ -180,7 +180,9 @@ class Specification:
         is_impossible = (status != OK) & (status != NEVER_CLOSES)
         causes = rows["reason"][is_impossible]
         if len(causes):
-            reasons.append(f"{len(causes)} of {design_count} cannot be ({causes[0]})")
+            reasons.append(
+                f"{len(causes)} of {design_count} are not valid mechanisms ({causes[0]})"
+            )
         closing = {name: values[status == OK] for name, values in rows.items()}
         if row_count := len(closing["status"]):
             reasons += [

@@ -295,9 +295,9 @@ class VariedMechanism:
         if linkage is not None:
             if self.varies_outputs:
                 raise DesignError(
-                    f"{self.mechanism.name}: its contacts are computed as links in their "
-                    "place, and then directions of outputs cannot vary; vary either "
-                    "outputs or contacts"
+                    f"{self.mechanism.name}: its contacts are replaced by equivalent "
+                    "links, which is not possible while directions of outputs vary; vary "
+                    "either outputs or contacts"
                 )
             # The angles and ratios that describe the replaced contacts become symbols.
             name_of_number = {k: f"turned_{k}" for k in self.varied_contact_numbers}

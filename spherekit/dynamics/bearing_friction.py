@@ -87,12 +87,12 @@ class IndeterminateForces:
             )
         if self.floating:
             wanted.append(
-                f"that the pairs {listing(self.floating)}, or others in their loops, float "
-                "(bearings, axial)"
+                f"which bearings of the pairs {listing(self.floating)}, or of others in "
+                "their loops, take no axial force (key axial)"
             )
         # Even with all this information, redundant constraints leave forces undetermined.
         if not self.enough:
-            wanted.append("constraints that do not repeat each other")
+            wanted.append("constraints that are not redundant")
         return wanted
 
 
@@ -333,8 +333,9 @@ def _check_determined(
         if np.any(is_open[:, :3]) or not np.all(balance.is_settled):
             raise SolveError(
                 f"{mechanism.name}: loads.{friction.name}: redundant constraints leave the "
-                f"reaction of pair {friction.pair} open, and so the friction that follows "
-                "from it; take a load of kind friction, or give gears their pressure_angle"
+                f"reaction of pair {friction.pair} undetermined, and with it the friction "
+                "that follows from it; use a load of kind friction instead, or give gears "
+                "their pressure_angle"
             )
         # The friction of a bearing depends on the moment of its pair, a couple. If the
         # axial position of the bearing is given (`axial`), it also depends on the force of
@@ -345,12 +346,16 @@ def _check_determined(
             # Phrases for the information that the file lacks, judged in the first row.
             frames = driven.motion.frames[0]
             wanted = diagnose_indeterminate_forces(mechanism, frames).wanted
-            more = f"; a file that says {listing(wanted)} determines both" if wanted else ""
+            more = (
+                f"; to determine both, state in the file: {listing(wanted)}"
+                if wanted
+                else ""
+            )
             raise SolveError(
                 f"{mechanism.name}: loads.{friction.name}: the force through the centre in "
-                f"pair {friction.pair} is not determined, and neither is the friction of "
-                f"bearings that it causes{more}; without axial only the friction due "
-                "to the couple is computed"
+                f"pair {friction.pair} is not determined, so the friction that it causes "
+                f"in the bearings is not determined either{more}; leave the key axial out "
+                "to compute only the friction due to the couple"
             )
 
 

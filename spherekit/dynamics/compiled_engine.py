@@ -86,12 +86,14 @@ coordinates.
 MIN_SINGULAR_VALUE = 1e-150
 """Bound that keeps reciprocal squares of singular values finite."""
 
-NO_COORDINATES = "no pair variables say surely enough how all others move"
+NO_COORDINATES = (
+    "no choice of pair variables determines the motion of all others accurately enough"
+)
 BY_NUMPY = 'use NumPy\'s simulate(engine="numpy"), or --engine numpy'
 
 STICKS = (
-    "a load that is not smooth would turn back at once, as dry friction does at rest; "
-    "sticking is not modelled: smooth the load, or end here"
+    "a load that is not smooth would reverse the motion at once, as dry friction does at "
+    "rest, and sticking is not modelled; smooth the load, or simulate a shorter time"
 )
 
 END_BY_RUN_END: dict[RunEnd, tuple[EndKind, str]] = {
@@ -384,8 +386,9 @@ def _check_crossing(problem: Problem, run: TaylorRun) -> None:
     reciprocal = reciprocal_condition(equation.closure, values, equation.freedoms)
     if reciprocal > MAX_RECIPROCAL_CONDITION_AT_CROSSING:
         raise EngineError(
-            f"{equation.mechanism.name}: its closure equations are redundant, and those "
-            f"chosen from them become dependent at t = {run.end_time:.6g} s",
+            f"{equation.mechanism.name}: its closure equations are redundant, and the "
+            "equations that were chosen as independent become dependent at t = "
+            f"{run.end_time:.6g} s",
             BY_NUMPY,
         )
 

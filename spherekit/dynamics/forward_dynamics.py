@@ -173,14 +173,15 @@ def check_engine_and_tolerance(mechanism: Mechanism, engine: str, tolerance: flo
     """
     if engine not in ENGINE_CHOICES:
         raise SolveError(
-            f'{mechanism.name}: engine "{engine}" is not known; it is '
+            f'{mechanism.name}: engine "{engine}" is not known; allowed: '
             f"{listing(ENGINE_CHOICES)}"
         )
     smallest = MIN_TOLERANCE_BY_ENGINE["numpy" if engine == "numpy" else "compiled"]
     if not smallest <= tolerance <= MAX_TOLERANCE_RAD:
         raise SolveError(
             # 1e-2 is `MAX_TOLERANCE_RAD`, written in this way.
-            f"{mechanism.name}: tolerance is {tolerance:g}, allowed is {smallest:g} to 1e-2"
+            f"{mechanism.name}: tolerance: found {tolerance:g}, allowed is {smallest:g} to "
+            "1e-2"
         )
 
 
@@ -228,8 +229,8 @@ def _simulate_and_compare(
         # The more accurate simulation takes its place, and is compared in its turn. Its
         # report says why: the steps of the first one were too long.
         reason = (
-            f"{simulation.engine.reason}; off by {error:.1e} rad with steps for "
-            f"{step_tolerance:g} rad, so in shorter ones"
+            f"{simulation.engine.reason}; the error was {error:.1e} rad with steps for "
+            f"{step_tolerance:g} rad, so shorter steps were used"
         )
         # `forecast` is the expected computing times by which the engine was chosen. They
         # belong to the first simulation.

@@ -174,8 +174,8 @@ def need_inertia(mechanism: Mechanism) -> None:
     moving_masses = (mass for mass in mechanism.masses if mass.link != mechanism.ground)
     if not any(np.any(mass.tensor) for mass in moving_masses):
         raise ModelError(
-            f"{mechanism.name}: mass: no moving link has inertia, so loads would "
-            "accelerate it endlessly; give at least one [mass.LINK]"
+            f"{mechanism.name}: mass: no moving link has inertia, so a load would cause an "
+            "infinite acceleration; give at least one [mass.LINK]"
         )
 
 
@@ -201,8 +201,8 @@ def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
         pairs = [name for name, v in mechanism.angles.items() if rates[v] > MIN_NAMED_RATE]
         raise SolveError(
             f"{mechanism.name}: at the start pairs {listing(pairs)} can turn together so "
-            "that no link with mass moves, so loads would accelerate them endlessly; give "
-            "mass to links that move then, or lock a pair"
+            "that no link with mass moves, so a load would cause an infinite acceleration; "
+            "give mass to links that move then, or lock a pair"
         )
     # Some link with mass has to move in every motion. Its speed counts as zero if it is
     # below `MIN_RELATIVE_SPEED` times that of the fastest link, because of rounding. All
@@ -216,8 +216,8 @@ def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
     if not least_inertia < smallest:
         raise SolveError(
             f"{mechanism.name}: at the start no link with mass moves (less than "
-            f"{MIN_RELATIVE_SPEED:g} of the fastest), so loads would accelerate the others "
-            "endlessly; give mass to links that move, or start elsewhere"
+            f"{MIN_RELATIVE_SPEED:g} of the fastest), so a load would cause an infinite "
+            "acceleration; give mass to links that move, or start elsewhere"
         )
 
 

@@ -94,8 +94,9 @@ def end_at_lift_off(simulation: Simulation) -> Simulation:
     name = mechanism.pairs[one_sided[contact]].name
     if row == 0:
         raise SolveError(
-            f"{mechanism.name}: contact {name} would have to pull at the start, and is "
-            "one_sided: press it with a spring, start more slowly, or leave one_sided out"
+            f"{mechanism.name}: contact {name}, which is one_sided, would have to pull at "
+            "the start; press it together with a spring, start more slowly, or leave "
+            "one_sided out"
         )
     from scipy.optimize import brentq
 
@@ -112,7 +113,7 @@ def end_at_lift_off(simulation: Simulation) -> Simulation:
         "lift_off",
         lift_off_time,
         f"contact {name} lifts off: it would have to pull to keep its links together; "
-        "press it with a spring, or move more slowly",
+        "press it together with a spring, or move more slowly",
     )
     inputs = tuple(simulation.at([lift_off_time]).inputs[0].tolist())
     events = [event for event in simulation.events if event.t <= lift_off_time]

@@ -453,7 +453,10 @@ class StoredModel:
             # torque at this input needs no pair name.
             name = DRIVE_LOAD_NAME if heading.is_curve else f"{DRIVE_LOAD_NAME}_{pair}"
             if any(load.name == name for load in loads):
-                raise ModelError(f"{heading.mechanism}: torque: the model has one already")
+                raise ModelError(
+                    f"{heading.mechanism}: torque: the model already has a "
+                    "driving torque; leave this one out"
+                )
             try:
                 # Only to check the expression. The load stores the text.
                 parse(text, load_names(heading.angles))
@@ -607,8 +610,8 @@ class StoredModel:
             float_arrays = [array[..., None] for array in float_arrays]
         elif coordinates.ndim not in (1, 2) or coordinates.shape[-1] != m:
             raise SolveError(
-                f"{heading.mechanism}: places are arrays (n, {m}) of the "
-                f"inputs {listing(heading.inputs)}, not {coordinates.shape}"
+                f"{heading.mechanism}: the inputs {listing(heading.inputs)} must be given "
+                f"as an array of shape (n, {m}), found the shape {coordinates.shape}"
             )
         elif coordinates.ndim == 1:
             # This raises the error of a single point outside the domain.
@@ -781,8 +784,8 @@ class StoredModel:
             f"{name} = {x:.9g} ({low:.6g} to {high:.6g})" for name, x, low, high in ranges
         )
         raise SolveError(
-            f"{heading.mechanism}: the model is asked for {listing(values_and_ranges)} "
-            f"rad, which is not in its domain. The domain covers {heading.covered:.3g} of "
+            f"{heading.mechanism}: the inputs {listing(values_and_ranges)} rad are not in "
+            f"the domain of the model. The domain covers the part {heading.covered:.3g} of "
             f"the box of these ranges; elsewhere assembly mode {heading.assembly_mode} "
             "does not exist or is near a singularity"
         )
@@ -849,7 +852,7 @@ def _construct_model(
     if not (all_finite(numbers) and np.all(np.less(heading.low, heading.high))):
         raise FileError(
             f"{where}: the header of the file has numbers that are not finite, or ranges "
-            "that do not rise; make the model anew"
+            "that do not increase; store the model again"
         )
     groups = tuple(
         _construct_series(where, heading, k, arrays) for k in range(len(heading.groups))
@@ -913,9 +916,9 @@ def _construct_series(
         # One message for all faults of cells: their number, their order, and numbers that
         # are not finite.
         if not (is_rising and all(all_finite(array) for array in cell_arrays)):
-            fault = f"the cells of group {k} do not rise"
+            fault = f"the cells of group {k} are not in increasing order"
     if fault is not None:
-        raise FileError(f"{where}: {fault}; make it anew")
+        raise FileError(f"{where}: {fault}; store the model again")
     if heading.is_curve:
         return PiecewiseChebyshev(edges, coefficients)
     low = np.array(heading.low)

@@ -620,8 +620,8 @@ class CurveSampler(Sampler):
             if not all_finite(axis):
                 raise SolveError(
                     f"{self.mechanism.name}: pole {pole_name(self.mechanism, pole)} has no "
-                    "direction at places of the curve: the two links do not move relative "
-                    "to each other there; leave it out"
+                    "direction in some configurations of the curve, because the two links "
+                    "do not move relative to each other there; leave this pole out"
                 )
             axes[pole] = axis
         return axes
@@ -659,7 +659,7 @@ class CurveSampler(Sampler):
             if np.min(np.abs(np.vecdot(axis[1:], axis[:-1]))) < MIN_AXIS_COSINE:
                 raise SolveError(
                     f"{self.mechanism.name}: a pole axis turns too fast to be followed; "
-                    "ask for fewer poles"
+                    "request fewer poles"
                 )
         directions = {
             pole: axis * continuous_signs(axis, reference)[:, None]

@@ -136,7 +136,10 @@ def simulate_reduced(
     (high,) = heading.high
     start_inertia, *_ = evaluate_dynamics(x)
     if not start_inertia > 0.0:
-        raise SolveError(f"{name}: has no inertia, so loads would accelerate it endlessly")
+        raise SolveError(
+            f"{name}: the model has no inertia, so a load would cause an "
+            "infinite acceleration; store a model of a mechanism with masses"
+        )
 
     def state_rates(time: float, state: Floats) -> tuple[float, float, float]:
         """Return the rates of coordinate x, momentum p = sqrt(B) dx/dt and work W.

@@ -282,7 +282,7 @@ class Simulation:
             return None
         return (
             f"the simulation misses its tolerance of {self.tolerance:.1e} rad: {evidence}; "
-            "simulate a shorter time, smooth the loads more, or ask for less"
+            "simulate a shorter time, smooth the loads more, or give a larger tolerance"
         )
 
     @property
@@ -440,9 +440,9 @@ class Simulation:
         slack = TIME_SLACK_RATIO * max(abs(high), 1.0)
         if not np.all((t >= low - slack) & (t <= high + slack)):
             raise SolveError(
-                f"{self.mechanism.name}: the simulation runs from {low:.6g} to "
-                f"{high:.6g} s ({self.end.message}), but {np.min(t):.6g} to "
-                f"{np.max(t):.6g} s are asked for"
+                f"{self.mechanism.name}: the simulation runs from {low:.6g} to {high:.6g} "
+                f"s ({self.end.message}), but {np.min(t):.6g} to {np.max(t):.6g} s were "
+                "requested"
             )
         t = np.clip(t, low, high)
         path_states = self.path.evaluate(t)

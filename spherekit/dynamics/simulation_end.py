@@ -26,30 +26,31 @@ EndKind = Literal[
 ]
 """Kinds of ends. "time" is the end that was asked for."""
 
-TIME_MESSAGE = "the time asked for is over"
+TIME_MESSAGE = "the requested time has passed"
 CROSSING_MESSAGE = (
-    "two curves of configurations cross here, so the loads do not say which way the "
-    "mechanism goes on; start beyond the crossing, or ask for crossings to be passed"
+    "two configuration curves cross here, so the loads do not determine on which one the "
+    'mechanism continues; start beyond the crossing, or set crossings to "pass"'
 )
 NO_SERIES_MESSAGE = (
-    "a load has a value here but no series, as where exp overflows within it: write it by "
-    "tanh, or take the NumPy engine"
+    "a load has a value here but no Taylor series, for example because exp overflows in "
+    "it; write it with tanh, or use the NumPy engine"
 )
 JUMP_MESSAGE = (
-    "a load jumps or grows without bound here: smooth it, or give its time in switches"
+    "a load jumps or grows without bound here; smooth it, or give the time of the jump in "
+    "switches"
 )
 NOISE_MESSAGE = (
     "the noise of the loads, or of rates near a crossing of curves, exceeds the tolerance: "
-    "no step is short enough to go on in; smooth the loads, or raise the tolerance"
+    "no step is short enough to continue; smooth the loads, or raise the tolerance"
 )
 LOCKING_MESSAGE = (
-    "bearings lock here: their friction raises the reactions it follows from by as much as "
-    "it is, so rigid links do not say what it is; give them a smaller coefficient or "
-    "radius, or set them farther apart"
+    "bearings lock here: their friction increases the reactions that cause it without "
+    "bound, so it is not determined for rigid links; give the bearings a smaller "
+    "coefficient or radius, or place them farther apart"
 )
 NO_INERTIA_MESSAGE = (
     "the equivalent inertia goes to zero here: no link with mass moves together with the "
-    "input, and the mechanism would go on infinitely fast; give mass to links that move"
+    "input, so its speed would become infinite; give mass to links that move"
 )
 
 MAX_VANISHING_INERTIA = 1e-6
@@ -91,8 +92,9 @@ def joint_limit_end(t: float, pair: str, value: float) -> SimulationEnd:
 def too_many_steps_message(steps: int) -> str:
     """Return the message that a number of steps is not enough, with advice."""
     return (
-        f"{steps} steps are not enough; the loads change the speed too fast: raise the "
-        "speed that smooths friction, or the tolerance, or simulate a shorter time"
+        f"{steps} steps are not enough, because the loads change the speed too fast; "
+        "increase the speed that smooths friction, or the tolerance, or simulate a shorter "
+        "time"
     )
 
 

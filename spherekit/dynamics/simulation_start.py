@@ -195,7 +195,9 @@ def prepare(
     mechanism = mechanism.with_loads(*make_input_torques(mechanism, torque))
     times = sorted({*map(float, switches), *_list_table_knots(mechanism, until)})
     if not all(np.isfinite(times)):
-        raise SolveError(f"{name}: switches has a time that is not finite")
+        raise SolveError(
+            f"{name}: switches: found a time that is not finite; give finite times in s"
+        )
 
     # The configuration at the start: variables less whole turns, and these turns.
     closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
@@ -256,7 +258,7 @@ def _read_rates(
         pairs = list(inputs)
         _, rates = start.each(inputs)
     if not all_finite(rates):
-        raise SolveError(f"{name}: the rate at the start is {rates}, give finite numbers")
+        raise SolveError(f"{name}: the rate at the start is {rates}; give finite numbers")
     if not len(pairs) == len(rates) == len(inputs):
         raise SolveError(
             f"{name}: the start has {counted(len(pairs), 'pair')} with "
@@ -328,9 +330,9 @@ def make_input_torques(mechanism: Mechanism, torque: Torques | None) -> list[Pai
     if not isinstance(torque, Mapping):
         if len(inputs) > 1:
             raise SolveError(
-                f"{mechanism.name}: a torque has to say at which input it acts: give one "
-                f'by the name of each, as {{"{inputs[0]}": 1.0}}; inputs without one '
-                f"turn freely. Inputs: {listing(inputs)}"
+                f"{mechanism.name}: the torque does not state at which input it acts; give "
+                f'a mapping from names of inputs to torques, such as {{"{inputs[0]}": '
+                f"1.0}}; inputs without one turn freely. Inputs: {listing(inputs)}"
             )
         torque = {inputs[0]: torque}
     loads = []
@@ -416,8 +418,8 @@ def _check_angle_sizes(name: str, values: Floats) -> None:
     largest = float(max_abs(values))
     if largest > MAX_START_ANGLE_RAD:
         raise SolveError(
-            f"{name}: an angle at the start is {largest:.6g} rad, which a float64 holds to "
-            f"{np.spacing(largest):.2g} rad only; allowed is up to "
+            f"{name}: an angle at the start is {largest:.6g} rad, which float64 resolves "
+            f"to {np.spacing(largest):.2g} rad only; allowed is up to "
             f"{MAX_START_ANGLE_RAD:g} rad. Leave out whole turns"
         )
 
@@ -445,7 +447,7 @@ def _find_configuration(
     """
     name = mechanism.name
     if not all_finite(q):
-        raise SolveError(f"{name}: the input at the start is {q}, give finite numbers")
+        raise SolveError(f"{name}: the input at the start is {q}; give finite numbers")
     _check_angle_sizes(name, q)
     # The search for the configuration takes longer than a short simulation, and a second
     # simulation often starts where the first one did.

@@ -70,7 +70,7 @@ def find_pose(
     else:
         input_values = np.array(inputs, dtype=float, ndmin=1)
         if not all_finite(input_values):
-            raise SolveError(f"export: at is {inputs}, it has to be finite numbers of rad")
+            raise SolveError(f"export: at: found {inputs}, needs finite numbers in rad")
         # This analysis is made for its checks only: a mechanism whose mobility is not its
         # number of inputs is refused before the values are counted. No modes are searched.
         PositionAnalysis(mechanism, follow=False)
@@ -87,7 +87,7 @@ def find_pose(
             f"{pair} = {value:.6g} rad ({np.degrees(value):.6g} deg)"
             for pair, value in zip(input_pairs, input_values, strict=True)
         )
-        advice = "another input to be at"
+        advice = "another input with the argument at"
     good_rows = np.flatnonzero(~motion.failed)  # rows with a configuration
     if not len(good_rows):
         raise SolveError(

@@ -399,7 +399,9 @@ def _write_equations(
     scales = np.max(np.abs(equations), axis=1, keepdims=True, initial=0.0)
     if not np.all(scales):
         name = couplings[int(np.argmin(scales))].name
-        raise ModelError(f"{name} has only factors of zero, or of joints that do not turn")
+        raise ModelError(
+            f"all factors of {name} are zero or belong to joints that do not turn"
+        )
     return equations / scales
 
 

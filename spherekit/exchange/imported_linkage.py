@@ -216,7 +216,7 @@ class ImportedLinkage:
             link_by_body = [remaining if link == merged else link for link in link_by_body]
         for joint in sorted(self.foreign_model.locked_joints):
             joint_name = self.foreign_model.joint_names[joint]
-            self.notes.append(f"joint {joint_name} is locked, so it is no pair")
+            self.notes.append(f"joint {joint_name} is locked, so it does not become a pair")
         return link_by_body
 
     # The centre of the sphere
@@ -288,7 +288,10 @@ class ImportedLinkage:
         """
         lines = self._list_axis_lines()  # the axes in the pose of the model
         if not lines:
-            raise FileError(f"{self.where}: nothing moves: all joints are locked")
+            raise FileError(
+                f"{self.where}: no link can move, because all joints are "
+                "locked; release at least one joint"
+            )
         points = np.array([line.point for line in lines])
         directions = np.array([line.direction for line in lines])
         size = self._measure_size()
@@ -485,7 +488,9 @@ class ImportedLinkage:
     def _check_connected(self) -> None:
         """Raise `FileError` unless pairs join all links to the ground, directly or not."""
         if not self.pairs:
-            raise FileError(f"{self.where}: nothing moves: all bodies are welded together")
+            raise FileError(
+                f"{self.where}: no link can move, because all bodies are welded together"
+            )
         links_of_pairs = [pair.links for pair in self.pairs]
         part_of_link = component_labels(len(self.link_by_body), links_of_pairs)
         # The part of the ground has the number 0.

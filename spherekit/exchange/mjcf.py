@@ -222,9 +222,9 @@ class MujocoModel:
         reason_by_omitted_load = self._loads.reason_by_omitted_load
         if has_made_up_masses:
             notes.append(
-                "kinematics only: the file has no masses, and MuJoCo moves none without, "
-                "so links are wires of 1 kg/m on a sphere of 1 m, servos turn the inputs, "
-                "and forces mean nothing"
+                "kinematics only: the file has no masses, and MuJoCo cannot move bodies "
+                "without mass, so links are wires of 1 kg/m on a sphere of 1 m, servos "
+                "turn the inputs, and forces have no meaning"
             )
             reason_by_omitted_load = {
                 load.name: "the model has no masses of its own" for load in mechanism.loads

@@ -255,6 +255,6 @@ def _find_affine_law(component: LoadComponent, pair: str) -> Floats:
             factors = evaluate(np.zeros((len(names), 1)))[:, 0]
     if not all_finite(factors):
         raise EngineError(
-            f"it is not constant, and not in proportion to an angle or rate: {law.text}"
+            f"it is neither constant nor proportional to an angle or a rate: {law.text}"
         )
     return np.append(factors, [0.0, 0.0])[:3]  # without a pair there is only c0

@@ -501,8 +501,8 @@ def _select_well_conditioned_rows(
         counts = zip(*np.unique(status_codes, return_counts=True), strict=True)
         statuses = listing(f"{count} {Status(int(code)).name}" for code, count in counts)
         raise ModeProblem(
-            f"no sample was found at which it is well conditioned ({statuses}); give "
-            "ranges of the inputs in which it closes"
+            f"no sample was found at which the mode is well conditioned ({statuses}); give "
+            "ranges of the inputs in which it exists"
         )
     motion = sampled_motion.rows(rows)
     sensitivity = motion.sensitivity

@@ -145,7 +145,7 @@ class ForeignModel:
             mj_model = spec.compile()
         except ValueError as error:
             reason = " ".join(str(error).split())
-            raise FileError(f"{path}: MuJoCo does not read it: {reason}") from None
+            raise FileError(f"{path}: MuJoCo cannot read the file: {reason}") from None
         mj_model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # `close_loops` reads it
         self.mj_model: Any = mj_model
         self.mj_data: Any = mujoco.MjData(mj_model)
@@ -219,12 +219,12 @@ class ForeignModel:
                 other_joints.append(f"{joint_name} ({kind})")
         if other_joints:
             raise FileError(
-                f"{self._path}: links of spherical mechanisms turn on hinges and ball "
-                f"joints; other joints: {listing(other_joints)}. Fix the base; weld what "
-                "slides"
+                f"{self._path}: links of a spherical mechanism are joined by hinges and "
+                f"ball joints, but the file has other joints: {listing(other_joints)}. Fix "
+                "the base, and weld bodies that slide"
             )
         if not self.joint_names:
-            raise FileError(f"{self._path}: has no hinge, so that nothing moves")
+            raise FileError(f"{self._path}: has no hinge, so no link can move")
         if not all(self.joint_names):
             raise FileError(
                 f"{self._path}: joint {self.joint_names.index('')} has no name; name all "
@@ -460,7 +460,7 @@ def _parse_xml(path: Path) -> Element:
     except OSError as error:
         raise FileError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (ElementTree.ParseError, ValueError) as error:
-        raise FileError(f"{path}: is no XML: {error}") from None
+        raise FileError(f"{path}: is not XML: {error}") from None
     if root.tag not in ("mujoco", "robot"):
         raise FileError(
             f"{path}: its first element is <{root.tag}>; allowed: <mujoco> (MJCF) "

@@ -304,7 +304,7 @@ def _find_gear_equation(
     reason = "no link carries both circles, each on a hinge through its centre"
     noncircular_links = _find_noncircular_links(pair)
     if noncircular_links:
-        reason = f"the profile of link {noncircular_links[0]} is no circle"
+        reason = f"the profile of link {noncircular_links[0]} is not a circle"
     raise ModelError(
         f"{mechanism.name}: pairs.{pair.name}: cannot be written as bodies on hinges: "
         f"{reason}. Possible are R pairs, circles that slide on each other, and rolling "

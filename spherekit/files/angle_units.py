@@ -146,7 +146,9 @@ def direction(longitude: float, latitude: float) -> Vector:
         If the latitude exceeds a quarter turn.
     """
     if abs(latitude) > math.pi / 2:
-        raise ValueError("the latitude is beyond a quarter turn; longitude is first")
+        raise ValueError(
+            "the latitude is not within -90 to 90 deg; lonlat lists the longitude first"
+        )
     cos_longitude, sin_longitude = _cos_sin(longitude)
     cos_latitude, sin_latitude = _cos_sin(latitude)
     return cos_latitude * cos_longitude, cos_latitude * sin_longitude, sin_latitude

@@ -422,7 +422,7 @@ class _MechanismReader:
         if "phase" not in item:
             return pair
         if "start" in item:
-            self.fail(path, "start says that already; give one of both")
+            self.fail(path, "start already determines this; give only one of the two")
         start = self.call_model(path, find_contact_start, mechanism, pair, item["phase"])
         return replace(pair, start=start)
 
@@ -474,7 +474,8 @@ class _MechanismReader:
             if "axes" not in links[link]:
                 self.fail(
                     ("links", link),
-                    "the key axes is missing: the names of the R pairs on it",
+                    "the key axes is missing; it lists the names of the R pairs on the "
+                    "link",
                 )
             sizes[link] = construct_element(LinkSizes, links[link])
         return SizeGeometry(sizes, _numbers(pairs, "zero"))
@@ -544,7 +545,8 @@ class _MechanismReader:
         if len(direction_keys) > 1:
             self.fail(
                 (*path, direction_keys[1]),
-                f"the direction is given by {direction_keys[0]} already",
+                f"the direction is already given by {direction_keys[0]}; leave one of the "
+                "two keys out",
             )
         direction = self.axis_or_vector((*path, "axis"), item)
         relative_to = item.get("relative_to", self.data["ground"])
@@ -677,9 +679,9 @@ class _MechanismReader:
             if link in path_of_link:
                 self.fail(
                     follower_path,
-                    f'the profile of "{link}" is given already (line '
-                    f"{self.document.line(path_of_link[link])}); profiles holds the curve "
-                    "of the other link only",
+                    f'the profile of "{link}" is already given (line '
+                    f"{self.document.line(path_of_link[link])}); leave it out of profiles, "
+                    "which then has the curve of the other link only",
                 )
             path_of_link[link] = follower_path
             curve_of_link[link] = self.follower((*path, "follower"), follower)

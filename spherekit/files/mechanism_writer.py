@@ -61,7 +61,7 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
         read_back = loads(text, mechanism.name)
     except FileError as error:
         raise OutputError(
-            f"{mechanism.name}: the file would not be readable: {error}"
+            f"{mechanism.name}: the written file could not be read again: {error}"
         ) from None
     # The mechanism that was read back must have the same text.
     lines = text.split("\n")
@@ -69,8 +69,9 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
     for line, line_read_back in zip_longest(lines, lines_read_back):
         if line != line_read_back:
             raise OutputError(
-                f"{mechanism.name}: {line or line_read_back} would not read back the same; "
-                "the format holds unit vectors, and in a profile only what its kind needs"
+                f"{mechanism.name}: {line or line_read_back} would not be read back as the "
+                "same; the format stores unit vectors, and for a profile only the keys of "
+                "its kind"
             )
     return text
 

@@ -109,8 +109,8 @@ class Start:
                 raise ModelError(f"start: {key}: {problem}; {START_SYNTAX}") from None
             except (TypeError, ValueError):
                 raise ModelError(
-                    f'start: {key}: "{value}" does not read as a number, or as one for '
-                    f"each input; {START_SYNTAX}"
+                    f'start: {key}: "{value}" is neither a number nor one number for each '
+                    f"input; {START_SYNTAX}"
                 ) from None
         if "q" not in state:
             raise ModelError(f"start: q is missing; {START_SYNTAX}")

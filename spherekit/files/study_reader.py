@@ -230,7 +230,7 @@ class _StudyReader:
                 raise fault(
                     (*path, "values"),
                     f"has {len(column)} values, input {mechanism.inputs[0].pair} has "
-                    f"{len(columns[0])}; give equally many",
+                    f"{len(columns[0])}; give the same number of values for each input",
                 )
             columns.append(column)
         if "samples" in self.data:

@@ -147,8 +147,8 @@ class Tabulated:
         if not np.all((t >= first) & (t <= last)):
             raise ModelError(
                 f"the table of the input has times from {first:.6g} to {last:.6g} s, but "
-                f"{np.min(t):.6g} to {np.max(t):.6g} s are asked for; add rows or shorten "
-                "the duration"
+                f"{np.min(t):.6g} to {np.max(t):.6g} s are needed; add rows or shorten the "
+                "duration"
             )
         q, dq, ddq = (spline(t) for spline in self._splines)
         return q, dq, ddq

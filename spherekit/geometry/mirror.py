@@ -79,7 +79,7 @@ def normal_at(phi: float, gamma: float) -> Floats:
     normal = normals_of(phi, gamma)
     if np.any(np.isnan(normal)):
         raise SolveError(
-            f"no mirror has phi = {np.degrees(phi):.6g} deg with gamma = "
+            f"no mid-plane has phi = {np.degrees(phi):.6g} deg with gamma = "
             f"{np.degrees(gamma):.6g} deg: sin^2(phi / 2) + sin^2(gamma / 2) is above 1; "
             "make one of them smaller"
         )

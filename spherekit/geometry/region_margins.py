@@ -73,12 +73,13 @@ class MarginEvaluator:
         values = np.asarray(self.margins(points), dtype=float)
         if values.ndim != 2 or len(values) != len(points) or not values.shape[1]:
             raise RegionError(
-                f"margins of {len(points)} places have shape {values.shape}; the function "
-                "has to return one row for each place and one column for each margin"
+                f"the margins of {len(points)} points have the shape {values.shape}; the "
+                "function must return one row for each point and one column for each "
+                "margin"
             )
         if np.isinf(values).any():
             raise RegionError(
-                "a margin is infinite; give NaN where a place cannot be reached, and "
+                "a margin is infinite; return NaN where a point cannot be reached, and "
                 "finite values elsewhere"
             )
         # All later calls use the same errors, so that a point is judged the same each time.

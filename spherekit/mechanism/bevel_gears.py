@@ -125,8 +125,8 @@ def check_half_angles(
             )
     if math.sin(shaft_angle) < COLLINEAR_SINE:
         raise ModelError(
-            f"the shaft angle is {_degrees_text(shaft_angle)} deg: cones about one line do "
-            "not touch along a single line"
+            f"the shaft angle is {_degrees_text(shaft_angle)} deg: coaxial cones do not "
+            "touch along a single line"
         )
     first = half_angles[0]
     # In external contact d1 + d2 is the shaft angle, in internal contact d2 - d1.

@@ -168,9 +168,9 @@ class Bearings(BearingFriction):
             has_lever = False
         if not has_lever:
             raise ModelError(
-                f"{key}.positions: found {list(self.positions)} m, needs one that is not "
-                "0, or two that differ: distances of the bearings from the centre along "
-                "the axis"
+                f"{key}.positions: found {list(self.positions)} m, needs at least one "
+                "position that is not 0, or two different ones; positions are distances of "
+                "the bearings from the centre along the axis"
             )
         axial = (0.0,) * len(self.positions) if self.axial is None else self.axial
         for share in axial:

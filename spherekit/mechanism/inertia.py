@@ -90,8 +90,8 @@ def axes_frame(first: Floats, second: Floats) -> Floats:
     sine = np.linalg.norm(normal)
     if sine < PARALLEL_AXES_SINE:
         raise ModelError(
-            "the two axes are parallel, so they define no plane and no arc; name other "
-            "axes, or give tensor in link axes"
+            "the two axes are parallel, so they define neither a plane nor an arc; name "
+            "other axes, or give tensor in link axes"
         )
     return frame_from(first, normal / sine)
 
@@ -170,7 +170,9 @@ def check_mass(mass: Mass) -> None:
     if mass.centre is None:
         return
     if mass.mass is None:
-        raise ModelError(f"{key}.centre: needs a mass with it, in kg")
+        raise ModelError(
+            f"{key}.centre: a centre of mass needs the key mass in the same table, in kg"
+        )
     check_finite(f"{key}.centre", mass.centre)
     central_tensor = tensor - point_mass_inertia(mass.mass, np.array(mass.centre))
     about = f" about the centre of mass ({mass.mass:g} kg at {list(mass.centre)} m)"

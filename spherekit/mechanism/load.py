@@ -370,9 +370,9 @@ class TorqueTable(Load):
             t = first + np.mod(t - first, last - first)
         elif not np.all((t >= first) & (t <= last)):
             raise ModelError(
-                f"loads.{self.name}: asked for t from {np.min(t):.6g} to {np.max(t):.6g} "
-                f"s, but the table has {first:.6g} to {last:.6g} s; add rows, or set "
-                "periodic = true"
+                f"loads.{self.name}: the load is needed from {np.min(t):.6g} to "
+                f"{np.max(t):.6g} s, but its table covers {first:.6g} to {last:.6g} s; add "
+                "rows, or set periodic = true"
             )
         return np.asarray(np.interp(t, self.times, self.torques), dtype=np.float64)
 
@@ -399,8 +399,8 @@ class TorqueTable(Load):
         )
         if self.periodic and self.torques[0] != self.torques[-1]:
             raise ModelError(
-                f"{key}.torques: a periodic table ends with the torque it starts with, but "
-                f"this one has {self.torques[0]:g} and {self.torques[-1]:g} N m"
+                f"{key}.torques: a periodic table must start and end with the same torque, "
+                f"but this one has {self.torques[0]:g} and {self.torques[-1]:g} N m"
             )
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
@@ -463,8 +463,8 @@ def check_field(kind: str, key: str, value: Any, mechanism: LoadedMechanism) -> 
             check_finite(key, [value])
             if value <= 0:
                 raise ModelError(
-                    f"{key}: found {value:g} rad/s, needs more than 0: the rate below "
-                    "which the jump of dry friction is smoothed"
+                    f"{key}: found {value:g} rad/s, needs more than 0; it is the rate "
+                    "below which the jump of dry friction is smoothed"
                 )
         case "link" | "axes" | "flag":
             pass
@@ -515,7 +515,7 @@ def check_not_negative(key: str, number: float, unit: str) -> None:
     check_finite(key, [number])
     if number < 0:
         is_torque = unit.startswith("N m")
-        hint = "; what pushes or drives is a load of kind torque, an expression"
+        hint = "; for a load that drives, use kind torque with an expression"
         raise ModelError(
             f"{key}: found {number:g} {unit}, needs at least 0{hint if is_torque else ''}"
         )

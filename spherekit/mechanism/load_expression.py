@@ -429,7 +429,7 @@ def _read_function_name(call: ast.Call, column: int) -> str:
     """
     name = call.func.id if isinstance(call.func, ast.Name) else ""
     if name not in ARGUMENT_COUNTS:
-        what = f'"{name}"' if name else "what stands before the parenthesis"
+        what = f'"{name}"' if name else "the expression before the parenthesis"
         # `nearest` returns a suggestion such as ``; did you mean "sin"?``, or no text.
         message = f"{what} is not a function{nearest(name, ARGUMENT_COUNTS)}"
         # The message lists at most 20 functions.

@@ -77,8 +77,8 @@ def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mecha
     declared = [item.pair for item in mechanism.inputs if not item.is_default]
     if declared and set(declared) <= set(pairs):
         raise ModelError(
-            f"{mechanism.name}: lock: without the inputs {listing(declared)} nothing would "
-            "move; leave one of them free"
+            f"{mechanism.name}: lock: with the inputs {listing(declared)} locked, no link "
+            "can move; leave one of them free"
         )
     for name, value in pairs.items():
         pair = mechanism.pair(name)
@@ -299,10 +299,10 @@ def _is_at_reference_value(
     rolling = [contact.name for contact in mechanism.pairs if contact.rolls]
     if rolling:
         raise ModelError(
-            f"{where} has {reference_value:.6g} rad in the reference pose, not "
-            f"{value:.6g} rad: at another angle the file does not tell how far "
-            f"{rolling[0]} has rolled; lock the pair at its angle in the reference pose, "
-            "or give the mechanism by arcs and angles"
+            f"{where} has {reference_value:.6g} rad in the reference pose, not {value:.6g} "
+            f"rad: at another angle the file does not determine how far {rolling[0]} has "
+            "rolled; lock the pair at its angle in the reference pose, or give the "
+            "mechanism by arcs and angles"
         )
     return False
 

@@ -443,7 +443,8 @@ class Mechanism:
             if argument is not None:
                 raise ModelError(
                     f"{self.name}: with_sizes: {key} belongs to the other form of "
-                    f"geometry; this mechanism is given by {form}"
+                    f"geometry, but this mechanism is given by {form}; change numbers of "
+                    "that form"
                 )
         if isinstance(geometry, SizeGeometry):
             links = dict(geometry.links)
@@ -765,8 +766,8 @@ def _check_pair(where: str, pair: Pair) -> None:
         )
     if pair.distance is not None and not 0.0 < pair.distance < math.inf:
         raise ModelError(
-            f"{where}.distance: found {pair.distance}, needs more than 0 m: how far from "
-            "the centre the contact force acts"
+            f"{where}.distance: found {pair.distance}, needs more than 0 m; it is the "
+            "distance from the centre at which the contact force acts"
         )
     pressure_angle = pair.pressure_angle
     if pressure_angle is not None and not (
@@ -848,7 +849,7 @@ def _describe_wrong_arc(arc: float) -> str:
     degrees = math.degrees(arc)
     return (
         f"found {degrees:.6g} deg ({arc:.6g} rad); an arc between two axes is between 0 "
-        f"and 180 deg. This one leads to an axis {abs(math.remainder(degrees, 360)):.6g} "
-        "deg away, perhaps on the other side of the first; if that is meant, say "
+        f"and 180 deg. This arc leads to an axis {abs(math.remainder(degrees, 360)):.6g} "
+        "deg away, perhaps on the other side of the first axis; if this is meant, set "
         "signed_arcs = true in the link"
     )

@@ -31,8 +31,8 @@ def chosen_output(mechanism: Mechanism, name: str | None = None) -> Output:
         )
     if name is None:
         raise ModelError(
-            f"{mechanism.name}: there are several outputs, {listing(outputs)}; say which "
-            "is meant"
+            f"{mechanism.name}: there are several outputs, {listing(outputs)}; give the "
+            "name of one of them"
         )
     if name not in outputs:
         raise unknown_name_error(mechanism.name, "output", name, outputs)

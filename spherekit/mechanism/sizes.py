@@ -66,7 +66,10 @@ def unit_vector_along(key: str, direction: ArrayLike) -> Vector:
     x, y, z = as_float_rows(f"{key}.xyz", direction, (3,))
     length = math.hypot(x, y, z)
     if not (math.isfinite(length) and length > 0.0):
-        raise ModelError(f"{key}.xyz: found [{x:g}, {y:g}, {z:g}], which has no direction")
+        raise ModelError(
+            f"{key}.xyz: found [{x:g}, {y:g}, {z:g}], which has no direction; give three "
+            "finite numbers, not all 0"
+        )
     return x / length, y / length, z / length
 
 

@@ -121,7 +121,7 @@ def find_contact_start(mechanism: Mechanism, contact: Pair, phase: Angles) -> En
     """
     if isinstance(mechanism.geometry, PoseGeometry):
         raise ModelError(
-            "this mechanism is given by a reference pose, which already says how the "
+            "this mechanism is given by a reference pose, which already determines how the "
             "wheels mesh; leave phase out, and give the value of each shaft in the "
             "reference pose"
         )
@@ -198,7 +198,7 @@ def _find_shaft(
         )
     side = contact.links.index(wheel)
     if contact.profiles is None or contact.profiles[side].round_axis is None:
-        raise ModelError(f"the profile of {wheel} is no circle about a shaft")
+        raise ModelError(f"the profile of {wheel} is not a circle about a shaft")
     first_frames, second_frames = pair_frames(mechanism)
     # The second link of a pair is rotated relative to the first by its angle, about the z
     # axis of the frames of the pair in both links.
@@ -251,7 +251,9 @@ def find_wheel_contact(
     across = second_centre - (first_centre @ second_centre) * first_centre
     size = np.linalg.norm(across)
     if size < COLLINEAR_SINE:
-        raise ModelError("both wheels turn about one line, so they touch everywhere")
+        raise ModelError(
+            "both wheels turn about the same line, so phase has no meaning; leave phase out"
+        )
     # 1 if the first circle is larger, -1 if it is smaller.
     side = np.sign(first_radius - second_radius)
     point = (

@@ -617,15 +617,16 @@ def _close_start(
     input_count = output_link.degrees_of_freedom
     if input_count > 3:
         raise SolveError(
-            f"{mechanism_name}: {input_count} inputs are more than the three freedoms of "
-            "an orientation; lock some of them"
+            f"{mechanism_name}: the mechanism has {input_count} inputs, but an orientation "
+            "has only three degrees of freedom; lock some inputs"
         )
     # A chord is a pair that closes a loop, which gives at most three independent equations.
     least_mobility = variable_count - 3 * len(output_link.closure.tree.chords)
     if least_mobility > input_count:
         raise SolveError(
-            f"{mechanism_name}: it has {least_mobility} freedoms or more, but "
-            f"{input_count} inputs; declare {least_mobility} R pairs as inputs"
+            f"{mechanism_name}: the mechanism has at least {least_mobility} degrees of "
+            f"freedom, but {input_count} inputs; declare {least_mobility} R pairs as "
+            "inputs"
         )
     deviation = output_link.compare(values[None], np.eye(3)[None])
     residual = deviation.linearisation.closure_residual[0]
@@ -653,13 +654,13 @@ def _close_start(
     if has_higher_rank or not deviation.loop_conditioning[0] > SINGULAR_TARGET_CONDITION:
         raise SolveError(
             f"{mechanism_name}: the configuration to start from is singular, or the "
-            f"mechanism has other freedoms than its {input_count} inputs; start from "
-            "another one"
+            f"mobility is not the number of inputs, {input_count}; start from another "
+            "configuration"
         )
     if not deviation.output_singular_value[0] > SINGULAR_TARGET_CONDITION:
         raise SolveError(
-            f"{mechanism_name}: at the start the output link cannot turn in as many ways "
-            f"as there are inputs ({input_count}): it is at the limit of its reach, or "
+            f"{mechanism_name}: at the start the output link has fewer degrees of freedom "
+            f"than there are inputs ({input_count}): it is at the limit of its reach, or "
             "does not move with all inputs; start elsewhere or choose another output"
         )
     return deviation

@@ -152,7 +152,7 @@ class Inverse:
             that are possible with this input locked.
         """
         if self.normals is None:
-            raise SolveError("the Jacobian needs the normals: ask with normals=True")
+            raise SolveError("the Jacobian needs the normals; solve with normals=True")
         # `type_1` is the rate at which the output turns about the normal of input i per
         # unit rate of this input. The scalar product of row i of the inverse Jacobian with
         # the angular velocity of the output is therefore the rate of input i.
@@ -511,8 +511,8 @@ class InverseKinematics:
     def no_closed_form(self, advice: str) -> SolveError:
         """Return the error that there is no closed form, with advice what to do instead."""
         return self._error(
-            "the poses of a working mode have no closed form that needs no start. With the "
-            f"output held these groups are left: {'; '.join(self.legs)}; {advice}"
+            "the poses of a working mode have no closed form without a start. With the "
+            f"output held, these groups remain: {'; '.join(self.legs)}; {advice}"
         )
 
     @cached_property
@@ -681,12 +681,14 @@ class InverseKinematics:
         if near is None:
             raise self._error(
                 "the turn of the output about its direction is found by Newton's method; "
-                "give orientations `near` it, from `solutions` or of poses before"
+                "give orientations close to the solution with `near`, from `solutions` or "
+                "from previous poses"
             )
         starts = np.asarray(near, dtype=float)
         if starts.shape not in ((3, 3), (count, 3, 3)):
             raise self._error(
-                f"`near` is a rotation for each of the {count} poses, not {starts.shape}"
+                f"`near`: found the shape {starts.shape}, needs one rotation matrix for "
+                f"each of the {count} poses"
             )
         return np.broadcast_to(starts, (count, 3, 3))
 

@@ -160,7 +160,7 @@ class PoseCandidates(ArrayRows):
         if mode.isdigit() and int(mode) < len(self):
             return int(mode)
         raise SolveError(
-            f'no configuration of the pose is "{mode}"; there are '
+            f'the pose has no configuration "{mode}"; its configurations are '
             + listing(f"{k} ({label})" for k, label in enumerate(self.labels))
         )
 
@@ -247,7 +247,7 @@ class PoseFinder:
                 return self._find_at_pose(unit(direction), is_direction=True)
             case AtMirror():
                 raise SolveError(
-                    f"{self.mechanism.name}: phi and gamma name a mid-plane, and the "
+                    f"{self.mechanism.name}: phi and gamma describe a mid-plane, but the "
                     "mechanism has no mid-plane symmetric architecture; give inputs, a "
                     "direction or an orientation"
                 )
@@ -260,7 +260,7 @@ class PoseFinder:
             raise SolveError(
                 f"{self.mechanism.name} cannot be assembled at "
                 + ", ".join(f"{name} = {q:.6g} deg" for name, q in degrees)
-                + "; trace it, or change one input"
+                + "; change one input"
             )
         return self._make_candidates(solutions.values, [*map(label_of, solutions.signs)])
 
@@ -379,8 +379,8 @@ class PoseFinder:
                 if np.any(np.isnan(normals)):
                     raise SolveError(
                         f"{architecture.mechanism.name}: at these inputs both driven "
-                        "elbows lie on one line and do not fix the mid-plane; "
-                        "change one input"
+                        "elbows are collinear and do not determine the mid-plane; change "
+                        "one input"
                     )
                 return normals, architecture.plane.modes(inputs[None])[0]
             case AtOrientation(orientation):

@@ -414,7 +414,7 @@ def _limit_axis_angles(
                 f"the axes {name} cannot be at least {_format_degrees(low)} apart "
                 f"({strictest_low.source}) and at most {_format_degrees(high)} "
                 f"({strictest_high.source}) on any area: these limits contradict each "
-                "other, or leave no more than a curve",
+                "other, or leave at most a curve",
             )
 
         # The default value binds the axes of this pass of the loop. The function is called
@@ -459,13 +459,13 @@ def _is_always_kept(
     """
     where = f"{limit.one}/{limit.other}"
     if pair == other_pair:
-        raise _error(mechanism, f"apart: {where} names one axis twice")
+        raise _error(mechanism, f"apart: {where} names the same axis twice")
     if not 0.0 <= limit.low <= limit.high <= np.pi:
         raise _error(
             mechanism,
             f"apart: {where}: {_format_degrees(limit.low)} to "
             f"{_format_degrees(limit.high)} is not a range; give the least angle between "
-            "the axes, 0 to 180 deg, and a greatest not below",
+            "the axes, 0 to 180 deg, and a greatest angle that is not smaller",
         )
     joints = make_joints(mechanism)
     common_links = set(mechanism.ends[pair]) & set(mechanism.ends[other_pair])
@@ -609,9 +609,9 @@ def _limit_measures(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]
     if not 0.0 <= near < 0.5 * np.pi:
         raise _error(
             mechanism,
-            f"near: {_format_degrees(near)} is not a distance to a singularity; needs an "
-            "angle from 0 to less than 90 deg. Its sine is the measure of type I or II, 0 "
-            "at a singularity",
+            f"near: {_format_degrees(near)} is not a distance from a singularity; give an "
+            "angle of at least 0 and less than 90 deg. Its sine is compared with the "
+            "measures of type I and II",
         )
     if near == 0.0:
         return ()
@@ -675,7 +675,7 @@ def _find_pair(kinematics: LimitedOutput, option: str, name: str) -> int:
         )
         if name in kinematics.mechanism.pair_number:
             reason = (
-                f"{option}: {name} is the pair of a wheel, which does not carry the output"
+                f"{option}: {name} is the pair of a wheel that does not carry the output"
             )
         raise _error(kinematics.mechanism, reason)
     return carrying_numbers[name]

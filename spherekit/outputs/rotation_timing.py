@@ -471,7 +471,8 @@ def _check_shape(shape: str | Law) -> Law:
     if not max_abs(np.append(end_errors, range_errors)) < LAW_END_TOLERANCE:
         raise SolveError(
             "a law shape goes from 0 at t = 0 to 1 at t = 1 and stays between these, but "
-            f"this one goes from {values[0]:.6g} to {values[-1]:.6g}, or leaves that"
+            f"this one goes from {values[0]:.6g} to {values[-1]:.6g}, or leaves this range "
+            "in between"
         )
     return shape
 
@@ -535,7 +536,7 @@ def _evaluate_unit_motion(
         first_lost = np.argmin(np.where(is_lost, samples.theta, np.inf))
         dead_input = dead_centre(rotation)
         raise SolveError(
-            f"the mechanism does not follow all the way: at theta = "
+            "the mechanism cannot follow the whole rotation: at theta = "
             f"{np.degrees(samples.theta[first_lost]):.6g} of {np.degrees(angle):.6g} deg "
             f"it is {Status(samples.status[first_lost]).name}"
             + (f", as input {dead_input} is at a dead centre" if dead_input else "")

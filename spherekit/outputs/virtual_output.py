@@ -132,8 +132,9 @@ def with_wrist(mechanism: Mechanism, name: str | None = None) -> VirtualOutputCh
     # The last axis of the wrist is the direction in which the output points.
     if points and output.direction is None:
         raise PlanError(
-            f"{where}: a mechanism with two inputs moves a direction; say which one of "
-            f"link {output.link}: axis = the name of an R pair on it, or xyz"
+            f"{where}: with two inputs the output must be a direction; state which "
+            f"direction of link {output.link} is meant: axis = the name of an R pair on "
+            "it, or xyz"
         )
     pan_link, swing_link = _choose_unused_names(mechanism.links, ("pan", "swing"))
     pair_names = _choose_unused_names(mechanism.pair_number, ("azimuth", "tilt", "turn"))

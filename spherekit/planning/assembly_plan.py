@@ -46,7 +46,10 @@ def driven_pairs(mechanism: Mechanism) -> tuple[int, ...]:
     # A mechanism without declared inputs has its first R pair as the default input. It has
     # no input at all only if it has no R pair.
     if not input_names:
-        raise PlanError(f"{mechanism.name}: an input is an R pair, but there is none")
+        raise PlanError(
+            f"{mechanism.name}: an input must be an R pair, but the mechanism "
+            "has none; add an R pair"
+        )
     return tuple(mechanism.pair_number[name] for name in input_names)
 
 
@@ -186,8 +189,9 @@ class Assembly(NamedTuple):
         """The number of the only driven pair; `PlanError` if there are several."""
         if len(self.inputs) != 1:
             raise PlanError(
-                f"this works for mechanisms with one input, not with {len(self.inputs)}; "
-                "lock the others: --lock PAIR=VALUE, or spherekit.lock"
+                "this is possible only for mechanisms with one input, but there are "
+                f"{len(self.inputs)}; lock the others: --lock PAIR=VALUE, or "
+                "spherekit.lock"
             )
         return self.inputs[0]
 

@@ -256,8 +256,8 @@ def _check_connected(mechanism: Mechanism) -> None:
         names = mechanism.links
         loose = "; ".join(", ".join(names[k] for k in part) for part in parts[1:])
         raise PlanError(
-            f"{mechanism.name}: the graph is not connected: no pairs join the ground to "
-            f"[{loose}]; add the missing pairs or remove these links"
+            f"{mechanism.name}: the graph is not connected: no pairs connect the ground "
+            f"with links [{loose}]; add the missing pairs or remove these links"
         )
 
 
@@ -402,7 +402,7 @@ def _play_with_locked_inputs(
     if not is_independent or is_stuck:
         raise CountError(
             f"{mechanism.name}: the inputs {listing(mechanism.names_of(driven))} are not "
-            f"independent freedoms: with {listing(mechanism.names_of(locked))} locked, "
+            f"independent: with {listing(mechanism.names_of(locked))} locked, "
             f"{listing(mechanism.names_of(moving_inputs))} cannot move; choose other "
             "inputs"
         )

@@ -280,9 +280,9 @@ class ArcCurve(Chords):
         if not all_finite(cosine):
             lost = u.ravel()[~np.isfinite(cosine)][0]
             raise SolveError(
-                "the configuration curve is lost between two of its nodes: Newton's method "
-                f"does not close the loops {lost:.6g} rad from the start of the curve, "
-                "measured along the chords between nodes"
+                "Newton's method does not close the loops between two nodes of the "
+                f"configuration curve, {lost:.6g} rad from its start (measured along the "
+                "chords between nodes)"
             )
         return (1.0 / cosine).reshape(u.shape)
 

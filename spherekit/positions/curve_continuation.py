@@ -71,8 +71,8 @@ LANDING_STEPS = 12
 LANDING_STEP_RAD = 1e-14
 """These end with a step that is smaller."""
 SINGULAR_START = (
-    "the configuration to follow is singular: two curves cross in it, or the mechanism "
-    "has more than one freedom; start from another one"
+    "the start configuration of the curve is singular: two curves cross in it, or the "
+    "mechanism has more than one degree of freedom; start from another configuration"
 )
 
 
@@ -343,8 +343,8 @@ def _join_senses(
             )
     if len(nodes.values) == 1:
         raise SolveError(
-            "from the configuration to follow no step is possible in either direction, as "
-            "between joint limits on both sides; widen the joint limits"
+            "no step is possible from the start configuration in either direction, for "
+            "example because joint limits are close on both sides; widen the joint limits"
         )
     # The loops of several curves can differ by the values of locked variables. Keep those
     # of this curve.
@@ -377,13 +377,15 @@ def _make_start_node(closure: Closure, values: Floats, limits: CurveLimits) -> _
         singular.
     """
     if not all_finite(values):
-        raise SolveError("the configuration to follow has to be finite, but is not")
+        raise SolveError(
+            "the start configuration of the curve is not finite; give finite pair variables"
+        )
     residual = float(closure.linearise(values[None]).closure_residual[0])
     if not residual < MAX_START_RESIDUAL_RAD:
         raise SolveError(
-            f"the configuration to follow does not close: its residual is {residual:.3g} "
-            f"rad, but at most {MAX_START_RESIDUAL_RAD:g} is allowed; start from one that "
-            "was solved for"
+            "the start configuration of the curve does not close: its residual is "
+            f"{residual:.3g} rad, but at most {MAX_START_RESIDUAL_RAD:g} is allowed; start "
+            "from a computed configuration"
         )
     # Newton's method closes the loops in the plane normal to the motion: the component
     # motion . values stays the same. All arrays have one row.
@@ -400,8 +402,8 @@ def _make_start_node(closure: Closure, values: Floats, limits: CurveLimits) -> _
     for number, margin in enumerate(node.margins[0]):
         if margin < -CLOSURE_TOLERANCE:
             raise SolveError(
-                f"the configuration to follow is {-margin:.3g} beyond "
-                f"{limits.describe(number)}; start from one within its limits"
+                f"the start configuration of the curve is {-margin:.3g} beyond "
+                f"{limits.describe(number)}; start from a configuration within the limits"
             )
     return node
 
@@ -428,7 +430,8 @@ def _find_motion(closure: Closure, values: Floats) -> Floats:
     singular_values = np.append(singular_values, np.zeros(missing))
     if singular_values[-1] > MIN_RIGID_RATIO * singular_values[0]:
         raise SolveError(
-            "the configuration to follow cannot move: the loops leave it no freedom"
+            "the start configuration of the curve cannot move: the loops leave no degree "
+            "of freedom"
         )
     tangent = right_vectors[-1]
     return tangent * np.sign(tangent[np.argmax(np.abs(tangent))])

@@ -144,15 +144,15 @@ def check_sample_counts(mechanism: Mechanism, samples: int | Sequence[int]) -> N
     text = "x".join(map(str, counts))
     if isinstance(samples, Sequence) and len(samples) != len(inputs):
         raise SolveError(
-            f"{mechanism.name}: samples: {text} is of "
-            f"{counted(len(samples), 'input')}, but it has "
-            f"{counted(len(inputs), 'input')} ({listing(i.pair for i in inputs)}); "
-            "give one number for each, as 361 or 41x21"
+            f"{mechanism.name}: samples: {text} is for {counted(len(samples), 'input')}, "
+            f"but the mechanism has {counted(len(inputs), 'input')} "
+            f"({listing(i.pair for i in inputs)}); give one number for each, as 361 or "
+            "41x21"
         )
     if math.prod(counts) > MAX_SAMPLES:
         raise SolveError(
             f"{mechanism.name}: samples: found {text}; at most {MAX_SAMPLES} samples are "
-            "possible, and one million is already a very fine grid"
+            "possible"
         )
 
 
@@ -193,7 +193,10 @@ def make_path(q: Floats, input_count: int) -> InputGrid:
             f"{np.shape(q)}"
         )
     if not all_finite(path):
-        raise SolveError(f"the path is not finite in row {np.argmin(all_finite(path, 1))}")
+        raise SolveError(
+            "the path has a number that is not finite in row "
+            f"{np.argmin(all_finite(path, 1))}; give finite inputs in rad"
+        )
     return InputGrid(path, (len(path),))
 
 

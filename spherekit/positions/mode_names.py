@@ -143,7 +143,7 @@ def _find_named_mode(
     ]
     stated_inputs = _format_angles(inputs, (angles_by_pair[pair] for pair in inputs))
     return -1, (
-        f"it is none at {listing(stated_inputs)}, where there are "
+        f"no mode has these angles at {listing(stated_inputs)}, where there are "
         f"{listing(existing_modes) or 'no modes'}"
     )
 

@@ -328,9 +328,9 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
             states = closed_states
             if not states:
                 return (
-                    f"{name}: arcs cannot close: the {group.kind} of pairs {pairs} "
-                    f"reaches nowhere for inputs {degrees}; change the arcs of its "
-                    "links or the range"
+                    f"{name}: the arcs cannot close: the {group.kind} of pairs {pairs} "
+                    f"cannot be assembled at any of the inputs {degrees}; change the arcs "
+                    "of its links or the range"
                 )
     # `group` is the group at which the loop ended. The cure is what the user can change. A
     # file with a reference pose has no arcs.
@@ -338,7 +338,7 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
     if isinstance(solver.mechanism.geometry, PoseGeometry):
         cure = "the axes of its pose, profiles or the range"
     return (
-        f"{name}: no configuration was found for inputs {degrees}: the {group.kind} "
-        f"of pairs {pairs} did not close from any start, or only with profiles that enter "
-        f"each other; change {cure}"
+        f"{name}: no configuration was found for inputs {degrees}: the {group.kind} of "
+        f"pairs {pairs} did not close from any start, or closed only with profiles that "
+        f"enter each other; change {cure}"
     )

@@ -254,8 +254,8 @@ class ArcEquations:
             structure = self.decimal_mechanism.structure
             raise PlanError(
                 f"{structure.name}: link {structure.links[step.link]} has an arc of about "
-                "0 or 180 deg between two pairs, about which it could spin; nothing can "
-                "be proven of it"
+                "0 or 180 deg between two pairs, about which the link could spin, so "
+                "nothing can be proven about it; change this arc"
             )
         # Dual basis a, b, n of the two axes and their cross product: each row has the
         # product 1 with its own vector, and 0 with the other two.

@@ -215,8 +215,8 @@ def _by_arc_length(path: Path, knots: Array, closed: bool) -> tuple[Curve, Ball]
             while centre_floats(high - low) > 0.0:
                 if len(panel_series) > MAX_ARC_LENGTH_PANELS:
                     raise EngineError(
-                        "the arc length of a profile does not converge; give its "
-                        "points more evenly"
+                        "the arc length of a profile does not converge; space its points "
+                        "more evenly"
                     )
                 # The parameter low + x as a series in x, and the arc length as its
                 # integral.

@@ -381,8 +381,8 @@ def find_construction(
         )
     if not construction.unknown_count and not construction.follower_pairs:
         raise PlanError(
-            f"{structure.name}: it has no closed loop, so that all angles are inputs and "
-            "there is nothing to prove"
+            f"{structure.name}: the mechanism has no closed loop, so all angles are inputs "
+            "and there is nothing to prove"
         )
     return construction
 

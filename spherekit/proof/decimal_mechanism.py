@@ -420,7 +420,10 @@ def read_decimals(
     # A tolerance of 0.1 rad (6 deg) or more is taken for a mistake. The limit decides only
     # about this error.
     if not 0.0 <= tolerance < 0.1:
-        raise PlanError(f"a tolerance of {tolerance:g} rad makes no sense; give 1e-9, say")
+        raise PlanError(
+            f"tolerance: found {tolerance:g} rad, needs a number of at least 0 and less "
+            "than 0.1, such as 1e-9"
+        )
     if document is None:
         document = parse(dumps(mechanism), mechanism.name)
         # The written file has to describe the same mechanism. Data of the user may change

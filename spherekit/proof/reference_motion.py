@@ -705,8 +705,8 @@ class ExactSimulation:
                 shortest = min(MIN_STEP_RATIO * self.until, float(time_left))
                 if float(length) < shortest:
                     raise EngineError(
-                        f"{self.mechanism.name}: no step of the reference is short enough "
-                        f"at {float(self.end):.6g} s; smooth the loads"
+                        f"{self.mechanism.name}: no step of the reference computation is "
+                        f"short enough at {float(self.end):.6g} s; smooth the loads"
                     )
                 step = self._try_step(values[0, coordinate], p, coordinate, length, sides)
                 length = (length / 2).mid()

@@ -113,8 +113,8 @@ def extract_structure(mechanism: Mechanism) -> Structure:
         if links_with_other_profiles:
             raise PlanError(
                 f"{mechanism.name}: pair {pair.name} is a contact whose profile on "
-                f"{listing(links_with_other_profiles)} is no circle; proofs are for R and "
-                "P pairs and for contacts of circles"
+                f"{listing(links_with_other_profiles)} is not a circle; proofs are "
+                "possible for R and P pairs and for contacts of circles"
             )
         # A rolling contact has one variable, a sliding contact has two.
         if pair.kind.variable_count == 1:

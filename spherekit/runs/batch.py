@@ -255,7 +255,7 @@ class Batch:
             """
             if quantity not in _POLE_FIELD_NAMES:
                 raise AnalysisError(
-                    f"a column of {quantity!r} was asked for; give one of "
+                    f"found the quantity {quantity!r}, needs one of "
                     f"{listing(_POLE_FIELD_NAMES)}"
                 )
             # The attribute of `PoleField` with the numbers of this quantity.

@@ -83,14 +83,14 @@ def resume_or_start(
         raise run_folder.damage_error(f"{type(error).__name__}: {error}") from None
     if differing:
         raise OutputError(
-            f"{str(run_folder.path)!r}: unfinished work of a different run is there "
-            f"({differing}); choose another folder, or throw that work away with --restart "
-            '(unfinished="discard")'
+            f"{str(run_folder.path)!r}: the folder contains unfinished work of a different "
+            f"run ({differing}); choose another folder, or discard that work with "
+            '--restart (unfinished="discard")'
         )
     raise OutputError(
-        f"{str(run_folder.path)!r}: this run was stopped there when {samples_done} of "
-        f"{len(run_plan.sampling)} samples were done; go on with --resume "
-        '(unfinished="resume"), or begin again with --restart (unfinished="discard")'
+        f"{str(run_folder.path)!r}: this run was stopped there after {samples_done} of "
+        f'{len(run_plan.sampling)} samples; continue with --resume (unfinished="resume"), '
+        'or start again with --restart (unfinished="discard")'
     )
 
 
@@ -155,8 +155,8 @@ def checkpointing(
     except BaseException as error:
         if run_folder is not None and saved_samples:
             error.add_note(
-                f"{saved_samples} of {len(run_plan.sampling)} samples are done and kept in "
-                f"{run_folder.path}"
+                f"{saved_samples} of {len(run_plan.sampling)} samples are done and saved "
+                f"in {run_folder.path}"
             )
         elif run_folder is not None:
             reason = ""

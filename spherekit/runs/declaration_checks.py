@@ -53,7 +53,7 @@ def _find_class_faults(cls: Any) -> Iterator[str]:
         if fault := type_fault(key, getattr(cls, key), *get_args(hint)):
             yield f"the class attribute {fault}"
     if not NAME_PATTERN.fullmatch(cls.name):
-        yield f"its name {cls.name!r} may hold letters, digits and underscores only"
+        yield f"its name {cls.name!r} may contain only letters, digits and underscores"
     if cls.name in RESERVED_NAMES:
         yield f"its name {cls.name!r} is that of a file that every run writes"
     # The contract is the number of the version of the interface between spherekit and

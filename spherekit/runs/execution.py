@@ -78,4 +78,7 @@ class Execution:
             if number is not None and number < 1:
                 raise AnalysisError(f"run: {name} must be at least 1, not {number}")
         if self.folder is None and self.unfinished != "refuse":
-            raise AnalysisError("run: unfinished does nothing without a folder")
+            raise AnalysisError(
+                "run: unfinished has an effect only with a folder; give a "
+                "folder, or leave unfinished out"
+            )

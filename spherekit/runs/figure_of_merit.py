@@ -75,8 +75,8 @@ class FigureOfMerit:
     def __post_init__(self) -> None:
         if self.reduction not in REDUCTIONS:
             raise AnalysisError(
-                f'{self.name}: "{self.reduction}" is no reduction'
-                f"{choices(self.reduction, REDUCTIONS, 'it is')}"
+                f'{self.name}: "{self.reduction}" is not a reduction'
+                f"{choices(self.reduction, REDUCTIONS, 'Reductions')}"
             )
         if not re.fullmatch(r"[A-Za-z_]\w*", self.name):
             raise AnalysisError(
@@ -151,7 +151,7 @@ def parse_merit(text: str, angle_unit: AngleUnit) -> FigureOfMerit:
     merit_match = _MERIT_PATTERN.fullmatch(text.strip())
     if merit_match is None:
         raise AnalysisError(
-            f'"{text}" is no figure of merit: write NAME=REDUCTION(EXPRESSION), such as '
+            f'"{text}" is not a figure of merit; write NAME=REDUCTION(EXPRESSION), such as '
             f"least=min(transmission_angle_43); reductions: {listing(REDUCTIONS)}"
         )
     name, reduction, expression = merit_match.group("name", "reduction", "content")

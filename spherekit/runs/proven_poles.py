@@ -346,13 +346,13 @@ def check_provable(mechanism: Mechanism, analyses: Collection[str], whole: bool)
     """
     if PROVEN_ANALYSIS not in analyses:
         raise AnalysisError(
-            f"--prove encloses poles; run the analysis {PROVEN_ANALYSIS} too: -a "
-            f"{PROVEN_ANALYSIS}"
+            f"--prove computes bounds of poles and needs the analysis {PROVEN_ANALYSIS}; "
+            f"add it: -a {PROVEN_ANALYSIS}"
         )
     if not whole:
         raise AnalysisError(
-            "--prove reads the angles of all pairs, and --only-needed leaves pairs out; "
-            "give one of the two"
+            "--prove needs the angles of all pairs, but --only-needed leaves pairs out; "
+            "give only one of the two options"
         )
     # This call raises the `PlanError` if no proof applies. Its result is not used.
     find_construction(read_decimals(mechanism).structure)

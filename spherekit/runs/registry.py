@@ -152,7 +152,7 @@ def load_analysis(name: str) -> type[AbstractAnalysis]:
         )
     if len(entries) > 1:
         raise PluginError(
-            f"analysis {name}: given by several distributions "
+            f"analysis {name}: several installed packages offer it "
             f"({list_distributions(name)}); uninstall all but one"
         )
     (entry,) = entries

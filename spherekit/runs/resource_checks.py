@@ -51,10 +51,10 @@ def need_memory(
         # Half of the rows that would fit by this estimate.
         advised_row_count = max(1, int(row_count * usable / needed / 2))
         raise AnalysisError(
-            f"{listing(whole_analyses)} looks at all samples at once: that takes about "
-            f"{size_text(needed)} of memory for {row_count} rows, and this process may use "
-            f"{size_text(usable)}; ask for {advised_row_count} "
-            "rows (samples of all assembly modes) or fewer, or for one assembly mode"
+            f"{listing(whole_analyses)} needs all samples at once. This takes about "
+            f"{size_text(needed)} of memory for {row_count} rows, but this process may use "
+            f"only {size_text(usable)}; request {advised_row_count} rows (samples of all "
+            "assembly modes) or fewer, or for one assembly mode"
         )
 
 
@@ -79,8 +79,8 @@ def need_disk(
     free = shutil.disk_usage(folder).free
     if total_bytes - written_bytes > free:
         raise OutputError(
-            f"{str(folder)!r}: {subject} will take about {size_text(total_bytes)}, and the "
-            f"disk has {size_text(free)} left; {advice}"
+            f"{str(folder)!r}: {subject} will take about {size_text(total_bytes)}, but the "
+            f"disk has only {size_text(free)} left; {advice}"
         )
 
 

@@ -175,7 +175,7 @@ def _check_column(where: str, column: Column, data: Any) -> Array | Interleaved:
     if not fits and len(values):
         (first,) = values[:1].tolist()
         raise PluginError(
-            f"{where} was declared to hold {WORDS_BY_KIND[kind]}, but holds {first!r}"
+            f"{where} was declared to contain {WORDS_BY_KIND[kind]}, but contains {first!r}"
         )
     return values.astype(DTYPE_BY_KIND.get(kind, str), copy=False)
 

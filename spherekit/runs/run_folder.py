@@ -91,16 +91,16 @@ class RunFolder:
         )
         if foreign_files:
             raise OutputError(
-                f"{str(run_folder.work)!r}: holds {listing(foreign_files, 4)}, which no "
-                "run of spherekit makes there, so nothing was changed; choose another "
+                f"{str(run_folder.work)!r}: contains {listing(foreign_files, 4)}, which no "
+                "run of spherekit creates there, so nothing was changed; choose another "
                 "folder for the results, or move these files away"
             )
         # If the folder is locked already, the result is a text about the other program.
         lock = acquire_lock(run_folder.work / LOCK)
         if isinstance(lock, str):
             raise OutputError(
-                f"{str(run_folder.path)!r}: {lock} is writing there; wait for its end, or "
-                "choose another folder"
+                f"{str(run_folder.path)!r}: {lock} is writing there; wait until it ends, "
+                "or choose another folder"
             )
         try:
             # Refuse a folder with a summary that no run has written.
@@ -159,8 +159,9 @@ class RunFolder:
     def damage_error(self, reason: str) -> OutputError:
         """Return the error which says that the unfinished work cannot be used."""
         return OutputError(
-            f"{str(self.path)!r}: the unfinished run there cannot go on, since what it has "
-            f'kept is damaged ({reason}); begin again with --restart (unfinished="discard")'
+            f"{str(self.path)!r}: the unfinished run there cannot continue, because its "
+            f"saved state is damaged ({reason}); start again with --restart "
+            '(unfinished="discard")'
         )
 
     def write_journal(self, entries: Mapping[str, Any]) -> None:

@@ -423,8 +423,8 @@ def collect_needs(analyses: Analyses, mechanism: Mechanism) -> DeclaredNeeds:
     for name, count in Counter(analysis.name for analysis in analyses).items():
         if count > 1:
             raise AnalysisError(
-                f"{name}: is asked for {count} times in one run, but a run can hold the "
-                "tables of an analysis only once; ask once, with lists joined by + "
+                f"{name}: is requested {count} times in one run, but a run can have the "
+                "tables of an analysis only once; request it once, with lists joined by + "
                 "(poles:only=31+42), or run twice"
             )
     needs = []
@@ -475,8 +475,8 @@ def make_run_plan(
     for analysis, needs in zip(analyses, declared_needs.needs, strict=True):
         if needs.time and sampling.timing is None:
             raise AnalysisError(
-                f"{analysis.name}: needs time, but with several inputs nothing says how "
-                "they move; give a law for every input, and a duration"
+                f"{analysis.name}: needs a motion in time, but no law says how the inputs "
+                "move; give a law for every input, and a duration"
             )
     all_needs = reduce(Needs.union, declared_needs.needs, Needs())
     requests = plan_requests(
@@ -623,8 +623,8 @@ def extract_needed_part(study: Study, analyses: Analyses) -> Mechanism:
             reads_whole = not links
         if reads_whole:
             raise AnalysisError(
-                f"{analysis.name}: looks at the whole mechanism, so no part of it can be "
-                "left out; run it without only_needed (--only-needed)"
+                f"{analysis.name}: needs the whole mechanism, so no part of it can be left "
+                "out; run it without only_needed (--only-needed)"
             )
         needed_links |= links
     return part_for(mechanism, needed_links)

@@ -186,8 +186,8 @@ class RunResult:
         data = self.results[analysis].data
         if table not in data:
             raise AnalysisError(
-                "this run kept no tables that can be read; let it keep them (tables=True), "
-                "or write Parquet files to a folder"
+                "this run kept no tables that can be read; run it with tables=True, or "
+                "write Parquet files to a folder"
             )
         return data[table]
 
@@ -212,8 +212,8 @@ class RunResult:
         path = Path(path)
         if path.suffix != ".rrd":
             raise OutputError(
-                f"{path}: a recording is a file named *.rrd; tables go to a folder "
-                "by write(folder)"
+                f"{path}: a recording is a file named *.rrd; write tables to a folder with "
+                "write(folder)"
             )
         # The views repeat the run when they are first used. A result that was not made by
         # `spherekit.run` has no views, and an error is raised.
@@ -323,8 +323,8 @@ class RunResult:
             return column_figure
         if where or table or y is not None:
             raise AnalysisError(
-                "plot: y, where and table are for a figure of two columns; give the "
-                'columns x and y, such as plot("q", "theta_41")'
+                "plot: y, where and table have an effect only in a figure of two columns; "
+                'give the columns x and y, such as plot("q", "theta_41")'
             )
         figures: Mapping[str, Figure] = views.figures(degrees, columns)
         return figures if x is None else figures[x]
@@ -387,7 +387,7 @@ class RunResult:
                     if kinds[column] not in ("number", "integer"):
                         raise AnalysisError(
                             f'plot: the column "{column}" of the table {declared.name} has '
-                            "no numbers; use it in where, to choose rows"
+                            "no numbers; use it in the argument where, to select rows"
                         )
                 return name, declared
         owners_by_column = {
@@ -410,7 +410,9 @@ class RunResult:
     def _check_views(self, method: str) -> Any:
         """Return the views; an `OutputError` names the method if there are none."""
         if self.views is None:
-            raise OutputError(f"{method}: only what spherekit.run returns can be shown")
+            raise OutputError(
+                f"{method}: only a result that spherekit.run returned can be shown"
+            )
         return self.views
 
     @checked(OutputError)

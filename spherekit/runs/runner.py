@@ -133,7 +133,10 @@ def run_study(
         `RunPlan`.
     """
     if study.start is None and execution.engine != "auto":
-        raise AnalysisError("run: engine does nothing without a simulation: give start")
+        raise AnalysisError(
+            "run: engine has an effect only in a simulation; give start, "
+            "or leave engine out"
+        )
     timer = Timer()
     whole_mechanism = study.mechanism
     if execution.only_needed:

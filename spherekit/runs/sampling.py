@@ -596,8 +596,8 @@ def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, st
         if start is not None:
             yield (
                 law_key,
-                "excluded by the start: there the motion follows from the loads; give a "
-                "law or a start",
+                "cannot be given together with a start, because the motion then follows "
+                "from the loads; give either a law or a start",
             )
         if duration is None:
             yield law_key, "a time law needs a duration in s, --duration T or duration = T"
@@ -639,12 +639,12 @@ def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, st
     if study.path is not None:
         yield (
             ("inputs", inputs[0], "values"),
-            "excluded by the duration: over time the samples are times",
+            "cannot be given together with a duration, because the samples are then times",
         )
     if study.grid or not isinstance(study.samples, int):
         yield (
             ("samples",),
-            "over time the samples are times; give a single number of them",
+            "with a duration the samples are times; give a single number of samples",
         )
 
 

@@ -92,10 +92,10 @@ def read_trade(path: AnyPath) -> Trade:
             raise ValueError("a folder or a device, not a regular file")
         return _make_trade(json.loads(file.read_bytes()))
     except FileNotFoundError:
-        raise AnalysisError(f"{file}: there is no trade; {advice}") from None
+        raise AnalysisError(f"{file}: contains no trade; {advice}") from None
     except (OSError, KeyError, TypeError, ValueError) as problem:
         raise AnalysisError(
-            f"{file}: is not a trade that this version reads ({problem!r}); {advice}"
+            f"{file}: is not a trade that this version can read ({problem!r}); {advice}"
         ) from None
 
 

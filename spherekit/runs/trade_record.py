@@ -226,7 +226,9 @@ class Trade:
         # `spherekit.trade` stores the function that draws in `draw`. A trade that comes
         # from elsewhere has none.
         if self.draw is None:
-            raise AnalysisError("plot: only what spherekit.trade returns can be drawn")
+            raise AnalysisError(
+                "plot: only a result that spherekit.trade returned can be drawn"
+            )
         return self.draw(self, tolerance, columns)
 
     def as_dict(self, tolerance: float | None = None) -> Facts:

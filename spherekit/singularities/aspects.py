@@ -164,9 +164,9 @@ def aspects(
         output_freedoms = output_condition.equation_count
         if input_count > output_freedoms:
             raise AnalysisError(
-                f"{mechanism.name}: the output has {output_freedoms} freedoms: "
-                f"{input_count} inputs can always move while it rests: no aspect is free "
-                "of type I; leave that out"
+                f"{mechanism.name}: the output has {output_freedoms} degrees of freedom, "
+                f"so {input_count} inputs can always move while it is at rest and no "
+                "aspect is free of type I; leave I out of free_of"
             )
     if isinstance(samples, Sequence):
         sample_counts = samples

@@ -141,8 +141,9 @@ class LocusPointSearch:
         # move while the output rests in every configuration, so all are of type I.
         if kind == "I" and output_condition.equation_count < input_count:
             raise AnalysisError(
-                f"{mechanism.name}: a direction has two freedoms, but there are three "
-                "inputs; ask for type I of the link's orientation, without `pointing`"
+                f"{mechanism.name}: a direction has two degrees of freedom, but there are "
+                "three inputs; request type I of the orientation of the link, without "
+                "`pointing`"
             )
         self.report = SingularityReport.for_output(solver, output_condition, kind)
         self.time_limit = time_limit or TimeLimit()

@@ -152,9 +152,9 @@ class SingleFreedomSingularities:
         mechanism = position_analysis.mechanism
         if len(position_analysis.inputs) != 1:
             raise PlanError(
-                f"{mechanism.name}: it has {len(position_analysis.inputs)} inputs; the "
-                "relation of one input and one output is that of a mechanism with a "
-                "single freedom"
+                f"{mechanism.name}: the mechanism has {len(position_analysis.inputs)} "
+                "inputs, but the relation of one input and one output exists only with a "
+                "single degree of freedom; lock the other inputs"
             )
         self.position_analysis = position_analysis
 

@@ -156,7 +156,7 @@ def check_made_by_spherekit(path: Path, mark: bytes) -> None:
     # `lexists` also finds links that lead nowhere.
     if os.path.lexists(path):
         raise OutputError(
-            f"{path}: would be replaced, but no command of spherekit seems to have made "
+            f"{path}: would be replaced, but no command of spherekit seems to have created "
             "it; choose another folder, or move it away"
         )
 

@@ -149,17 +149,16 @@ def read_archive(
                 raise FileError(f"{where}: is not a {name}; {archive_format.remedy}")
             if header.get("version") != archive_format.version:
                 raise FileError(
-                    f"{where}: has version {header.get('version')} of the format, and "
-                    f"spherekit {__version__} reads version {archive_format.version}; make "
-                    "it anew with this spherekit"
+                    f"{where}: has version {header.get('version')} of the format, but "
+                    f"spherekit {__version__} reads version {archive_format.version}; "
+                    "create the file again with this spherekit"
                 )
             arrays = {item: archive[item] for item in archive.files if item != "header"}
         return construct(_lists_to_tuples(header), arrays)
     except DAMAGE_ERRORS as error:
         raise FileError(
-            f"{where}: is not a {name}, or not as this spherekit has written it "
-            f"({error}): it was cut short or changed, or is from another program or "
-            f"version; make it anew, {archive_format.remedy}"
+            f"{where}: is not a {name}, or is damaged or from another version ({error}); "
+            f"create it again: {archive_format.remedy}"
         ) from None
 
 

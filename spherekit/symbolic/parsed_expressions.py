@@ -89,7 +89,7 @@ def convert_to_graph(
         # In the message an expression without text is called a load.
         if name == "/" and full_operands[1] == 0.0:
             subject = f'"{expression.text}"' if expression.text else "a load"
-            raise EngineError(f"{subject} divides by what is zero everywhere")
+            raise EngineError(f"{subject} divides by an expression that is zero everywhere")
         is_periodic = name in PERIODIC_FUNCTIONS
         arguments = reduced_operands if is_periodic else full_operands
         # All operations that are not in `operations`, such as "sin", are functions by name.

@@ -57,10 +57,12 @@ class Column:
         What the cells are.
     per_input
         Whether a mechanism with several inputs has one column for each. Their names end
-        with the name of the pair: ``q_left``, ``q_right``.
+        with the name of the pair: ``q_left``, ``q_right``. In the meaning the name of the
+        pair follows the words "the driven pair".
     per_passive
         Whether the column stands for one column per variable of the passive pairs, called
-        like the variable.
+        like the variable. In the meaning the name of the pair follows the words "the
+        passive pair".
     scale
         By what errors are measured. ``"absolute"``: not divided. ``"largest"``: divided by
         the largest number of the run. ``"unit"``: for rad as ``"absolute"`` and within one
@@ -137,6 +139,8 @@ class Table:
           column for each input, with the name of the driven pair appended.
         - A column that is declared `per_passive` becomes one column for each variable of
           the pairs that are not driven, with the name of the variable.
+
+        The meaning of such a column names its pair.
         """
         driven_pairs = mechanism.input_pairs
         pair_of_variable = dict(
@@ -148,27 +152,25 @@ class Table:
         )
         columns: list[Column] = []
         for column in self.columns:
-            # Names of the new columns, and what is appended to the meaning of each.
-            meaning_suffix_by_name = {column.name: ""}
+            # Names of the new columns, with the pair that each of them belongs to.
+            pair_by_name = {column.name: ""}
             if column.per_passive:
-                meaning_suffix_by_name = {
-                    variable: f" {pair}"
+                pair_by_name = {
+                    variable: pair
                     for variable, pair in pair_of_variable.items()
                     if pair not in driven_pairs
                 }
             elif column.per_input and len(driven_pairs) > 1:
-                meaning_suffix_by_name = {
-                    f"{column.name}_{pair}": f" {pair}" for pair in driven_pairs
-                }
+                pair_by_name = {f"{column.name}_{pair}": pair for pair in driven_pairs}
             columns += [
                 replace(
                     column,
                     name=name,
-                    meaning=column.meaning + suffix,
+                    meaning=_name_pair(column.meaning, pair),
                     per_input=False,
                     per_passive=False,
                 )
-                for name, suffix in meaning_suffix_by_name.items()
+                for name, pair in pair_by_name.items()
             ]
         return replace(self, columns=tuple(columns))
 
@@ -215,7 +217,9 @@ class Table:
             arrays_by_name[column.name] = [np.zeros(0, dtype)]
         for part in parts:
             if undeclared := part.keys() - arrays_by_name.keys():
-                raise AnalysisError(f"table {self.name} has no {listing(undeclared)}")
+                raise AnalysisError(
+                    f"table {self.name} has no column {listing(undeclared)}"
+                )
             # The first array of the part gives its number of rows.
             count = next((len(values) for values in part.values() if np.ndim(values)), 1)
             complete_part = {**blank_by_name, **part}
@@ -285,6 +289,20 @@ Units = Mapping[str, str]
 """Units by the names of columns or quantities."""
 
 
+def _name_pair(meaning: str, pair: str) -> str:
+    """Return the meaning of a column that belongs to one pair, with the name of the pair.
+
+    The name follows the words "the driven pair" or "the passive pair". A meaning without
+    these words ends with the name. Without a name the meaning stays as it is.
+    """
+    if not pair:
+        return meaning
+    for words in ("the driven pair", "the passive pair"):
+        if words in meaning:
+            return meaning.replace(words, f"{words} {pair}")
+    return f"{meaning}, pair {pair}"
+
+
 def row_count(data: TableData) -> int:
     """Return the number of rows of a table."""
     return len(next(iter(data.values())))
@@ -311,13 +329,21 @@ def input_columns(mechanism: Mechanism, values: Floats, name: str = "q") -> dict
     return {c.name: values[:, k] for k, c in enumerate(columns)}
 
 
-SAMPLE = Column("sample", "", "number of the input value, from 0", "integer")
-ASSEMBLY_MODE = Column("assembly_mode", "", "number of the assembly mode", "integer")
-MODE_NAME = Column("mode_name", "", "name of the assembly mode in the file", "text")
+SAMPLE = Column(
+    "sample", "", "number of the sample (the values of all inputs), from 0", "integer"
+)
+ASSEMBLY_MODE = Column(
+    "assembly_mode", "", "number of the assembly mode, from 0", "integer"
+)
+MODE_NAME = Column(
+    "mode_name", "", "name of the assembly mode in the mechanism file", "text"
+)
 INPUT = Column("q", "rad", "variable of the driven pair")
 INPUTS = Column("q", "rad", "variable of the driven pair", per_input=True)
-TIME = Column("t", "s", "time")
+TIME = Column("t", "s", "time of the row")
 RESIDUAL = Column(
     "residual", "rad", "largest rotation by which a loop fails to close", scale="none"
 )
-STATUS = Column("status", "", "OK, or why the row is empty", "status")
+STATUS = Column(
+    "status", "", "OK, or the reason why numbers of the row are missing", "status"
+)

@@ -390,8 +390,8 @@ def _open_parquet_file(path: Path) -> Iterator[Any]:
             yield file
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
         reason = (
-            f"is not a Parquet file, or is damaged: {' '.join(str(error).split())}; "
-            "remove it and make it again"
+            f"is not a Parquet file, or is damaged: {' '.join(str(error).split())}; remove "
+            "it and make it again"
         )
         if isinstance(error, OSError) and error.strerror:
             reason = f"cannot be read: {error.strerror}; give the path of a Parquet file"
@@ -561,8 +561,8 @@ def read_frame(
         has_other_columns = tables and not table.schema.equals(tables[0].schema)
         if not has_notes or has_other_columns:
             raise FileError(
-                f"{path}: is not the file that was written there, as its content shows; "
-                "move it away, and run the same command to make it again"
+                f"{path}: its content is not what was written there; move the file away, "
+                "and run the same command to create it again"
             )
         tables.append(table)
     rows = pa.concat_tables(tables)

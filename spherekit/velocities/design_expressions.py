@@ -262,8 +262,9 @@ class DesignExpressions:
         nodes = set(iterate_nodes(items))
         if any(side.last_derivative in nodes for side in sides):
             raise EngineError(
-                f"{self.mechanism.name}: how a linearised motion changes with sizes is not "
-                "known where profiles are no circles; compare designs by a sweep"
+                f"{self.mechanism.name}: the derivatives of a linearised motion with "
+                "respect to sizes exist only for profiles that are circles; compare "
+                "designs with a sweep"
             )
         by_variable = [
             self._differentiate_by_variable(items, v)
@@ -317,7 +318,7 @@ class DesignExpressions:
         table = self._quantity_table
         if name not in table:
             raise EngineError(
-                f'{self.mechanism.name}: "{name}" is no quantity of a configuration'
+                f'{self.mechanism.name}: "{name}" is not a quantity of a configuration'
                 f"{nearest(name, table) or '.'} Quantities: {listing(table)}"
             )
         # The table has the name and the arguments of the method of this class that returns
@@ -353,8 +354,8 @@ class DesignExpressions:
         first = listing([x for x in first_arguments if isinstance(x, str)])
         second = listing([x for x in second_arguments if isinstance(x, str)])
         raise EngineError(
-            f'{self.mechanism.name}: "{name}" may be of {first} or of {second}; give links '
-            "or pairs other names"
+            f'{self.mechanism.name}: "{name}" can mean {first} or {second}; give links or '
+            "pairs other names"
         )
 
     def sample_variable(self, index: int) -> Expr:

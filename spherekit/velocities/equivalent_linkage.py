@@ -221,7 +221,8 @@ def find_equivalent_linkage(
         if first_curvature - second_curvature < EQUAL_CURVATURE:
             raise EngineError(
                 f"{mechanism.name}: pairs.{mechanism.pairs[n].name}: the profiles would "
-                "cut into each other, or have equal curvature; change the size of one"
+                "cut into each other, or have equal curvature; change the size of one "
+                "profile"
             )
     # The ratios of the pairs that follow the inputs through wheels.
     train = None

@@ -157,8 +157,8 @@ class GroupEquations:
             self.chosen_equations = self._choose_equations(compute_vectors())
         if len(self.unknowns) > MAX_DETERMINANT_SIZE:
             raise EngineError(
-                f"{mechanism.name}: a {group.kind} leaves {len(self.unknowns)} equations "
-                "to be solved together, expressions take at most "
+                f"{mechanism.name}: a {group.kind} needs {len(self.unknowns)} equations to "
+                "be solved together, but expressions can solve at most "
                 f"{MAX_DETERMINANT_SIZE}",
                 ADVICE_WITHOUT_EXPRESSIONS,
             )
@@ -224,8 +224,9 @@ class GroupEquations:
         is_undetermined = len(pivots) < count
         if is_undetermined or np.min(pivots[:count], initial=1.0) < MIN_INDEPENDENCE:
             raise EngineError(
-                f"{self.mechanism.name}: its equations leave more than one motion at the "
-                "configuration they were chosen at; change the range of the input",
+                f"{self.mechanism.name}: its velocity equations have more than one "
+                "solution in the configuration in which they were chosen; change the range "
+                "of the input",
                 ADVICE_WITHOUT_EXPRESSIONS,
             )
         return [equations[k] for k in order[:count]]

@@ -255,8 +255,8 @@ def _find_closed_configuration(
     motion = position_analysis.sparse(CLOSED_CONFIGURATION_SAMPLES)
     if all(motion.failed):
         raise EngineError(
-            f"{mechanism.name}: no configuration was found at which to choose "
-            "independent equations; give a range of the input where it closes"
+            f"{mechanism.name}: no configuration was found at which to choose independent "
+            "equations; give a range of the input in which the mechanism closes"
         )
     first_closed_row = int(motion.failed.argmin())
     return motion.values[first_closed_row]

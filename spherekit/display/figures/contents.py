@@ -103,7 +103,8 @@ class Figures(Mapping[str, Figure]):
             )
         if len(names) > 1:
             raise AnalysisError(
-                f"several figures are meant by {name!r}: {listing(names, len(names))}"
+                f"the name {name!r} matches several figures; give the whole name: "
+                f"{listing(names, len(names))}"
             )
         (key,) = names
         # A figure is drawn once and then kept.

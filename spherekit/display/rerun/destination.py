@@ -43,7 +43,8 @@ def check_place(path: Path) -> None:
     """Raise `OutputError` unless a recording can be written there."""
     if path.suffix != ".rrd":
         raise OutputError(
-            f"{path}: a recording must be named *.rrd, since the viewer goes by that ending"
+            f"{path}: a recording must be named *.rrd, because the viewer recognises "
+            "recordings by this ending"
         )
     check_file(path)
 
@@ -238,8 +239,8 @@ class LiveOutput:
             self.stream.flush(timeout_sec=LIVE_TIMEOUT_S)
         except RuntimeError as error:
             raise OutputError(
-                f"{self.place} no longer takes data ({_reason(error)}); start it again, or "
-                "record to a file"
+                f"{self.place} no longer accepts data ({_reason(error)}); start it again, "
+                "or record to a file"
             ) from error
 
     def complete(self) -> None:
@@ -347,9 +348,9 @@ def check_notebook(is_start: bool) -> None:
     del is_start
     if find_spec("rerun_notebook") is None:
         raise OutputError(
-            "a notebook shows recordings by the package rerun-notebook, which is not "
-            'installed; install it with: pip install "spherekit-mechanisms[notebook]", '
-            "or write a file with save(path)"
+            "to show a recording in a notebook, the package rerun-notebook is needed, "
+            "which is not installed; install it with: pip install "
+            '"spherekit-mechanisms[notebook]", or write a file with save(path)'
         )
 
 
@@ -526,6 +527,6 @@ class Outputs:
                 has_file = any(isinstance(item, FileOutput) for item in self.destinations)
                 if isinstance(destination, FileOutput) or not has_file:
                     raise
-                warnings.warn(f"{error}; the file goes on", stacklevel=3)
+                warnings.warn(f"{error}; the recording in the file continues", stacklevel=3)
                 self.destinations.remove(destination)
                 destination.close(keep=False)

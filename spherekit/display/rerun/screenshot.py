@@ -144,7 +144,7 @@ def check_picture(picture: Path, size: Size) -> None:
     check_file(picture)
     if not all(MIN_SIDE_PIXELS <= side <= MAX_SIDE_PIXELS for side in size):
         raise OutputError(
-            f"{size[0]}x{size[1]} is no size of a picture; its sides are "
+            f"{size[0]}x{size[1]} is not a valid size of a picture; its sides can be "
             f"{MIN_SIDE_PIXELS} to {MAX_SIDE_PIXELS} pixels"
         )
 
