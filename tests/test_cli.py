@@ -85,7 +85,7 @@ def test_run_writes_tables_and_recording(capsys, tmp_path):
         "--save", tmp_path / "a.rrd", "--deg",
     )  # fmt: skip
     assert status == 0
-    assert "2 assembly modes, both close everywhere: 0 (p1), 1 (p0)" in out
+    assert "2 assembly modes, both exist over the whole range: 0 (p1), 1 (p0)" in out
     assert "recording " in out and not err
     frame = pd.read_csv(tmp_path / "poles.csv")
     assert frame["q [deg]"].max() == 360.0
@@ -162,7 +162,7 @@ def test_a_served_run_can_be_reached_and_ends_with_an_interrupt():
     url = f"rerun+http://127.0.0.1:{port}/proxy"
     assert first_lines[0] == f"serving at {url}; open it with: rerun {url}\n"
     assert "the run is done" in first_lines[1] + err
-    assert "2 assembly modes, both close everywhere: 0 (p1), 1 (p0)" in out
+    assert "2 assembly modes, both exist over the whole range: 0 (p1), 1 (p0)" in out
     assert process.returncode == 0
     assert "Traceback" not in err
 

@@ -139,7 +139,7 @@ def test_run_prints_ok_for_every_assembly_mode_of_the_folded_sheet(capsys, tmp_p
     """A single order of elimination is singular in modes 1 and 4 at all samples."""
     assert main(["run", str(MIURA), "--samples", "17", "-o", str(tmp_path)]) == 0
     out = capsys.readouterr().out
-    assert "6 assembly modes, all close everywhere: 0-5" in out
+    assert "6 assembly modes, all exist over the whole range: 0-5" in out
     assert "AT_SINGULARITY" not in out
 
 

@@ -149,7 +149,7 @@ def test_a_search_in_which_no_start_closes_ends_after_four_rounds():
 def test_a_long_search_says_what_it_does_unless_it_is_to_be_quiet(capsys, monkeypatch):
     monkeypatch.setattr(progress, "REPORT_INTERVAL_S", -1.0)
     assert main(["run", "roller_cam", "--samples", "9"]) == 0
-    assert "spherekit: searching the assembly modes: " in capsys.readouterr().err
+    assert "spherekit: searching assembly modes: " in capsys.readouterr().err
     assert main(["run", "roller_cam", "--samples", "9", "-q"]) == 0
     assert capsys.readouterr().err == ""
 

@@ -1,7 +1,10 @@
 """Progress on the screen: a bar in a terminal, lines without one, nothing with -q."""
 
 import io
+import re
 from argparse import Namespace
+
+import pytest
 
 from spherekit import progress
 from spherekit.cli.main import note
@@ -46,6 +49,43 @@ def test_a_terminal_shows_a_bar_that_is_erased_before_other_output(monkeypatch, 
     assert "\x1b[2K" in bar.rpartition("60 of 100")[2]  # the line is erased
     assert end == "\n"
     assert capsys.readouterr().out == ""
+
+
+def shown_lines(text, width):
+    """Return the lines of a terminal after it has received a text."""
+    lines, row, column = [[]], 0, 0
+    for count, command, character in re.findall(
+        r"\x1b\[([?0-9;]*)([A-Za-z])|(.|\n)", text, re.S
+    ):
+        if character == "\r":
+            column = 0
+        elif character == "\n" or (character and column >= width):
+            row, column = row + 1, 0
+            lines.extend([] for _ in range(row + 1 - len(lines)))
+        if character and character not in "\r\n":
+            lines[row][column:] = [" "] * max(column - len(lines[row]), 0) + [
+                character,
+                *lines[row][column + 1 :],
+            ]
+            column += 1
+        if command == "A":
+            row = max(row - int(count or 1), 0)
+        elif command == "K":
+            lines[row] = []
+    return ["".join(line).rstrip() for line in lines]
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_a_long_text_leaves_nothing_on_the_terminal(monkeypatch, width):
+    terminal = open_terminal(monkeypatch)
+    monkeypatch.setenv("COLUMNS", str(width))
+    with progress_on_screen(Namespace(quiet=False)):
+        reporter = progress.ProgressReporter("searching assembly modes")
+        for count in range(4):
+            reporter.report_if_due(lambda count=count: f"{count} curves found {'x' * 200}")
+    text = terminal.getvalue()
+    assert "searching" in text
+    assert not any(shown_lines(text, width))
 
 
 def test_messages_stay_on_the_terminal(monkeypatch):

@@ -21,6 +21,21 @@ def print_run(capsys, *words):
     return capsys.readouterr().out
 
 
+def pointing_determinant(output, mode, inputs):
+    """Return the determinant of the velocities of a direction, by central differences."""
+    step = 1e-5
+    moved = []
+    for input_number in range(2):
+        pointed = []
+        for sign in (-1.0, 1.0):
+            values = np.array(inputs)
+            values[input_number] += sign * step
+            result = sk.evaluate("five_bar", values, assembly_mode=mode)
+            pointed.append(result.rotation(output.link) @ np.array(output.direction))
+        moved.append((pointed[1] - pointed[0]) / (2.0 * step))
+    return np.linalg.det([*moved, pointed[0]])
+
+
 def test_ranges_and_ratios_are_those_of_the_tables():
     """The tables of the run are the independent values."""
     result = sk.run("four_bar", "poles:only=41")
@@ -109,8 +124,8 @@ def test_results_come_first_and_bookkeeping_with_verbose(capsys):
     printed = print_run(capsys, "four_bar")
     lines = printed.splitlines()
     assert lines[0] == "four_bar: input 21 from 0 to 360 deg, 361 samples"
-    assert lines[1] == "  2 assembly modes, both close everywhere: 0 (p1), 1 (p0)"
-    row = r"1 \(p0\) +46.52 to 117.82 +71.29 +-0.8084 to 0.5333 .* 27.81, 227.91"
+    assert lines[1] == "  2 assembly modes, both exist over the whole range: 0 (p1), 1 (p0)"
+    row = r"1 \(p0\) +46.52 to 117.82 +71.3 +-0.8084 to 0.5333 .* 27.81, 227.91"
     assert re.search(row, printed)
     assert "Files: no tables saved; add -o DIR" in printed
     assert "mobility" not in printed and "cost" not in printed and "dyad" not in printed
@@ -131,8 +146,42 @@ def test_a_status_has_one_line_with_its_place_cause_and_cure(capsys):
         "OUT_OF_REACH (modes 0, 1 at 41 = 0 to 46, 118 to 242, 314 to 360 deg)" in warning
     )
     assert "dead centres" in warning and "with several inputs" not in warning
-    assert "modes 0, 1 close at 41 = 47 to 117, 243 to 313 deg" in printed
-    assert "Dead centres (type II) end modes 0, 1 near 41 = 47, 117, 243, 313" in printed
+    assert "Modes 0, 1 exist at 41 = 47 to 117, 243 to 313 deg." in printed
+    ends = (
+        "Modes 0, 1 end at dead centres (type II singularities) near 41 = 47, 117, 243, 313"
+    )
+    assert ends in printed
+
+
+def test_a_path_of_several_inputs_says_where_it_is_singular(capsys):
+    """Places between samples agree with the singular curves, which are computed exactly."""
+    printed = print_run(capsys, "five_bar")
+    assert "No singularity of type II (locked inputs do not hold the output)" in printed
+    assert "mode 0 at 21 = 118.33, 51 = 63.5 deg, where the transmission angle" in printed
+    (line,) = (line for line in printed.splitlines() if "Singularities of type I " in line)
+    places = [
+        tuple(map(float, place))
+        for place in re.findall(r"mode \d near 21 = ([\d.]+), 51 = ([\d.]+) deg", line)
+    ]
+    assert len(places) == 2
+    # At a type I singularity both inputs move the pointer in the same direction: the two
+    # angular velocities of its link and the pointing direction lie in one plane.
+    plan = sk.plan("five_bar")
+    output = next(iter(plan.mechanism.outputs))
+    for number, place in enumerate(places):
+        assert abs(pointing_determinant(output, number, np.radians(place))) < 2e-3
+
+
+def test_type_1_is_no_turn_of_the_input(capsys):
+    """The crank swings to and fro, and the rocker turns back with it only."""
+    start = ["--start", "q=0.3rad,dq=1rad/s", "--duration", "4"]
+    printed = print_run(capsys, "four_bar", *start)
+    assert "all links stop and turn back at t (s) = 0.2533, 1.688, 3.061" in printed
+    assert "No singularity of type I (the output rests while the input moves)" in printed
+    start = ["--start", "q=120deg,dq=2rad/s", "--duration", "0.3"]
+    printed = print_run(capsys, "four_bar", *start)
+    assert "Singularities of type I (the output rests while the input moves)" in printed
+    assert re.search(r"mode 0 near 21 = 132.\d+ deg", printed)
 
 
 def test_coarse_samples_give_intervals_in_place_of_wrong_places(capsys):
@@ -144,7 +193,7 @@ def test_coarse_samples_give_intervals_in_place_of_wrong_places(capsys):
 @pytest.mark.slow
 def test_many_modes_stay_readable(capsys):
     printed = print_run(capsys, "two_dof_spm", "--samples", 5)
-    assert "16 assembly modes, all close everywhere: 0-15" in printed
+    assert "16 assembly modes, all exist on the whole path: 0-15" in printed
     assert "~" not in printed
 
 
@@ -159,7 +208,7 @@ def test_a_simulation_says_events_end_error_and_energy(capsys):
     printed = print_run(capsys, "four_bar", "-a", "eksergian", *words)
     assert "no driving torque at 21" in printed
     assert "It ran to the end, 2 s." in printed
-    assert "2 events: rest at t (s) = 0.2533, 1.688" in printed
+    assert "2 events: all links stop and turn back at t (s) = 0.2533, 1.688" in printed
     assert "Accuracy: simulation to" in printed and "energy to" in printed
     assert "expected" not in printed and "engine" not in printed
 

@@ -57,6 +57,66 @@ def test_long_lines_are_not_broken_without_a_terminal(capsys):
     assert capsys.readouterr().out == "x" * 500 + "\n"
 
 
+def in_terminal(monkeypatch, capsys, width, **parts):
+    """Return the lines of a report in a terminal of some columns."""
+    monkeypatch.setenv("COLUMNS", str(width))
+    monkeypatch.setenv("NO_COLOR", "1")
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    ScreenReport("question", **parts).print(Namespace(quiet=False, verbose=False))
+    return capsys.readouterr().out.splitlines()
+
+
+def test_further_lines_of_a_sentence_are_indented(monkeypatch, capsys):
+    sentence = "All assembly modes were found at fifteen values of the input."
+    lines = in_terminal(monkeypatch, capsys, 40, results=[sentence], warnings=[sentence])
+    assert lines[1:] == [
+        "  All assembly modes were found at",
+        "    fifteen values of the input.",
+        "Warning: All assembly modes were found",
+        "  at fifteen values of the input.",
+    ]
+
+
+WIDE_TABLE = ScreenTable(
+    (
+        ScreenColumn("mode"),
+        ScreenColumn("least transmission angle at pair 43 (deg)", "right"),
+        ScreenColumn("comes to rest near 21 (deg)"),
+    ),
+    (("0 (p1)", "33.4", "132.09, 332.19"), ("1 (p0)", "33.4", "0.253, 1.69 and 8 more")),
+)
+
+
+@pytest.mark.parametrize("width", [30, 40, 60, 80, 100])
+def test_a_narrow_table_keeps_every_word(monkeypatch, capsys, width):
+    lines = in_terminal(monkeypatch, capsys, width, results=[WIDE_TABLE])
+    assert max(map(len, lines)) <= width
+    printed = " ".join(lines).replace(",", "").replace(";", "").split()
+    for text in (
+        *[column.heading for column in WIDE_TABLE.columns],
+        *sum(WIDE_TABLE.rows, ()),
+    ):
+        for word in text.replace(",", "").split():
+            assert word in printed
+
+
+def test_headings_are_broken_before_cells(monkeypatch, capsys):
+    assert in_terminal(monkeypatch, capsys, 65, results=[WIDE_TABLE])[1:] == [
+        "  mode         least transmission   comes to rest near 21",
+        "           angle at pair 43 (deg)   (deg)",
+        "  0 (p1)                     33.4   132.09, 332.19",
+        "  1 (p0)                     33.4   0.253, 1.69 and 8 more",
+    ]
+
+
+def test_purposes_are_below_commands_that_leave_no_room(monkeypatch, capsys):
+    steps = [("spherekit run four_bar -o DIR --figures", "tables and figures")]
+    assert in_terminal(monkeypatch, capsys, 50, next_steps=steps)[2:] == [
+        "  spherekit run four_bar -o DIR --figures",
+        "      tables and figures",
+    ]
+
+
 def test_a_row_needs_a_cell_for_each_column():
     with pytest.raises(ValueError, match="has 1 cells, the table has 2 columns"):
         ScreenTable(TABLE.columns, (("0",),))

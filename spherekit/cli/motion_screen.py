@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from spherekit.conventions import Lines
+from spherekit.conventions import TURN, Lines
 from spherekit.number_text import degrees_text, number_text
 from spherekit.tables.screen_table import ScreenColumn, ScreenTable
 from spherekit.wording import counted, listing
@@ -12,7 +12,7 @@ from spherekit.wording import counted, listing
 MAX_TABLE_ROWS = 40
 """Rows of a table on the screen; summary.json has all of them."""
 
-MAX_LISTED_PLACES = 6
+MAX_LISTED_PLACES = 4
 """Places, such as inputs at which an output rests, that are listed in a cell or line."""
 
 COARSE_STEP_DEG = 5.0
@@ -21,11 +21,25 @@ COARSE_STEP_DEG = 5.0
 RATIO_ERROR = 5e-10
 """Velocity ratios that are not larger are rounding errors, and printed as 0."""
 
+NEAR_SHARE = 0.02
+"""Share of the largest value from which the least singular value of a Jacobian, as well as
+a transmission measure, counts as nearly 0. Larger: more is called nearly singular."""
+
+MEASURE_HEADING = "least transmission measure"
+"""Heading of the column of transmission measures, which a note explains."""
+
 MEASURE_ERROR = 1e-7
 """Transmission measures that are not larger are rounding errors, and printed as 0."""
 
 RATIO_DIGITS = 4
-"""Significant digits of velocity ratios."""
+"""Decimals of velocity ratios, and significant digits of very small and large ones."""
+
+RATIO_STEP = 1e-3
+"""Smaller velocity ratios are printed with significant digits, as decimals would lose
+most of them."""
+
+LARGE_RATIO = 100.0
+"""Larger velocity ratios are printed with significant digits only."""
 
 
 class PlaceText:
@@ -56,6 +70,11 @@ class PlaceText:
         self.sample_step = step
         if self.kind == "input":
             step = math.degrees(step)
+        self.step_words = ""
+        if self.kind != "sample" and step:
+            unit = "deg" if self.kind == "input" else "s"
+            name = f" of {self.name}" if self.kind == "input" else ""
+            self.step_words = f"{number_text(step, digits=3)} {unit}{name}"
         # A place between samples is known to about the square of the step.
         self.step_text = ""
         if self.kind == "input" and step >= COARSE_STEP_DEG:
@@ -154,8 +173,14 @@ def describe_modes(summary: Any) -> Lines:
     if len(modes) == 1 and names[0].isdigit():
         titles = ""
     if all(closes):
-        which = {1: "which closes", 2: "both close"}.get(len(modes), "all close")
-        return [": ".join(filter(None, [f"{count}, {which} everywhere", titles]))]
+        which = {1: "which exists", 2: "both exist"}
+        closing = which.get(len(modes), "all exist")
+        place = "over the whole range"
+        if len(summary["inputs"]) > 1:
+            place = "on the whole path"
+        if not overview["is_path"]:
+            place = "at all samples"
+        return [": ".join(filter(None, [f"{count}, {closing} {place}", titles]))]
     lines = [": ".join(filter(None, [count, titles]))]
     # Modes that close at the same places share a line.
     modes_by_place: dict[str, list[int]] = {}
@@ -163,9 +188,9 @@ def describe_modes(summary: Any) -> Lines:
         place = _closing_place(mode, entry, overview, place_text)
         modes_by_place.setdefault(place, []).append(mode["number"])
     for place, numbers in modes_by_place.items():
-        word = "mode" if len(numbers) == 1 else "modes"
-        verb = "closes" if len(numbers) == 1 else "close"
-        lines.append(f"{word} {number_list(numbers)} {verb} {place}")
+        word = "Mode" if len(numbers) == 1 else "Modes"
+        verb = "exists" if len(numbers) == 1 else "exist"
+        lines.append(f"{word} {number_list(numbers)} {verb} {place}.")
     return lines
 
 
@@ -206,7 +231,13 @@ def output_table(summary: Any) -> ScreenTable | None:
         columns.append(ScreenColumn("output"))
     if turns_about_axis:
         columns.append(ScreenColumn("angle (deg)"))
-    columns.append(ScreenColumn("swing (deg)", "right"))
+    turns = all(
+        motion["highest_rad"] - motion["lowest_rad"] >= TURN - RATIO_ERROR
+        for entry in overview["modes"].values()
+        for motion in entry["outputs"]
+        if motion["lowest_rad"] is not None
+    )
+    columns.append(ScreenColumn("turns by (deg)" if turns else "swing (deg)", "right"))
     if is_simulation:
         columns.append(ScreenColumn("speed (rad/s)"))
     elif len(inputs) == 1:
@@ -216,27 +247,37 @@ def output_table(summary: Any) -> ScreenTable | None:
     has_transmission = any(
         entry["least_transmission"] for entry in overview["modes"].values()
     )
+    joints = {
+        entry["least_transmission"]["pair"]
+        for entry in overview["modes"].values()
+        if entry["least_transmission"]
+    }
+    joint = f" at pair {joints.pop()}" if len(joints) == 1 else ""
+    where = f"at {place_text.heading}"
+    if place_text.kind == "sample":
+        where = f"at {', '.join(inputs)} (deg)"
     if has_transmission:
-        unit = "" if place_text.kind == "input" else " (deg)"
-        where = place_text.heading
-        if place_text.kind == "sample":
-            unit = ""
-            where = f"{', '.join(inputs)} (deg)"
-        heading = f"least transmission angle{unit} at {where}"
-        columns.append(ScreenColumn(heading))
+        columns += [
+            ScreenColumn(f"least transmission angle{joint} (deg)", "right"),
+            ScreenColumn(where, "right"),
+        ]
     has_measure = any(
         motion["least_transmission_measure"] is not None
         for entry in overview["modes"].values()
         for motion in entry["outputs"]
     )
     if has_measure:
-        heading = "least transmission measure"
-        if place_text.kind != "sample":
-            heading += f" at {place_text.heading}"
-        columns.append(ScreenColumn(heading))
+        columns += [
+            ScreenColumn(MEASURE_HEADING, "right"),
+            ScreenColumn(where, "right"),
+        ]
     has_rests = turns_about_axis and overview["is_path"]
     if has_rests:
-        verb = "comes to rest (type I)" if len(inputs) == 1 else "turns back"
+        # Along a path of several inputs and over time, an output turns back although its
+        # velocity ratios are not zero.
+        verb = "comes to rest (type I singularity)"
+        if len(inputs) > 1 or is_simulation:
+            verb = "turns back"
         columns.append(ScreenColumn(f"{verb} near {place_text.heading}"))
 
     names = {str(mode["number"]): mode_name(mode) for mode in summary["assembly_modes"]}
@@ -254,12 +295,12 @@ def output_table(summary: Any) -> ScreenTable | None:
                     if output["fixed_axis"]
                     else "-"
                 )
-            cells.append(_angle_text(motion["highest_rad"] - motion["lowest_rad"]))
+            cells.append(_swing_text(motion))
             cells += _ratio_cells(motion)
             if has_transmission:
-                cells.append(_transmission_cell(entry["least_transmission"], place_text))
+                cells += _transmission_cells(entry["least_transmission"], place_text)
             if has_measure:
-                cells.append(_measure_cell(motion, place_text))
+                cells += _measure_cells(motion, place_text)
             if has_rests:
                 cells.append(_rest_cell(output, motion, place_text))
             modes_by_cells.setdefault(tuple(cells), []).append(number)
@@ -271,10 +312,40 @@ def output_table(summary: Any) -> ScreenTable | None:
         if len(numbers) > 1:
             title = number_list([int(number) for number in numbers])
         rows.append((title, *row_cells))
-    title = "Motion of the outputs:"
+    title = "Motion of the outputs, each written as link/reference link:"
     if len(outputs) == 1:
-        title = f"Motion of the output {outputs[0]['label']}:"
+        title = f"Motion of the output {output_words(outputs[0])}:"
     return ScreenTable(tuple(columns), tuple(rows[:MAX_TABLE_ROWS]), title)
+
+
+def output_words(output: Any) -> str:
+    """Return an output in words, such as ``rocker (link 4 relative to link 1)``.
+
+    Parameters
+    ----------
+    output
+        An entry of ``outputs`` of the overview.
+    """
+    what = "a direction on link" if output["points"] else "link"
+    motion = f"{what} {output['link']} relative to link {output['relative_to']}"
+    return f"{output['name']} ({motion})" if output["name"] else motion
+
+
+def _swing_text(motion: Any) -> str:
+    """Return the width (deg) of the range of an angle, as printed in its cell."""
+    low, high = (
+        round(math.degrees(motion[key]), 2) for key in ("lowest_rad", "highest_rad")
+    )
+    return degrees_text(math.radians(high - low))
+
+
+def _ratio_text(ratio: float) -> str:
+    """Return a velocity ratio with as many decimals as its neighbours in the column."""
+    if abs(ratio - round(ratio)) <= RATIO_ERROR:
+        return str(round(ratio))
+    if RATIO_STEP < abs(ratio) < LARGE_RATIO:
+        return f"{ratio:.{RATIO_DIGITS}f}"
+    return number_text(ratio, RATIO_ERROR, RATIO_DIGITS)
 
 
 def _ratio_cells(motion: Any) -> Lines:
@@ -284,30 +355,36 @@ def _ratio_cells(motion: Any) -> Lines:
         if low is None:
             cells.append("-")
             continue
-        low_text = number_text(low, RATIO_ERROR, RATIO_DIGITS)
-        high_text = number_text(high, RATIO_ERROR, RATIO_DIGITS)
+        low_text, high_text = _ratio_text(low), _ratio_text(high)
+        if low_text == high_text:  # a constant needs no decimals that fit its neighbours
+            low_text = high_text = number_text(low, RATIO_ERROR, RATIO_DIGITS)
         cells.append(low_text if low_text == high_text else f"{low_text} to {high_text}")
     return cells
 
 
-def _transmission_cell(transmission: Any, place_text: PlaceText) -> str:
+def _transmission_cells(transmission: Any, place_text: PlaceText) -> Lines:
+    """Return the least transmission angle (deg) and its place as text."""
     if transmission is None:
-        return "-"
+        return ["-", "-"]
     angle = number_text(math.degrees(transmission["angle_rad"]), 1e-9, 3)
-    where = place_text.value(transmission["place"])
-    if "inputs_rad" in transmission:
-        where = ", ".join(map(degrees_text, transmission["inputs_rad"]))
-    return f"{angle} at {where}"
+    return [angle, _place_cell(transmission["place"], transmission, place_text)]
 
 
-def _measure_cell(motion: Any, place_text: PlaceText) -> str:
+def _measure_cells(motion: Any, place_text: PlaceText) -> Lines:
+    """Return the least transmission measure and its place as text."""
     if motion["least_transmission_measure"] is None:
-        return "-"
+        return ["-", "-"]
     measure, place = motion["least_transmission_measure"]
     text = number_text(measure, MEASURE_ERROR, 2)
+    inputs = {"inputs_rad": motion["inputs_of_least_measure_rad"]}
+    return [text, _place_cell(place, inputs, place_text)]
+
+
+def _place_cell(place: float, entry: Any, place_text: PlaceText) -> str:
+    """Return a place as text: the first input, the time, or all inputs of a sample."""
     if place_text.kind == "sample":
-        return text
-    return f"{text} at {place_text.value(place)}"
+        return ", ".join(_angle_text(angle) for angle in entry["inputs_rad"])
+    return place_text.value(place)
 
 
 def _rest_cell(output: Any, motion: Any, place_text: PlaceText) -> str:
@@ -326,6 +403,181 @@ def _rest_cell(output: Any, motion: Any, place_text: PlaceText) -> str:
     return f"{text} and {further} more" if further else text
 
 
+def describe_singularities(summary: Any) -> Lines:
+    """Return sentences on how near the samples come to singularities of both types.
+
+    They are for motions whose singularities do not stand in the table of outputs: those of
+    several inputs, of outputs without a fixed axis, and simulations.
+    """
+    overview = summary["overview"]
+    several = len(summary["inputs"]) > 1
+    is_simulation = "simulation" in summary
+    if not overview["modes"]:
+        return []
+    lines = []
+    if several and not is_simulation:
+        lines += _describe_type_2(summary)
+    for number, output in enumerate(overview["outputs"]):
+        is_in_table = output["fixed_axis"] and not several and not is_simulation
+        if not is_in_table:
+            lines += _describe_type_1(summary, number)
+    names = {analysis["name"] for analysis in summary["analyses"]}
+    if lines and several and not is_simulation and "singularities" not in names:
+        lines[-1] += (
+            " These places are from the samples; -a singularities gives exact ones."
+        )
+    return lines
+
+
+def _inputs_text(summary: Any, inputs_rad: Sequence[float]) -> str:
+    """Return inputs as text, such as ``21 = 30, 51 = 40 deg``."""
+    texts = [
+        f"{pair} = {_angle_text(angle)}"
+        for pair, angle in zip(summary["inputs"], inputs_rad, strict=True)
+    ]
+    return f"{', '.join(texts)} deg"
+
+
+def _extent(summary: Any) -> str:
+    """Return what the samples cover, such as ``on this path``."""
+    if "simulation" in summary:
+        return "in this motion"
+    if not summary["overview"]["is_path"]:
+        return "at these samples"
+    return "on this path" if len(summary["inputs"]) > 1 else "in this range"
+
+
+def _describe_type_2(summary: Any) -> Lines:
+    """Return sentences on singularities of type II of a mechanism with several inputs."""
+    overview = summary["overview"]
+    meaning = "type II (locked inputs do not hold the output)"
+    extent = _extent(summary)
+    ended, met = [], []
+    # The value, its mode, its name and text, the inputs, and the best value there could be.
+    nearest: tuple[float, str, str, Any, float] | None = None
+    for number, entry in overview["modes"].items():
+        if entry["closes"] and "OUT_OF_REACH" in entry["statuses"]:
+            ended.append(int(number))
+        if "AT_SINGULARITY" in entry["statuses"]:
+            met.append(int(number))
+        candidates = [
+            (
+                measure[0],
+                f"measure is {number_text(measure[0], MEASURE_ERROR, 2)}",
+                inputs,
+                1.0,
+            )
+            for motion in entry["outputs"]
+            if (measure := motion["least_transmission_measure"])
+            and (inputs := motion["inputs_of_least_measure_rad"])
+        ]
+        transmission = entry["least_transmission"]
+        if not candidates and transmission:
+            angle = math.degrees(transmission["angle_rad"])
+            text = f"{number_text(angle, 1e-9, 3)} deg"
+            candidates = [(angle, f"angle is {text}", transmission["inputs_rad"], 90.0)]
+        for value, text, inputs, best in candidates:
+            if nearest is None or value < nearest[0]:
+                nearest = (value, number, text, inputs, best)
+    lines = []
+    if met:
+        lines.append(f"Samples of {_modes_text(met)} are at singularities of {meaning}.")
+    if ended:
+        lines.append(
+            f"{_modes_text(ended, True)} {'ends' if len(ended) == 1 else 'end'} {extent}, "
+            f"at singularities of {meaning}."
+        )
+    place = ""
+    if nearest is not None:
+        _, number, text, inputs, _ = nearest
+        place = (
+            f"nearest to one is mode {number} at {_inputs_text(summary, inputs)}, where "
+            f"the transmission {text}"
+        )
+    if not met and not ended:
+        end = f"; {place}" if place else ""
+        beginning = f"No singularity of {meaning} is met"
+        if nearest is not None and nearest[0] <= NEAR_SHARE * nearest[4]:
+            beginning = f"A singularity of {meaning} is nearly met"
+        lines.append(f"{beginning} {extent}{end}.")
+    return lines
+
+
+def _describe_type_1(summary: Any, number: int) -> Lines:
+    """Return sentences on singularities of type I of an output, by its number."""
+    overview = summary["overview"]
+    outputs = overview["outputs"]
+    output = f"output {outputs[number]['label']}" if len(outputs) > 1 else "output"
+    several = len(summary["inputs"]) > 1
+    loses = "loses a direction of motion" if several else "rests while the input moves"
+    if outputs[number]["fixed_axis"]:
+        loses = "rests while the inputs move" if several else loses
+    meaning = f"type I (the {output} {loses})"
+    extent = _extent(summary)
+    always: list[int] = []
+    places: dict[str, list[int]] = {}
+    nearest: tuple[float, str, Any] | None = None
+    largest = 0.0  # of all least singular values
+    further = 0
+    for mode, entry in overview["modes"].items():
+        motion = entry["outputs"][number]
+        jacobian = motion["jacobian"]
+        if jacobian is None:
+            continue
+        if jacobian["largest_least_singular_value"] <= RATIO_ERROR:
+            always.append(int(mode))
+            continue
+        texts = [_inputs_text(summary, inputs) for inputs in jacobian["type_1_inputs_rad"]]
+        if jacobian["least_singular_value"] <= RATIO_ERROR:
+            texts.append(_inputs_text(summary, jacobian["inputs_rad"]))
+        further += jacobian["further_type_1_places"]
+        further += max(len(texts) - MAX_LISTED_PLACES, 0)
+        for text in dict.fromkeys(texts[:MAX_LISTED_PLACES]):
+            places.setdefault(text, []).append(int(mode))
+        largest = max(largest, jacobian["largest_least_singular_value"])
+        value = jacobian["least_singular_value"]
+        if nearest is None or value < nearest[0]:
+            nearest = (value, mode, jacobian["inputs_rad"])
+    lines = []
+    if always:
+        lines.append(
+            f"{_modes_text(always, True)} {'is' if len(always) == 1 else 'are'} singular "
+            f"of {meaning} {extent} everywhere."
+        )
+    if places:
+        texts = [f"{_modes_text(modes)} near {text}" for text, modes in places.items()]
+        more = f", and at {counted(further, 'further place')}" if further else ""
+        lines.append(
+            f"Singularities of {meaning} are met {extent}: {'; '.join(texts)}{more}."
+        )
+    elif nearest is not None:
+        value, mode, inputs = nearest
+        quantity = "smallest singular value of the velocity Jacobian"
+        if not several:
+            quantity = "velocity ratio"
+        others = (
+            "other modes have none" if always else f"no singularity of {meaning} is met"
+        )
+        if value <= NEAR_SHARE * largest and not always:
+            others = f"a singularity of {meaning} is nearly met"
+        if "simulation" in summary:
+            lines.append(f"{others[0].upper()}{others[1:]} {extent}.")
+        else:
+            lines.append(
+                f"{others[0].upper()}{others[1:]} {extent}; nearest to one is mode "
+                f"{mode} at "
+                f"{_inputs_text(summary, inputs)}, where the {quantity} is "
+                f"{number_text(value, RATIO_ERROR, 2)}."
+            )
+    return lines
+
+
+def _modes_text(numbers: Sequence[int], begins_sentence: bool = False) -> str:
+    """Return ``mode 3`` or ``modes 0-5, 7``."""
+    word = "mode" if len(numbers) == 1 else "modes"
+    return f"{word.capitalize() if begins_sentence else word} {number_list(numbers)}"
+
+
 def table_notes(summary: Any, table: ScreenTable | None) -> Lines:
     """Return what a reader of the table of outputs has to know about its columns."""
     if table is None:
@@ -337,11 +589,13 @@ def table_notes(summary: Any, table: ScreenTable | None) -> Lines:
         what = "direction" if points else "pose"
         notes.append(
             "Outputs without a fixed axis: the swing is the largest angle from the first "
-            f"{what}, and the velocity ratio is a size, 0 where the output rests (type I)."
+            f"{what}, and the velocity ratio is a magnitude, 0 where the output rests "
+            "(singularity of type I)."
         )
-    if any("least transmission measure" in column.heading for column in table.columns):
+    if any(column.heading == MEASURE_HEADING for column in table.columns):
         notes.append(
-            "The transmission measure is 0 at a singularity of type II and 1 at best."
+            "The transmission measure is 1 at best and 0 where the input cannot drive the "
+            "output (singularity of type II)."
         )
     row_count = sum(len(entry["outputs"]) for entry in overview["modes"].values())
     if len(table.rows) == MAX_TABLE_ROWS and row_count > MAX_TABLE_ROWS:

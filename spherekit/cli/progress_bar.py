@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 BAR_WIDTH = 30
 """Width of the bar in characters, which leaves most of a line to the text."""
 
+REMAINING_TIME_WIDTH = 16
+"""Characters that are left to the remaining time and the spaces around the bar."""
+
 
 class ProgressBar:
     """One line on stderr that shows the activity, a bar and the remaining time.
@@ -50,12 +53,17 @@ class ProgressBar:
         finish_time = None
         if report.remaining_seconds is not None:
             finish_time = time.monotonic() + report.remaining_seconds
+        # A longer line would be broken by the terminal, and could not be erased.
+        text = terminal_text(f"{report.activity}: {report.state}")
+        text_width = max(progress.console.width - BAR_WIDTH - REMAINING_TIME_WIDTH, 1)
+        if len(text) > text_width:
+            text = f"{text[: text_width - 1]}…"
         # A task without a total is drawn as a bar that moves to and fro.
         total = None if report.share is None else 1.0
         for task_id in progress.task_ids:
             progress.update(
                 task_id,
-                description=terminal_text(f"{report.activity}: {report.state}"),
+                description=text,
                 total=total,
                 completed=report.share or 0.0,
                 finish_time=finish_time,

@@ -9,6 +9,7 @@ from typing import Any
 from spherekit.cli.motion_screen import (
     PlaceText,
     describe_modes,
+    describe_singularities,
     number_list,
     output_table,
     table_notes,
@@ -23,7 +24,7 @@ from spherekit.wording import counted, listing, numbered, size_text
 MAX_LISTED_MEETINGS = 6
 """Number of inputs at which modes meet that are printed; summary.json has all of them."""
 
-MAX_LISTED_EVENTS = 6
+MAX_LISTED_EVENTS = 4
 """Number of events of a simulation that are printed; the table of events has all."""
 
 MIN_STAGE_SHARE = 0.005
@@ -35,11 +36,16 @@ RATE_ERROR = 1e-12
 DEFAULT_ANALYSES = ["poles"]
 """The analyses of a run that are not named in its question."""
 
+TYPE_2_TEXT = (
+    "a dead centre (type II singularity: the locked input does not hold the output)"
+)
+"""What a dead centre is, for users who know other meanings of the word."""
+
 EVENT_TEXTS = {
     "dead_centre": "dead centre of {pair}",
     "type_2": "singularity of type II",
     "crossing": "crossing of configuration curves",
-    "rest": "rest",
+    "rest": "all links stop and turn back",
     "joint_limit": "joint limit of {pair}",
     "switch": "switch of a load",
     "lift_off": "lift-off of {pair}",
@@ -108,12 +114,13 @@ def _question(summary: Any) -> str:
     if "simulation" in summary:
         simulation = summary["simulation"]
         start = ", ".join(
-            f"{pair} = {degrees_text(state['q_rad'])} deg at "
+            f"input {pair} at {degrees_text(state['q_rad'])} deg and "
             f"{number_text(state['dq_rad_per_s'], RATE_ERROR)} rad/s"
             for pair, state in simulation["start"].items()
         )
         return (
-            f"{mechanism}: simulation of {simulation['duration_s']:.6g} s from {start}, "
+            f"{mechanism}: simulation of {simulation['duration_s']:.6g} s, "
+            f"start with {start}, "
             f"{samples}{asked}"
         )
     if not summary["assembly_modes"]:
@@ -148,16 +155,12 @@ def _results(summary: Any) -> list[str | ScreenTable]:
             results.append(summary["completeness"])
             results += _describe_meetings(summary)
             results += _describe_dead_centres(summary)
+        results += describe_singularities(summary)
         results += _describe_unexpected_mobility(summary)
         table = output_table(summary)
         if table is not None:
             results.append(table)
             results += table_notes(summary, table)
-    if count := summary["pole_status"].get("NO_POLE"):
-        results.append(
-            f"{count} of {sum(summary['pole_status'].values())} pole axes do not exist "
-            "(NO_POLE): two links have no relative motion there."
-        )
     if "verified" in summary:
         from spherekit.runs.verification_text import format_verification
 
@@ -213,16 +216,19 @@ def _describe_dead_centres(summary: Any) -> Lines:
             text = listing(texts, MAX_LISTED_EVENTS)
             modes_by_places.setdefault(text, []).append(mode["number"])
     if not modes_by_places:
-        is_one = len(summary["assembly_modes"]) == 1
-        which = "This mode has" if is_one else "These modes have"
-        return [f"{which} no dead centre of the input (type II) in this range."]
+        return [f"No mode has {TYPE_2_TEXT} in this range."]
     name = overview["place"]["name"]
     where = f"at {name}" if place_text.step_text else f"near {name} ="
-    return [
-        f"Dead centres (type II) end {'mode' if len(numbers) == 1 else 'modes'} "
-        f"{number_list(numbers)} {where} {text} deg."
+    lines = [
+        f"{'Mode' if len(numbers) == 1 else 'Modes'} {number_list(numbers)} "
+        f"{'ends' if len(numbers) == 1 else 'end'} at dead centres (type II singularities) "
+        f"{where} {text} deg. Close to them velocity ratios grow without bound, and the "
+        "table has the values of the last samples."
         for text, numbers in modes_by_places.items()
     ]
+    if sum(map(len, modes_by_places.values())) < len(summary["assembly_modes"]):
+        lines.append("The other modes have none in this range.")
+    return lines
 
 
 def _describe_unexpected_mobility(summary: Any) -> Lines:
@@ -275,7 +281,10 @@ def _describe_simulation(simulation: Any) -> Lines:
             f"{text} at t (s) = {listing(times, MAX_LISTED_EVENTS)}"
             for text, times in times_by_event.items()
         ]
-        lines.append(f"{counted(simulation['events'], 'event')}: {'; '.join(texts)}")
+        lines.append(f"{counted(simulation['events'], 'event')}: {'; '.join(texts)}.")
+    kinds = {event["kind"] for event in simulation["event_list"]}
+    if not kinds & {"dead_centre", "type_2", "crossing"}:
+        lines.append(f"The motion meets no {TYPE_2_TEXT.removeprefix('a ')}.")
     return lines
 
 
@@ -382,7 +391,7 @@ def _cause(status: str, summary: Any) -> str:
 ERROR_TEXTS = (
     ("largest_configuration_error_rad", "positions to {} rad"),
     ("largest_direction_error_bound_rad", "pole axes to {} rad"),
-    ("largest_velocity_coefficient_error_bound", "velocity coefficients to {}"),
+    ("largest_velocity_coefficient_error_bound", "velocity ratios to {}"),
 )
 """For each error bound on the screen: its key in ``errors_reached``, and its format."""
 
@@ -407,7 +416,14 @@ def _accuracy(summary: Any) -> str:
         )
     if not texts:
         return ""
-    return f"{', '.join(texts)} (error bounds)"
+    line = f"{', '.join(texts)} (error bounds at each sample)"
+    overview = summary["overview"]
+    if summary["assembly_modes"] and overview["outputs"]:
+        line += "; ranges and least values in the table are those of the samples"
+        step = PlaceText(overview).step_words
+        if step:
+            line += f", which are {step} apart"
+    return line
 
 
 def _round_up(bound: float) -> str:
@@ -424,7 +440,7 @@ def _files(summary: Any, output: RunOutput) -> str:
     """Return one line on what was written, or on how to write it."""
     parts = []
     if output.folder is None:
-        recording = "" if output.recording else ", --save X.rrd for a recording"
+        recording = "" if output.recording else ", --save X.rrd for a recording to view"
         parts.append(f"no tables saved; add -o DIR for tables{recording}")
     else:
         size = sum(summary.get("bytes", {}).values())
@@ -506,6 +522,11 @@ def _details(summary: Any) -> Lines:
     key = "largest_acceleration_coefficient_error_bound"
     if errors[key] is not None:
         lines.append(f"acceleration coefficients to {_round_up(errors[key])} 1/rad")
+    if count := summary["pole_status"].get("NO_POLE"):
+        lines.append(
+            f"{count} of {sum(summary['pole_status'].values())} pole axes do not exist "
+            "(NO_POLE): two links have no relative motion there"
+        )
     if "simulation" in summary:
         simulation = summary["simulation"]
         reason = summary["cost"]["simulate"]["reason"]

@@ -5,15 +5,17 @@ their results in the same order. How the results were computed is printed with `
 only.
 """
 
+import os
 import sys
+import textwrap
 from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from spherekit.cli.progress_bar import hide_progress
 from spherekit.escaping import terminal_text
-from spherekit.tables.screen_table import ScreenTable
+from spherekit.tables.screen_table import ScreenTable, row_sentences
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -79,9 +81,7 @@ class ScreenReport:
                 _print_line(console, f"{label}: {text}")
         if self.next_steps:
             _print_line(console, "Next:")
-            width = max(len(command) for command, _ in self.next_steps)
-            for command, purpose in self.next_steps:
-                _print_line(console, f"{INDENT}{command:{width}}{INDENT}{purpose}")
+            _print_commands(console, self.next_steps)
         if options.verbose and self.details:
             _print_line(console, "Details:")
             for line in self.details:
@@ -89,39 +89,106 @@ class ScreenReport:
 
 
 def print_table(table: ScreenTable, console: "Console | None" = None) -> None:
-    """Print a table with aligned columns to standard output."""
-    from rich.padding import Padding
-    from rich.segment import Segment, Segments
-    from rich.table import Table
+    """Print a table with aligned columns to standard output.
+
+    In a narrow terminal headings are broken between words first, then cells. A table whose
+    words do not fit beside each other is printed as one paragraph for each row.
+    """
     from rich.text import Text
 
     console = console or _console()
     if table.title:
         _print_line(console, INDENT + table.title)
-    screen_table = Table(box=None, padding=(0, CELL_DISTANCE, 0, 0))
-    # In a narrow terminal headings are broken first, so that cells stay whole if they fit.
-    widths = [
-        max((len(row[number]) for row in table.rows), default=0)
-        for number in range(len(table.columns))
+    headings = [terminal_text(column.heading) for column in table.columns]
+    # Texts of files could contain the markup of `rich`, so no cell is markup.
+    rows = [[terminal_text(cell) for cell in row] for row in table.rows]
+    available_width = console.width - len(INDENT) - CELL_DISTANCE * (len(headings) - 1)
+    widths = _column_widths(headings, rows, available_width)
+    if widths is None:
+        for sentence in row_sentences(table):
+            _print_line(console, INDENT + sentence)
+        return
+    alignments = [column.align for column in table.columns]
+    for line in _row_lines(headings, widths, alignments):
+        console.print(Text(line, style="bold"), no_wrap=True, crop=False)
+    for row in rows:
+        for line in _row_lines(row, widths, alignments):
+            console.print(Text(line), no_wrap=True, crop=False)
+
+
+def _column_widths(
+    headings: Sequence[str], rows: Sequence[Sequence[str]], available_width: int
+) -> list[int] | None:
+    """Return the width of each column, or None if the table cannot be made to fit.
+
+    Parameters
+    ----------
+    headings
+        Text above each column.
+    rows
+        For each row the text of each cell.
+    available_width
+        Sum of the widths at most.
+    """
+    cell_widths = [
+        max((len(row[number]) for row in rows), default=0)
+        for number in range(len(headings))
     ]
-    needed_width = len(INDENT) + sum(widths) + CELL_DISTANCE * len(widths)
-    cells_fit = needed_width <= console.width
-    for column, width in zip(table.columns, widths, strict=True):
-        heading = Text(terminal_text(column.heading), style="bold")
-        min_width = width if cells_fit else None
-        screen_table.add_column(heading, justify=column.align, min_width=min_width)
-    for row in table.rows:
-        # Texts of files could contain the markup of `rich`, so no cell is markup.
-        screen_table.add_row(*(Text(terminal_text(cell)) for cell in row))
-    indented_table = Padding(screen_table, (0, 0, 0, len(INDENT)), expand=False)
-    for segments in console.render_lines(indented_table, pad=False):
-        # The last column ends with spaces, which would be copied with the lines.
-        while segments and not segments[-1].text.strip():
-            segments.pop()
-        if segments:
-            last = segments[-1]
-            segments[-1] = Segment(last.text.rstrip(), last.style)
-        console.print(Segments([*segments, Segment.line()]), end="")
+    # Headings take as few lines as possible, all columns the same number at most.
+    most_words = max((len(heading.split()) for heading in headings), default=1)
+    for line_count in range(1, most_words + 1):
+        widths = [
+            max(width, _width_for_lines(heading, line_count))
+            for heading, width in zip(headings, cell_widths, strict=True)
+        ]
+        if sum(widths) <= available_width:
+            return widths
+    # Cells are broken too, those of the widest column first.
+    narrowest = [
+        max(len(word) for text in (heading, *cells, "-") for word in text.split())
+        for heading, *cells in zip(headings, *rows, strict=True)
+    ]
+    if sum(narrowest) > available_width:
+        return None
+    while sum(widths) > available_width:
+        excess = [width - least for width, least in zip(widths, narrowest, strict=True)]
+        widest = max(
+            range(len(widths)), key=lambda number: (excess[number] > 0, widths[number])
+        )
+        widths[widest] -= 1
+    return widths
+
+
+def _width_for_lines(text: str, line_count: int) -> int:
+    """Return the least width at which a text, broken between words, has few lines."""
+    width = max((len(word) for word in text.split()), default=0)
+    while len(_broken(text, width)) > line_count:
+        width += 1
+    return width
+
+
+def _row_lines(
+    cells: Sequence[str], widths: Sequence[int], alignments: Sequence[str]
+) -> list[str]:
+    """Return the lines of a row of a table, without spaces at their ends."""
+    columns = [_broken(cell, width) for cell, width in zip(cells, widths, strict=True)]
+    lines = []
+    for number in range(max(map(len, columns), default=0)):
+        texts = []
+        for column, width, align in zip(columns, widths, alignments, strict=True):
+            text = column[number] if number < len(column) else ""
+            texts.append(text.rjust(width) if align == "right" else text.ljust(width))
+        lines.append((INDENT + (" " * CELL_DISTANCE).join(texts)).rstrip())
+    return lines
+
+
+def _broken(text: str, width: int) -> list[str]:
+    """Return a text in lines of at most a width, broken between words only."""
+    if len(text) <= width:
+        return [text]  # with all its spaces
+    return textwrap.wrap(
+        text, max(width, 1), break_long_words=False, break_on_hyphens=False
+    ) or [""]
 
 
 def print_lines(lines: Sequence[str]) -> None:
@@ -137,11 +204,48 @@ def _console() -> "Console":
 
     hide_progress()
     width = None if sys.stdout.isatty() else PLAIN_WIDTH
-    return Console(width=width, highlight=False, markup=False, emoji=False)
+    # Without a system of colours, `rich` prints no bold text either.
+    color_system: Literal["auto"] | None = None if os.environ.get("NO_COLOR") else "auto"
+    return Console(
+        width=width, color_system=color_system, highlight=False, markup=False, emoji=False
+    )
 
 
 def _print_line(console: "Console", line: str, style: str = "") -> None:
-    """Print one line as it is, without the markup of `rich`."""
+    """Print one line as it is, without the markup of `rich`.
+
+    A line that is longer than the terminal is wide is broken between words. The further
+    lines are indented, so that the beginnings of lines can be seen.
+    """
     from rich.text import Text
 
-    console.print(Text(terminal_text(line), style=style))
+    text = terminal_text(line)
+    indent = " " * (len(text) - len(text.lstrip(" ")))
+    if len(text) > console.width > len(indent) + len(INDENT):
+        wrapped = textwrap.wrap(
+            text,
+            console.width,
+            subsequent_indent=indent + INDENT,
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+    else:
+        wrapped = [text]
+    for part in wrapped:
+        console.print(Text(part, style=style), crop=False, soft_wrap=True)
+
+
+def _print_commands(console: "Console", commands: Sequence[tuple[str, str]]) -> None:
+    """Print commands with their purposes beside or, in a narrow terminal, below them."""
+    width = max(len(command) for command, _ in commands)
+    fits = all(
+        len(INDENT) + width + len(INDENT) + len(purpose) <= console.width
+        for _, purpose in commands
+    )
+    for command, purpose in commands:
+        if fits:
+            _print_line(console, f"{INDENT}{command:{width}}{INDENT}{purpose}")
+        else:
+            # The terminal breaks a longer command itself, so that it can be copied.
+            console.print(terminal_text(INDENT + command), soft_wrap=True)
+            _print_line(console, f"{INDENT * 3}{purpose}")

@@ -498,7 +498,7 @@ class _CurveSearch:
             for number, curve in enumerate(self.curves):
                 curve_numbers[curve.passes(values)] = number
             statistics.add(start_count, hits=curve_numbers, total=len(self.curves))
-            progress.report_if_due(lambda: statistics.describe("curves"))
+            progress.report_if_due(lambda: statistics.progress_text("curves"))
         return Completeness(Guarantee.SAMPLED, statistics.describe("curves"))
 
     def check_mode_counts(self, pieces: Sequence[Piece], is_complete: bool) -> None:

@@ -164,9 +164,9 @@ class InputTurningPoints(NamedTuple):
             reason += self._crossing_remark
         # Every mode that exists over an interval of the input wider than `gap` is known.
         sentence = (
-            f"All assembly modes were found at {counted(len(self.probes(step)), 'input')}. "
-            f"Modes that exist only within {np.degrees(gap):.3g} deg between these inputs "
-            "could be missed."
+            "All assembly modes were found at "
+            f"{counted(len(self.probes(step)), 'value')} of the input. Modes that exist "
+            f"only within {np.degrees(gap):.3g} deg between these values could be missed."
         )
         return Completeness(Guarantee.TO_BOX, reason, gap, sentence)
 

@@ -172,7 +172,7 @@ class ModesOverRange:
         # The curves of so many modes, from the first one in `assembly_modes` on, were
         # already followed beyond the ends of the mode.
         self._extended_modes = 0
-        self._progress = ProgressReporter("searching the assembly modes")
+        self._progress = ProgressReporter("searching assembly modes")
 
         self._add_reference()
         if search or not self.assembly_modes:
@@ -374,7 +374,9 @@ class ModesOverRange:
         return Completeness(
             Guarantee.SAMPLED,
             statistics.describe("components"),
-            sentence=statistics.sentence("configuration curve", "configuration curves"),
+            sentence=statistics.sentence(
+                "curve of configurations", "curves of configurations"
+            ),
         )
 
     def _find_on_one_curve(self) -> Completeness:
@@ -662,5 +664,5 @@ class ModesOverRange:
             family_count = max(self._families, default=-1) + 1
             statistics.add(start_count, hits=families, total=family_count)
             self.probes += start_count
-            self._progress.report_if_due(lambda: statistics.describe("components"))
+            self._progress.report_if_due(lambda: statistics.progress_text("curves"))
         return statistics

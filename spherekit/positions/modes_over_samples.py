@@ -133,7 +133,7 @@ class SampledModes:
         # that several sheets reach belongs to the first one. -1 for a node that is not
         # counted.
         self._solution_of_node = np.empty(0, dtype=np.intp)
-        self._progress = ProgressReporter("searching the assembly modes")
+        self._progress = ProgressReporter("searching assembly modes")
 
         # 1. Without a search, only the sheet of the reference pose is followed.
         reference_node = None
@@ -508,7 +508,7 @@ class SampledModes:
             solutions = self._add_sheets(values, samples[rows])
             statistics.add(start_count, hits=solutions, total=self._solution_count)
             self.probes += start_count
-            self._progress.report_if_due(lambda: statistics.describe("modes"))
+            self._progress.report_if_due(lambda: statistics.progress_text("modes"))
         return statistics
 
     def _collect_modes(

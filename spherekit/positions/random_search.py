@@ -150,17 +150,26 @@ class SearchStatistics:
         """
         starts = counted(self.starts, "random start")
         if not self.closed_starts:
-            result = f"A search from {starts} found no {thing}"
-        else:
-            count = len(self.counts)
-            words = f"1 {thing}" if count == 1 else f"{count} {plural}"
-            least = min(self.counts.values())
-            reached = f", each at least {least} times" if least > 1 else ""
-            result = f"A search from {starts} found {words}{reached}"
+            return f"A search from {starts} found no {thing}."
+        count = len(self.counts)
+        words = f"1 {thing}" if count == 1 else f"{count} {plural}"
+        one_in = round(1.0 / self.missed_share)
         return (
-            f"{result}. Modes to which less than {self.missed_share:.2%} of the starts "
-            "lead could have been missed."
+            f"A search from {starts} found {words}. A mode to which 1 of {one_in} starts "
+            f"leads would have been found with a probability of "
+            f"{1.0 - MISS_PROBABILITY:.0%}."
         )
+
+    def progress_text(self, things: str) -> str:
+        """Return how far the search is, in a few words.
+
+        Parameters
+        ----------
+        things
+            The word for solutions, in the plural.
+        """
+        count = sum(count > 0 for count in self.counts.values())
+        return f"{counted(count, things.removesuffix('s'))} found"
 
     def describe(self, things: str) -> str:
         """Return a sentence about how surely the search has met all solutions.
@@ -417,7 +426,7 @@ def search_group(
         # The index of the configuration to which each start has led, -1 for none.
         hits = distinct.add(_close_by_newton(closure, values[is_near_closed]))
         statistics.add(STARTS_PER_ROUND, hits=hits, total=len(distinct.values))
-        progress.report_if_due(lambda: statistics.describe("modes"))
+        progress.report_if_due(lambda: statistics.progress_text("modes"))
     return statistics
 
 

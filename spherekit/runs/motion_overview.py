@@ -41,6 +41,10 @@ RESTING_RATIO = 1e-9
 rest; smaller: rounding errors seem to be motions."""
 
 
+SAME_VALUE = 1e-9
+"""Minima that differ by less are equal, and the first of them is reported. Larger: places
+of minima are less accurate; smaller: rounding errors choose among equal minima."""
+
 MAX_RATE_CURVATURE = 0.05
 """How far a rate may be from linear between two samples for a place of rest between them.
 
@@ -55,6 +59,8 @@ class ExaminedOutput:
 
     Attributes
     ----------
+    name
+        Its name in the file; empty if it has none besides its links.
     label
         Its name for the screen: that in the file, and its links such as ``4/1``.
     link, reference
@@ -68,6 +74,7 @@ class ExaminedOutput:
         the output is the orientation of the link.
     """
 
+    name: str
     label: str
     link: int
     reference: int
@@ -121,6 +128,7 @@ def _examined_output(mechanism: Mechanism, output: Output) -> ExaminedOutput:
     has_name = output.name not in ("", output.link)
     direction = output.direction
     return ExaminedOutput(
+        name=output.name if has_name else "",
         label=f"{output.name} {label}" if has_name else label,
         link=link,
         reference=reference,
@@ -240,8 +248,8 @@ class OutputOverview:
         first pose, so that the lowest is 0.
     lowest_ratio, highest_ratio
         For each input the range of the velocity ratio: rate of the angle per unit rate of
-        the input. For outputs without a fixed axis it is the size of the velocity. In a
-        simulation there is one entry, the rate in rad/s.
+        the input. For outputs without a fixed axis it is the magnitude of the velocity.
+        In a simulation there is one entry, the rate in rad/s.
     rests
         Places at which the rate of the output changes its sign.
     uncertain_rests
@@ -251,6 +259,18 @@ class OutputOverview:
     transmission
         The least transmission measure (0 at type II, 1 at best) and its place, None if it
         is not computed.
+    gain
+        Range of the least singular value of the velocity Jacobian of the output, which is
+        0 at singularities of type I: the least, its place, and the largest. None if it is
+        not known.
+    type_1_places
+        Places between samples at which the determinant of a square Jacobian changes its
+        sign.
+    further_type_1_places
+        Number of such places that are not listed.
+    last_determinant
+        The place, the determinant and the sense of the last examined row, None if it has
+        no determinant.
     first_pose, last_row
         What the next block needs of the rows before: the first rotation (9,), direction
         (3,) or angle (1,), and the last examined row as `_ExaminedRows` stores it.
@@ -264,6 +284,10 @@ class OutputOverview:
     uncertain_rests: list[list[float]] = field(default_factory=list)
     further_rests: int = 0
     transmission: list[float] | None = None
+    gain: list[float] | None = None
+    type_1_places: list[float] = field(default_factory=list)
+    further_type_1_places: int = 0
+    last_determinant: list[float] | None = None
     first_pose: list[float] | None = None
     last_row: list[float | None] | None = None
 
@@ -309,6 +333,56 @@ class OutputOverview:
             self.rests.append(place)
         else:
             self.further_rests += 1
+
+    def add_gains(self, gains: Floats, places: Floats) -> None:
+        """Extend the range of the least singular value by further ones (m,), or NaN."""
+        if not np.any(np.isfinite(gains)):
+            return
+        row = _first_minimum(gains)
+        least, largest = float(gains[row]), float(np.nanmax(gains))
+        if self.gain is None:
+            self.gain = [least, float(places[row]), largest]
+            return
+        if least < self.gain[0]:
+            self.gain[:2] = [least, float(places[row])]
+        self.gain[2] = max(self.gain[2], largest)
+
+    def add_determinants(
+        self, determinants: Floats, senses: Floats, places: Floats
+    ) -> None:
+        """Note where determinants of successive rows change their sign.
+
+        Parameters
+        ----------
+        determinants
+            (m,) determinants, NaN in rows without one. No sign change is looked for across
+            such rows.
+        senses
+            (m,) signs of the motion. No sign change is looked for between rows of
+            different senses.
+        places
+            (m,) places of the samples.
+        """
+        if not len(determinants):
+            return
+        if self.last_determinant is not None:
+            place, determinant, sense = self.last_determinant
+            places = np.append(place, places)
+            determinants = np.append(determinant, determinants)
+            senses = np.append(sense, senses)
+        has_other_sign = determinants[1:] * determinants[:-1] < 0.0
+        changes = np.flatnonzero(has_other_sign & (senses[1:] == senses[:-1]))
+        for row in changes.tolist():
+            before, after = determinants[row], determinants[row + 1]
+            share = before / (before - after)
+            place = float(places[row] + share * (places[row + 1] - places[row]))
+            if len(self.type_1_places) < MAX_SPANS:
+                self.type_1_places.append(place)
+            else:
+                self.further_type_1_places += 1
+        is_known = bool(np.isfinite(determinants[-1]))
+        last = [float(places[-1]), float(determinants[-1]), float(senses[-1])]
+        self.last_determinant = last if is_known else None
 
 
 @dataclass
@@ -606,11 +680,14 @@ class _ExaminedRows:
             owner = self.motion.mechanism.variable_owners[output.variable]
             axis = output.sense * self.motion.axes[rows, owner]
             ratios = np.einsum("mik,mk->mi", velocity, axis)
+            jacobian = ratios[:, :, None]
         elif output.direction is not None:
             pointing = link_rotation @ np.array(output.direction)
-            ratios = np.linalg.norm(np.cross(velocity, pointing[:, None]), axis=2)
+            jacobian = np.cross(velocity, pointing[:, None])
+            ratios = np.linalg.norm(jacobian, axis=2)
         else:
-            ratios = np.linalg.norm(velocity, axis=2)
+            jacobian = velocity
+            ratios = np.linalg.norm(jacobian, axis=2)
         ratios[~is_ok] = np.nan
         inputs = self.motion.inputs[rows]
         # The rate along the path of samples decides where the output turns back.
@@ -622,6 +699,7 @@ class _ExaminedRows:
             overview.widen_ratios(speeds)
         else:
             overview.widen_ratios(ratios)
+        self._add_jacobians(overview, output, rows, jacobian, places)
 
         if output.variable is None:
             relative = reference_rotation.swapaxes(1, 2) @ link_rotation
@@ -636,6 +714,66 @@ class _ExaminedRows:
             rates = speeds[:, 0]
         self._add_path(overview, angles, ratios, rates, inputs, places)
 
+    def _add_jacobians(
+        self,
+        overview: OutputOverview,
+        output: ExaminedOutput,
+        rows: slice,
+        jacobian: Floats,
+        places: Floats,
+    ) -> None:
+        """Note how near the rows of a mode are to singularities of type I.
+
+        Parameters
+        ----------
+        overview
+            The overview of the output in this mode, which is changed in place.
+        output
+            The output.
+        rows
+            The m rows of the mode.
+        jacobian
+            (m, inputs, 1 or 3) velocity of the output per rate of each input: its angular
+            velocity, the velocity of its direction, or the rate of its angle.
+        places
+            (m,) places of the samples.
+        """
+        input_count, component_count = jacobian.shape[1:]
+        is_known = self.is_ok[rows] & np.all(np.isfinite(jacobian), axis=(1, 2))
+        if not np.any(is_known):
+            overview.last_determinant = None
+            return
+        # Directions move in the plane that is perpendicular to them.
+        freedoms = 2 if output.direction is not None else component_count
+        rank = min(input_count, freedoms)
+        gains = np.full(len(jacobian), np.nan)
+        if rank == 1:
+            gains[is_known] = np.linalg.norm(jacobian[is_known], axis=(1, 2))
+        else:
+            values = np.linalg.svd(jacobian[is_known], compute_uv=False)
+            gains[is_known] = values[:, rank - 1]
+        overview.add_gains(gains, places)
+        if not self.plan.is_path or input_count != freedoms:
+            return
+        determinants = np.full(len(jacobian), np.nan)
+        regular = jacobian[is_known]
+        if output.direction is not None:
+            direction = np.array(output.direction)
+            pointing = self.rotations[rows, output.link][is_known] @ direction
+            normal = np.cross(regular[:, 0], regular[:, 1])
+            determinants[is_known] = np.sum(normal * pointing, axis=1)
+        else:
+            determinants[is_known] = np.linalg.det(regular)
+        senses = np.zeros(len(jacobian))
+        timing = self.motion.timing
+        if self.plan.moves_over_time and timing is not None:
+            # At a dead centre the ratio is infinite and changes its sign, as does the rate
+            # of the input. This is no singularity of type I.
+            senses = np.sign(np.prod(timing.dq[rows], axis=1))
+        # Signs of determinants that are rounding errors mean nothing.
+        determinants[gains <= RESTING_RATIO] = np.nan
+        overview.add_determinants(determinants, senses, places)
+
     def _add_transmission(
         self, overview: OutputOverview, number: int, rows: slice, places: Floats
     ) -> None:
@@ -647,9 +785,9 @@ class _ExaminedRows:
         measures = np.where(self.closes[rows], measures, np.nan)
         if not np.any(np.isfinite(measures)):
             return
-        row = int(np.nanargmin(measures))
+        row = _first_minimum(measures)
         least = overview.transmission
-        if least is None or measures[row] < least[0]:
+        if least is None or measures[row] < least[0] - SAME_VALUE:
             overview.transmission = [float(measures[row]), float(places[row])]
 
     def _add_rotations(
@@ -819,6 +957,11 @@ class _ExaminedRows:
         overview.last_row = [float(x) if np.isfinite(x) else None for x in last_row]
 
 
+def _first_minimum(values: Floats) -> int:
+    """Return the first row of the least value (m,), where NaN stands for no value."""
+    return int(np.flatnonzero(values <= np.nanmin(values) + SAME_VALUE)[0])
+
+
 def _link_rates(motion: Motion) -> Floats:
     """Return the angular velocities (n, inputs, links, 3) of links per rate of each input.
 
@@ -865,8 +1008,9 @@ def _note_transmission(
         angles = transmission_angle(ARRAYS, axes[:, first], axes[:, middle], axes[:, last])
         if not np.any(np.isfinite(angles)):
             continue
-        row = int(np.nanargmin(angles))
-        if overview.transmission is None or angles[row] < overview.transmission[0]:
+        row = _first_minimum(angles)
+        least = overview.transmission
+        if least is None or angles[row] < least[0] - SAME_VALUE:
             overview.transmission = [float(angles[row]), name, float(places[row])]
 
 
@@ -902,9 +1046,7 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
         if mode.transmission is not None:
             angle, pair, place = mode.transmission
             transmission = {"angle_rad": angle, "pair": pair, "place": place}
-            if plan.place_kind == "sample":
-                inputs = plan.sampling.inputs[round(place)]
-                transmission["inputs_rad"] = inputs.tolist()
+            transmission["inputs_rad"] = _inputs_at(plan, place)
         closing = _join_spans(
             [
                 *mode.spans.get(Status.OK.name, ()),
@@ -931,6 +1073,12 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
                     "uncertain_rests": output.uncertain_rests,
                     "further_rests": output.further_rests,
                     "least_transmission_measure": output.transmission,
+                    "inputs_of_least_measure_rad": (
+                        None
+                        if output.transmission is None
+                        else _inputs_at(plan, output.transmission[1])
+                    ),
+                    "jacobian": _summarize_jacobian(plan, output),
                 }
                 for output in mode.outputs
             ],
@@ -943,7 +1091,10 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
         "ratio": "rad/s" if plan.moves_over_time else "",
         "outputs": [
             {
+                "name": output.name,
                 "label": output.label,
+                "link": mechanism.links[output.link],
+                "relative_to": mechanism.links[output.reference],
                 "fixed_axis": output.variable is not None,
                 "points": output.direction is not None,
             }
@@ -951,6 +1102,35 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
         ],
         "modes": modes,
     }
+
+
+def _summarize_jacobian(plan: OverviewPlan, output: OutputOverview) -> Facts | None:
+    """Return the range of the least singular value, and where determinants are zero."""
+    if output.gain is None:
+        return None
+    least, place, largest = output.gain
+    return {
+        "least_singular_value": least,
+        "largest_least_singular_value": largest,
+        "place": place,
+        "inputs_rad": _inputs_at(plan, place),
+        "type_1_places": output.type_1_places,
+        "type_1_inputs_rad": [_inputs_at(plan, place) for place in output.type_1_places],
+        "further_type_1_places": output.further_type_1_places,
+    }
+
+
+def _inputs_at(plan: OverviewPlan, place: float) -> list[float]:
+    """Return the inputs (rad) at a place, interpolated between samples of a path."""
+    if not plan.is_path:
+        values: list[float] = plan.sampling.inputs[round(place)].tolist()
+        return values
+    places = plan.places
+    order = slice(None) if places[-1] >= places[0] else slice(None, None, -1)
+    return [
+        float(np.interp(place, places[order], column[order]))
+        for column in plan.sampling.inputs.T
+    ]
 
 
 def _join_spans(spans: Sequence[Sequence[int]]) -> list[list[int]]:
