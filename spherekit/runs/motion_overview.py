@@ -417,7 +417,7 @@ class ModeOverview:
         """Note the statuses (n,) of successive samples, from `first_sample` on."""
         if not len(codes):
             return
-        changes = np.flatnonzero(np.diff(codes)) + 1
+        changes = np.flatnonzero(codes[1:] != codes[:-1]) + 1
         starts = [0, *changes.tolist()]
         stops = [*changes.tolist(), len(codes)]
         for start, stop in zip(starts, stops, strict=True):
@@ -456,20 +456,22 @@ class PendingRows:
     @classmethod
     def from_motion(cls, motion: Motion, examined: Indices) -> Self:
         """Return the rows of some samples of a block, given by their positions (k,)."""
-        shape = (len(motion.assembly_modes), motion.samples)
-        inputs = motion.inputs.reshape(*shape, -1)[:, examined]
+        mode_count = len(motion.assembly_modes)
+        shape = (mode_count, len(examined))
+        # The rows are picked out first: a reshaped array could be a copy of the block.
+        first_rows = motion.samples * np.arange(mode_count)
+        rows = (first_rows[:, None] + examined).ravel()
         times = None
         if motion.timing is not None:
             timing = motion.timing
-            t = np.broadcast_to(timing.t[:, None], timing.dq.shape)
-            times = np.stack(
-                [x.reshape(*shape, -1)[:, examined] for x in (t, timing.dq, timing.ddq)]
-            )
+            dq = timing.dq[rows]
+            t = np.broadcast_to(timing.t[rows, None], dq.shape)
+            times = np.stack([x.reshape(*shape, -1) for x in (t, dq, timing.ddq[rows])])
         return cls(
             motion.sample[examined],
-            inputs,
-            motion.values.reshape(*shape, -1)[:, examined],
-            motion.status.reshape(shape)[:, examined],
+            motion.inputs[rows].reshape(*shape, -1),
+            motion.values[rows].reshape(*shape, -1),
+            motion.status[rows].reshape(shape),
             times,
         )
 
