@@ -52,7 +52,7 @@ def test_the_command_writes_the_table_beside_the_others(tmp_path, capsys):
     words = ["run", "four_bar", "--samples", "5", "--prove", "-o", str(tmp_path)]
     assert main(words) == 0
     said = capsys.readouterr().out
-    assert "rows of poles; bounds of axes" in said
+    assert "compared with proven values; bounds of axes: " in said
     frame = read_parquet(tmp_path / "proven_poles.parquet")
     shown = read_parquet(tmp_path / "poles.parquet")
     assert len(frame) == len(shown)

@@ -58,6 +58,14 @@ EXCEEDED = "exceeded"
 OPEN = "open"
 """Finding: the balls are too large to decide."""
 
+FINDING_WORDS = {
+    HOLDS: "hold",
+    EXCEEDED: "are exceeded",
+    OPEN: "could not be decided",
+}
+"""The findings in sentences with several bounds."""
+
+
 FINDING_COLUMNS = {
     "bounds of axes": "error_bound_is",
     "of coefficients": "velocity_coefficient_error_bound_is",
@@ -139,12 +147,14 @@ class ProvenPoles:
     def __str__(self) -> str:
         parts = []
         for bound, counts in self.counts.items():
-            findings = ", ".join(f"{n} {finding}" for finding, n in sorted(counts.items()))
+            findings = ", ".join(
+                f"{n} {FINDING_WORDS[finding]}" for finding, n in sorted(counts.items())
+            )
             parts.append(f"{bound}: {findings}")
         proven = max(counts.total() for counts in self.counts.values())
         return (
-            f"proven: {proven} of {len(self.data['status'])} rows of poles; "
-            f"{'; '.join(parts)}"
+            f"{proven} of {len(self.data['status'])} rows of poles were compared with "
+            f"proven values; {'; '.join(parts)}"
         )
 
     def write(

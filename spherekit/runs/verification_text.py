@@ -73,8 +73,9 @@ def format_verification(verification: Facts) -> list[str]:
         if facts["count"]:
             lines.append(
                 f"  {facts['within_bound']} of {facts['count']} {quantity.title} "
-                f"lie within their error bound; nearest to it {facts['error']:.1e}, "
-                f"{facts['over_bound']:.2g} of the bound, at {_describe_row(facts)}"
+                f"lie within their error bound; the error that is largest beside its bound "
+                f"is {facts['error']:.1e}, {facts['over_bound']:.2g} of the bound, at "
+                f"{_describe_row(facts)}"
             )
     lines += [
         f"  no reference at {_describe_row(row)}: {row['status']}"
