@@ -95,7 +95,11 @@ class Eksergian(AbstractAnalysis):
                 Column("dq", "rad/s", "rate of q, the variable of the driven pair"),
                 Column("ddq", "rad/s2", "second time derivative of q"),
                 Column("B", "kg m2", "equivalent inertia that the input feels"),
-                Column("dB_dq", "kg m2/rad", "derivative of B with respect to q"),
+                Column(
+                    "dB_dq",
+                    "kg m2/rad",
+                    "derivative of the equivalent inertia B with respect to q",
+                ),
                 Column("Q", "N m", "generalised force of all loads at the input"),
                 Column(
                     "tau",
@@ -115,7 +119,11 @@ class Eksergian(AbstractAnalysis):
                 INPUT,
                 Column("link", "", "name of the link", "text"),
                 Column("B", "kg m2", "part of this link in the equivalent inertia"),
-                Column("dB_dq", "kg m2/rad", "derivative of B with respect to q"),
+                Column(
+                    "dB_dq",
+                    "kg m2/rad",
+                    "derivative of the equivalent inertia B with respect to q",
+                ),
                 STATUS,
             ),
         ),

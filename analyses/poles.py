@@ -178,7 +178,7 @@ class Poles(AbstractAnalysis):
                     Column(
                         name,
                         "rad",
-                        f"{meaning}; on request with the parameter chart",
+                        f"{meaning}; only with the parameter chart",
                         scale="none",
                         turns="otherwise",
                         on_request="chart",

@@ -126,8 +126,9 @@ class SensitivityAnalysis(AbstractAnalysis):
         Names of quantities, such as ``theta_41+velocity_coefficient_4_1``. By default the
         angles of the outputs.
     by
-        Sizes, or numbers of masses and loads, by their keys in the file, such as
-        ``links.2.arc+links.3.arc``. By default all arcs and angles.
+        Sizes, or numbers of masses and loads, with respect to which derivatives are taken,
+        by their keys in the file, such as ``links.2.arc+links.3.arc``. By default all arcs
+        and angles.
     deviation
         Deviation (in Python in degrees) of every size: the standard deviation if it is
         distributed normally, the largest deviation if it is distributed uniformly.

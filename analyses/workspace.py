@@ -56,13 +56,15 @@ class WorkspaceAnalysis(AbstractAnalysis):
         Ranges of the angle between the axes of two pairs, ``PAIR/PAIR:LEAST`` or
         ``PAIR/PAIR:LEAST:GREATEST``.
     near
-        Least angle to a singularity of type I or II (in Python in degrees).
-    width, radius
-        Width of the links and radius of the sphere, in the same unit of length. The outer
-        axes of each leg that can fold stay ``width / radius`` (rad) apart, so that its
-        links do not touch.
+        Least distance, as an angle, from a singularity of type I or II that poses of the
+        workspace have (in Python in degrees).
+    width
+        Width of the links, in the unit of `radius`. The outer axes of each leg that can
+        fold stay ``width / radius`` (rad) apart, so that its links do not touch.
+    radius
+        Radius of the sphere, in the unit of `width`.
     tolerance
-        Relative error of the area or volume. With 0 it is 1e-4 for the area of directions
+        Largest relative error of the area or volume. With 0 it is 1e-4 for the area of directions
         and 1e-2 for the volume of orientations.
     pose
         Poses of which the analysis reports whether they are inside of the workspace. A pose

@@ -287,7 +287,7 @@ def test_no_search_is_told_too():
     made = mechanism_from_chain(
         STEPHENSON, random_axes(np.random.default_rng(13), 7), "p1_6"
     )
-    words = "component only: the mode of the reference pose; no others were looked for"
+    words = "component only: the mode of the reference pose; no others were searched"
     assert PositionAnalysis(made, search=False).search == words
 
 

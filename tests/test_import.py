@@ -325,8 +325,8 @@ def test_axes_that_miss_are_refused_with_their_distances(tmp_path, capsys):
     assert main(["import", str(path), "-o", str(tmp_path / "x.toml")]) == 1
     message = capsys.readouterr().err
     assert (
-        "do not meet in a point" in message
-        and "4 of 5 pass the point 0.0, 0.0, 0.3" in message
+        "do not meet in one point" in message
+        and "4 of 5 axes pass through the point 0.0, 0.0, 0.3" in message
     )
     assert "joint pivot: 0.01 m" in message and "joint left_axle: 0 m" in message
     assert not (tmp_path / "x.toml").exists()

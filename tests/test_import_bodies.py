@@ -115,7 +115,7 @@ def test_what_a_ball_joint_had_is_said(tmp_path):
 
 def test_a_ball_joint_away_from_the_centre_is_refused(tmp_path):
     text = PARALLEL_WRIST.replace('name="centre" type="ball"', 'type="ball" pos="0 0 0.01"')
-    with pytest.raises(sk.SpherekitError, match="do not meet in a point") as refused:
+    with pytest.raises(sk.SpherekitError, match="do not meet in one point") as refused:
         import_text(tmp_path, text)
     assert "joint ball0_x: 0.01 m" in str(refused.value)
 

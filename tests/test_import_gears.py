@@ -276,7 +276,7 @@ REFUSED = {
     ),
     "no such joint": (
         TRANSMISSION.replace('<joint name="roll"><role>', '<joint name="rool"><role>'),
-        'there is no joint "rool" that turns',
+        'no rotating joint is named "rool"',
     ),
     "side by side": (
         TRANSMISSION.replace('<parent link="cage"/>', '<parent link="forearm"/>'),

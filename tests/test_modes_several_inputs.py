@@ -796,7 +796,7 @@ def test_without_a_search_only_the_reference_mode_is_claimed(degrees, is_reached
     unsearched = PositionAnalysis(wrist, path=path, search=False, independent=True)
     searched = PositionAnalysis(wrist, path=path, independent=True)
     if is_reached:
-        assert unsearched.search.endswith("no others were looked for")
+        assert unsearched.search.endswith("no others were searched")
         assert "the mode of the reference pose" in unsearched.search
         assert len(unsearched.assembly_modes) == 1 < len(searched.assembly_modes)
     else:

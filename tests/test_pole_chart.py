@@ -163,4 +163,4 @@ def test_a_column_on_request_of_an_unknown_parameter_is_a_fault():
             return {}
 
     fault = find_class_fault(Asking)
-    assert "on_request is 'more', which is no parameter; parameters: less" in fault
+    assert "on_request is 'more', which is not a parameter; parameters: less" in fault

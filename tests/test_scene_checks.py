@@ -223,7 +223,10 @@ def test_wrong_scenes_are_refused_in_a_sentence(name):
     ("scene", "fragment"),
     [
         (None, "scene returned a NoneType"),
-        (unchecked(Scene, 7, ()), "that is no assembly mode of the run; allowed are 0, 1"),
+        (
+            unchecked(Scene, 7, ()),
+            "that is not an assembly mode of the run; allowed are 0, 1",
+        ),
         (
             unchecked(Scene, 0.5, ()),
             "a page is the number of an assembly mode, a title, or None",

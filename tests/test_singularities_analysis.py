@@ -289,7 +289,7 @@ def test_a_chain_that_moves_against_its_count_has_its_singularities():
     assert not result.failures and set(frame["certain"]) == {"yes"}
     notes = " ".join(findings_and_warnings(result)[0]["notes"])
     assert "lie in one plane everywhere" in notes
-    assert "are one line everywhere, so form i says nothing" in notes
+    assert "are one line everywhere, so form i is undefined" in notes
     distances = {"distance_I", "distance_II", "transmission", "input_margin_II"}
     assert columns_with_missing_numbers(relation) <= {"c", "d"} | distances
     empty = relation[relation["c"].isna()]

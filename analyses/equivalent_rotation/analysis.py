@@ -82,13 +82,15 @@ class EquivalentRotation(AbstractAnalysis):
 
     Attributes
     ----------
-    start, end
-        The poses between which the output link rotates.
+    start
+        Pose of the output link at the start of the rotation.
+    end
+        Pose of the output link at the end of the rotation.
     mode
         Number or signs of the configuration at the start. The summary lists them all.
     end_mode
-        Number or signs of the orientation at an end that has several. The number 0 is the
-        nearest to the start. By default it is the nearest in the assembly and working mode
+        Number or signs of the orientation at the end, if the pose `end` has several. Number
+        0 is the nearest to the start. By default it is the nearest in the assembly and working mode
         of the start.
     output
         Name of the output, needed if the mechanism declares several.
@@ -96,13 +98,17 @@ class EquivalentRotation(AbstractAnalysis):
         Number of rows of each table: equally spaced angles, or times of the schedule.
     theta
         Angles of the rotation (in Python in degrees) that replace the equally spaced ones.
-    speed, acceleration
-        Limits of the inputs (in Python in deg/s and deg/s2): one for all inputs or one for
-        each. A schedule, the rotation in time, is computed if at least one limit is given.
+    speed
+        Speed limits of the inputs (in Python in deg/s): one for all inputs or one for each.
+        A schedule, the rotation in time, is computed if a limit of speed or acceleration is
+        given.
+    acceleration
+        Acceleration limits of the inputs (in Python in deg/s2): one for all inputs or one
+        for each.
     shape
         Time law of the schedule: cycloidal, cubic, quintic or septic.
     cycle
-        Cycle time (s) of the controller for which the schedule is. The schedule then has
+        Cycle time (s) of the controller that executes the schedule. The schedule then has
         one row for each cycle, and its duration is a whole number of cycles.
     """
 

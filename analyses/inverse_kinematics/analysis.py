@@ -44,9 +44,11 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
     ----------
     poses
         Poses one after another, each ``name=number+name=number``.
-    file, columns
-        CSV or Parquet file whose rows are poses. `columns` are those that are read, if the
-        file has more than one of the sets.
+    file
+        CSV or Parquet file whose rows are poses.
+    columns
+        Columns of `file` that are read, if it has more than one set of columns that
+        describes a pose.
     window
         Grid of poses, ``NAME:FROM:TO:COUNT`` joined by ``+``.
     unit
@@ -60,7 +62,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         Whether to solve the closure equations of all links, even if there is a closed form
         for some of their solutions or for all.
     pairs
-        Pairs whose variables are wanted, or ``all``.
+        Pairs whose variables are listed in the table `pairs`, or ``all``.
     nearest
         Number of poses out of reach for which the nearest reachable pose is computed.
     """

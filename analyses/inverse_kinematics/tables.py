@@ -55,7 +55,8 @@ MID_PLANE_RATE_COLUMNS = tuple(
     Column(
         f"d{name}_dq",
         "",
-        f"derivative of {name} with respect to the variable of the driven pair",
+        f"derivative of the mid-plane angle {name} with respect to the variable of the "
+        "driven pair",
         per_input=True,
     )
     for name in ("phi", "gamma")

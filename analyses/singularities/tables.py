@@ -67,7 +67,7 @@ SINGULARITIES = Table(
         Column("theta", "rad", "variable of the passive pair", per_passive=True),
         Column("curve", "", "number of the curve that the singularity is on", "integer"),
         Column("s", "rad", "arc length of the curve at the singularity"),
-        Column("error", "rad", "upper bound of the error of s"),
+        Column("error", "rad", "upper bound of the error of the arc length s"),
         Column(
             "residual",
             "",

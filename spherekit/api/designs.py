@@ -253,7 +253,7 @@ def _deviations(
         is_angle = quantity.startswith(("theta_", "transmission_angle_"))
         if not is_angle and isinstance(value, str):
             raise document.fault(
-                path, f'found "{value}", but {quantity} is no angle; leave the unit out'
+                path, f'found "{value}", but {quantity} is not an angle; leave the unit out'
             )
         if not is_angle:
             return [f"{quantity} - ({value!r})"]
@@ -278,7 +278,7 @@ def _deviations(
         allowed = "x, y, z, or azimuth and tilt"
         if is_orientation:
             allowed = "azimuth, tilt and torsion, or qx, qy, qz, qw"
-        raise document.fault(path, f"{value} is no value of {quantity}: give {allowed}")
+        raise document.fault(path, f"{value} is not a value of {quantity}; give {allowed}")
     if has_components:
         numbers = numbers / np.linalg.norm(numbers)
         target = from_quaternion(numbers) if is_orientation else numbers

@@ -251,7 +251,7 @@ def _export_kind(target: Path, to: Kind | None) -> Kind:
         If the kind is unknown, or has other endings.
     """
     if to is not None and to not in SUFFIXES:
-        raise OutputError(f'export: to is "{to}"; allowed: {listing(SUFFIXES)}')
+        raise OutputError(f'export: to: found "{to}", allowed: {listing(SUFFIXES)}')
     for kind, suffixes in SUFFIXES.items():
         if target.suffix in suffixes and to in (None, kind):
             return kind

@@ -188,8 +188,8 @@ def sweep_of(
     for variation in space.variations:
         if variation.has_angle_unit and not is_angle(document, variation.key):
             raise DesignError(
-                f"{variation.key}: the values have a unit of angles, but this number is no "
-                "angle; leave the unit out"
+                f"{variation.key}: the values have a unit of angles, but this number is "
+                "not an angle; leave the unit out"
             )
 
     # Later figures of merit replace earlier ones of the same name.

@@ -118,7 +118,9 @@ def coupling_table(
     """
     mechanism = driven_at(mechanism_of(mechanism), input_pair)
     if not 0.0 < tolerance < 1.0:
-        raise SolveError(f"coupling_table: tolerance is {tolerance} rad, needs 0 to 1")
+        raise SolveError(
+            f"coupling_table: tolerance: found {tolerance} rad, needs a number from 0 to 1"
+        )
     requested_poles = tuple(parse_pole(mechanism, text) for text in poles)
     passive_variables = _find_passive_variables(mechanism, pairs)
     node_counts = _choose_node_counts(mechanism, samples)

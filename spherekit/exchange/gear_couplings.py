@@ -621,8 +621,8 @@ def _describe_missing_gears(hinges: Sequence[ImportedPair], equations: Floats) -
         hinge.name for column, hinge in enumerate(hinges) if np.any(equations[:, column])
     )
     return (
-        f"no two wheels whose axes cross on one link that carries both, and no idler wheel "
-        f"between coaxial ones, give these ratios between {names}"
+        f"these ratios between {names} are possible neither with two wheels on crossing "
+        "axes of one carrier nor with an idler wheel between coaxial wheels"
     )
 
 

@@ -300,7 +300,7 @@ class ImportedDynamics:
                     yield name, table
             else:
                 self._linkage.notes.append(
-                    f"actuator {name} left out: it is no constant load"
+                    f"actuator {name} left out: it is not a constant load"
                 )
 
     def _write_pair_torque(self, actuator: int) -> Table:

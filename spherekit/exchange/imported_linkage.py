@@ -300,9 +300,8 @@ class ImportedLinkage:
         centre = find_common_point(points, directions, max_distance)
         if centre is None:
             raise FileError(
-                f"{self.where}: all {len(points)} axes are parallel: a planar mechanism, "
-                "whose links turn about no common point; axes of a spherical mechanism "
-                "meet in one"
+                f"{self.where}: all {len(points)} axes are parallel: this is a planar "
+                "mechanism, but the axes of a spherical mechanism meet in one point"
             )
         distances = distances_to_lines(centre, points, directions)
         largest_distance = np.max(distances)
@@ -317,12 +316,12 @@ class ImportedLinkage:
                 distance_lines += f"\n  {lines[index].name}: {distance:.4g} m"
             passing_count = np.sum(distances <= max_distance)
             raise FileError(
-                f"{self.where}: the axes do not meet in a point, so it is no spherical "
-                f"mechanism. {passing_count} of {len(distances)} pass the point "
-                f"{centre_text} m; the distances from it are:{distance_lines}\n"
-                f"Allowed is {max_distance:.2g} m; give --within "
-                "METRES if more is rounding, or take the other joints out of a copy of the "
-                "file"
+                f"{self.where}: the axes do not meet in one point, so this is not a "
+                f"spherical mechanism. {passing_count} of {len(distances)} axes pass "
+                f"through the point {centre_text} m; the distances from it "
+                f"are:{distance_lines}\nAllowed is {max_distance:.2g} m; give --within "
+                "METRES if larger distances are rounding, or remove the other joints from "
+                "a copy of the file"
             )
         return centre, largest_distance
 

@@ -339,8 +339,8 @@ def _choose_tree(mechanism: Mechanism, preferred_pairs: Iterable[str]) -> list[B
             name for link, name in enumerate(links) if link not in reached_links
         )
         raise ModelError(
-            f"{mechanism.name}: link {unreached_links} is held by contacts alone; bodies "
-            "on hinges need a chain of R pairs from the ground to every link"
+            f"{mechanism.name}: link {unreached_links} is connected by contacts only, but "
+            "bodies on hinges need a chain of R pairs from the ground to every link"
         )
     # Take pairs in the order of preference. A pair closes a loop if the pairs before it
     # join its links already, which are then in one component of the graph.

@@ -320,7 +320,7 @@ def _find_inner_joint(
     """
     for joint in joints:
         if joint.name not in links_by_joint:
-            raise FileError(f'{where}: there is no joint "{joint.name}" that turns')
+            raise FileError(f'{where}: no rotating joint is named "{joint.name}"')
     for inner in (0, 1):
         _, inner_child = links_by_joint[joints[inner].name]
         outer_parent, _ = links_by_joint[joints[1 - inner].name]

@@ -173,7 +173,7 @@ class _StudyReader:
                 raise self.document.fault(
                     ("inputs", pair),
                     "the range from `from` to `to` is empty, both are "
-                    f"{study_input.start:.6g} rad; give another `to`, greater or less",
+                    f"{study_input.start:.6g} rad; give a greater or smaller `to`",
                 )
             inputs.append(study_input)
         return replace(mechanism, inputs=tuple(inputs))

@@ -299,7 +299,7 @@ def _parse_python(text: str, indentation: int) -> ast.expr:
             return ast.parse(text, mode="eval").body
     except SyntaxError as error:
         column = indentation + max(error.offset or 1, 1) - 1
-        message = f"cannot be read here ({error.msg}); products are written with *"
+        message = f"cannot be read at this place ({error.msg}); products are written with *"
         raise _syntax_error(column, message) from None
     except (RecursionError, MemoryError, ValueError):
         raise _syntax_error(indentation, "too deeply nested", _DEPTH_LIMIT) from None

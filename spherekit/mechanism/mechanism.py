@@ -774,8 +774,9 @@ def _check_pair(where: str, pair: Pair) -> None:
         pair.rolls and 0.0 <= pressure_angle < math.pi / 2
     ):
         raise ModelError(
-            f"{where}.pressure_angle: found {pressure_angle:g} rad in a {pair.type} pair, "
-            "needs a rolling contact (Cr) and at least 0, less than a right angle"
+            f"{where}.pressure_angle: found {pressure_angle:g} rad in a pair of type "
+            f"{pair.type}; a pressure angle belongs to a rolling contact (Cr), and must be "
+            "at least 0 and less than a right angle"
         )
     if pair.links[0] == pair.links[1]:
         raise ModelError(

@@ -231,10 +231,10 @@ class InverseKinematics:
             assembly = plan_assembly(self.mechanism)
         except CountError as problem:
             raise PlanError(
-                f"{mechanism.name}: outputs.{output.name}: {output.link} seen from "
-                f"{output.relative_to} cannot take every "
-                f"{'direction' if self.wrist.points else 'orientation'} by itself, or the "
-                f"mechanism has not one freedom for each input ({problem})"
+                f"{mechanism.name}: outputs.{output.name}: link {output.link} cannot take "
+                f"every {'direction' if self.wrist.points else 'orientation'} relative to "
+                f"link {output.relative_to}, or the number of inputs is not the mobility "
+                f"({problem})"
             ) from None
         self.solver = PositionSolver(self.mechanism, assembly)
         # Numbers of the variables of the inputs. Virtual pairs come after all others, so

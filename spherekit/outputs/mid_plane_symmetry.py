@@ -112,7 +112,7 @@ def mid_plane_form(
     other_links = set(range(len(grounded.links))) - {0, effector} - leg_links - carriers
     if other_links:
         names = listing(grounded.links[link] for link in sorted(other_links))
-        raise _error(grounded, f"links {names} belong to no leg and hold no elbow")
+        raise _error(grounded, f"links {names} neither belong to a leg nor hold an elbow")
 
     # 4. Prove by numbers that all pairs close.
     form = _make_architecture(grounded, joints, declared_output, legs, structure.pair_axes)

@@ -480,7 +480,7 @@ class _CurveSearch:
         gear_phases = self.solver.gear_phases
         if gear_phases is not None and not gear_phases.all_known:
             return Completeness(
-                Guarantee.COMPONENT, "wheels in mesh as in the assembly modes given"
+                Guarantee.COMPONENT, "wheels meshed as in the given assembly modes"
             )
         low = np.array([self.low])
         high = np.array([self.high])

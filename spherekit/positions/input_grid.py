@@ -111,7 +111,7 @@ def make_input_grid(
         if item.start == item.stop:
             raise SolveError(
                 f"{mechanism.name}: inputs.{item.pair}: the range from `from` to `to` is "
-                f"empty, both are {item.start:.6g} rad; give another `to`, greater or less"
+                f"empty, both are {item.start:.6g} rad; give a greater or smaller `to`"
             )
     check_sample_counts(mechanism, samples)
     if isinstance(samples, Sequence):

@@ -86,8 +86,8 @@ RANDOM_STARTS_FOLLOWED_TOGETHER = 6
 """The same for configurations from random starts, several of which may be on one mode."""
 AS_ASSEMBLED = Completeness(
     Guarantee.COMPONENT,
-    "the mode of the reference pose, and where it ends those that go on; wheels put "
-    "together otherwise were not looked for",
+    "the mode of the reference pose, and where it ends the modes that continue; other ways "
+    "to mesh the wheels were not searched",
 )
 
 

@@ -440,7 +440,7 @@ class SampledModes:
                 if self.probes:
                     reason = f"modes found at {counted(self.probes, 'input')}"
                     return Completeness(Guarantee.SAMPLED, reason)
-                as_assembled = "wheels put together otherwise were not looked for"
+                as_assembled = "other ways to mesh the wheels were not searched"
                 return replace(
                     REFERENCE_ONLY, reason=f"{REFERENCE_ONLY.reason}; {as_assembled}"
                 )

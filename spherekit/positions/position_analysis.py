@@ -323,7 +323,7 @@ class PositionAnalysis:
         if not self._follow:
             return "no motion was traced"
         if not self._probe_count:
-            return f"{self.claim}; no others were looked for"
+            return f"{self.claim}; no others were searched"
         method_texts = [
             f"{group.kind}: {method.description}"
             for group, method in zip(self.assembly.groups, self.methods, strict=True)

@@ -78,7 +78,7 @@ def _find_class_faults(cls: Any) -> Iterator[str]:
             if column.on_request and column.on_request not in parameters:
                 yield (
                     f"table {table.name}: column {column.name}: on_request is "
-                    f"{column.on_request!r}, which is no parameter; parameters: "
+                    f"{column.on_request!r}, which is not a parameter; parameters: "
                     f"{listing(parameters) or 'none'}"
                 )
 

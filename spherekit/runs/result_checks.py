@@ -163,7 +163,9 @@ def _check_column(where: str, column: Column, data: Any) -> Array | Interleaved:
             f"{where} is not an array with one number or one text in each row"
         ) from None
     if values.ndim != 1:
-        raise PluginError(f"{where} has the shape {values.shape}, it needs one value a row")
+        raise PluginError(
+            f"{where} has the shape {values.shape}, it needs one value in each row"
+        )
     # NumPy's letters: f, i, u and b for floats, signed and unsigned integers and booleans,
     # U for texts. Texts may also be objects, and whole numbers may be given as floats. All
     # sorts of numbers are converted to the type of the column in the end.

@@ -460,7 +460,7 @@ def _explain_disagreement(
         if resting_links:
             cause = f"links {', '.join(resting_links)} stand still relative to each other"
         return (
-            f"c = d = 0, but the rates say type {type_by_rates}: {cause}; a relation of "
+            f"c = d = 0, but the rates give type {type_by_rates}: {cause}; a relation of "
             "other links decides"
         )
     if type_by_rates == Type.III and kind is None:
@@ -470,6 +470,6 @@ def _explain_disagreement(
         )
     vanishing = "nothing vanishes" if kind is None else f"type {kind}"
     return (
-        f"c and d say: {vanishing}; the rates: type {type_by_rates}; a coefficient nearly "
-        "vanishes, or is not known well enough"
+        f"c and d give: {vanishing}; the rates give type {type_by_rates}; a coefficient "
+        "nearly vanishes, or is not known accurately enough"
     )

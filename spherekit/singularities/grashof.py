@@ -50,9 +50,9 @@ class Grashof:
             "double-crank": f"links {self.input} and {self.output} turn fully",
             "double-rocker": f"links {self.input} and {self.output} swing, only the "
             "coupler turns fully",
-            "triple-rocker": "no link turns fully, it is not of Grashof's kind",
-            "change-point": "all links can lie in one great circle, from where it may go "
-            "on in two ways",
+            "triple-rocker": "no link turns fully (the four-bar is not a Grashof linkage)",
+            "change-point": "all links can lie in one great circle, from which the motion "
+            "can continue in two ways",
         }[self.name]
         return f"{self.name}: {motion}"
 

@@ -56,8 +56,8 @@ SAME_CROSSING_RAD = 1e-7
 """Crossings whose variables differ by less are one crossing. Larger: crossings near each
 other are taken for one; smaller: one crossing is listed twice."""
 ONE_CURVE_NOTE = (
-    "c and d are those of this curve: its motion says where the third pole is, which the "
-    "configuration leaves open"
+    "c and d are those of this curve: its motion determines the third pole, which the "
+    "configuration alone does not"
 )
 """Note of a relation at a crossing whose c and d do not vanish."""
 VANISHING_RELATION = 1e-12
@@ -329,8 +329,8 @@ class SingleFreedomSingularities:
     def gaps(self) -> list[str]:
         """Where singularities may be missed, in words."""
         return [
-            f"curve {number} was not followed to its end; singularities beyond are not "
-            "known"
+            f"curve {number} was not followed to its end; singularities on the rest of it "
+            "are not known"
             for number, curve_motion in enumerate(self.curve_motions)
             if Status.MODE_LOST in curve_motion.curve.ends
         ]
@@ -499,8 +499,8 @@ class SingleFreedomSingularities:
                     are = "lie in one plane" if len(links) == 4 else "are one line"
                     notes.append(
                         f"curve {number}: the axes of the links {link_names} {are} "
-                        f"everywhere, so form {relation.form} says nothing: the rates "
-                        "tell the types"
+                        f"everywhere, so form {relation.form} is undefined: the rates "
+                        "determine the types"
                     )
         return notes
 
@@ -827,7 +827,7 @@ def _format_undecided(distance: float, error: float) -> str:
     """
     return (
         f"undecided within tolerance: input and output vanish {distance:.3g} rad apart, "
-        f"and the places are known to {error:.3g} rad"
+        f"but their positions are accurate to {error:.3g} rad only"
     )
 
 

@@ -166,8 +166,8 @@ def check_version(recording: Path) -> None:
         hint = f"install that version, pip install rerun-sdk=={recorded_text}.*"
     maker = f"rerun {recorded_text}" if any(recorded) else "an older rerun"
     raise OutputError(
-        f"{recording} was made by {maker}, which rerun {installed_text} installed here "
-        f"does not read; {hint}"
+        f"{recording} was made by {maker}, which the installed rerun {installed_text} "
+        f"cannot read; {hint}"
     )
 
 
