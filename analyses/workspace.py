@@ -64,8 +64,8 @@ class WorkspaceAnalysis(AbstractAnalysis):
     radius
         Radius of the sphere, in the unit of `width`.
     tolerance
-        Largest relative error of the area or volume. With 0 it is 1e-4 for the area of directions
-        and 1e-2 for the volume of orientations.
+        Largest relative error of the area or volume. With 0 it is 1e-4 for the area of
+        directions and 1e-2 for the volume of orientations.
     pose
         Poses of which the analysis reports whether they are inside of the workspace. A pose
         is written ``name=number+name=number``, with one of these sets of names:

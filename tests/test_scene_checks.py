@@ -225,7 +225,7 @@ def test_wrong_scenes_are_refused_in_a_sentence(name):
         (None, "scene returned a NoneType"),
         (
             unchecked(Scene, 7, ()),
-            "that is not an assembly mode of the run; allowed are 0, 1",
+            "not an assembly mode of the run; allowed are 0, 1",
         ),
         (
             unchecked(Scene, 0.5, ()),

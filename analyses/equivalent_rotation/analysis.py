@@ -90,8 +90,8 @@ class EquivalentRotation(AbstractAnalysis):
         Number or signs of the configuration at the start. The summary lists them all.
     end_mode
         Number or signs of the orientation at the end, if the pose `end` has several. Number
-        0 is the nearest to the start. By default it is the nearest in the assembly and working mode
-        of the start.
+        0 is the nearest to the start. By default it is the nearest in the assembly and
+        working mode of the start.
     output
         Name of the output, needed if the mechanism declares several.
     samples
