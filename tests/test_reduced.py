@@ -247,7 +247,7 @@ def test_damaged_files_of_stored_models_are_refused(models, tmp_path):
     content = valid_file.read_bytes()
     for length in (0, 100, len(content) // 2, len(content) - 30):
         (tmp_path / "cut.npz").write_bytes(content[:length])
-        with pytest.raises(FileError, match="store the model again"):
+        with pytest.raises(FileError, match="create it again"):
             load_reduced(tmp_path / "cut.npz")
 
 

@@ -287,5 +287,5 @@ def test_a_load_with_a_value_but_no_series_is_left_to_numpy():
     found = simulate(made, Start(0.0, 1.0), 1.0)
     assert abs(found.at([1.0]).dq[0] - 1.0 - 3.0 * 0.7 / INERTIA) < 1e-8
     if available():
-        with pytest.raises(EngineError, match="no series"):
+        with pytest.raises(EngineError, match="no Taylor series"):
             simulate(made, Start(0.0, 1.0), 1.0, engine="compiled")

@@ -401,7 +401,9 @@ class StoredHeading:
         if low - slack <= x <= high + slack:
             return x, 0
         allowed = (
-            "is finite" if self.periodic else f"must be within {low:.9g} to {high:.9g} rad"
+            "must be finite"
+            if self.periodic
+            else f"must be within {low:.9g} to {high:.9g} rad"
         )
         raise SolveError(
             f"{self.mechanism}: {self.by[0]} = {x:.9g} is not in the domain of the model; "
