@@ -196,6 +196,10 @@ def execute(options: Namespace) -> int:
             words = [*options.words, "--figures"]
             command = (shlex.join(["spherekit", *words]), "draw figures of the sweep")
             report.next_steps = [command]
+        else:
+            words = [*options.words, "-o", "DIR", "--figures"]
+            command = (shlex.join(["spherekit", *words]), "save all rows and draw figures")
+            report.next_steps = [command]
         report.print(options)
     return 0
 

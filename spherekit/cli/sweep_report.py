@@ -51,8 +51,16 @@ def sweep_report(result: "SweepResult") -> ScreenReport:
         report.results.append(_count_rows(frame, is_valid, sweep.where))
         report.results += _best_designs(result, frame[is_valid])
         report.results += _count_texts(result, frame[is_valid])
+        if np.any(frame["closes"][is_valid] < 1.0):
+            report.warnings.append(
+                "modes that exist at a part of the samples end, as a rule, at dead centres "
+                "(type II singularities), close to which velocity ratios and torques grow "
+                "without bound; their figures of merit are those of the samples"
+            )
         report.warnings += _describe_reasons(frame[~is_valid])
-    report.accuracy = "; ".join(result.remarks)
+    report.accuracy = "; ".join(
+        ["figures of merit are the extremes of the samples of each design", *result.remarks]
+    )
     if result.folder:
         # A part is a file with the rows of some successive designs.
         data_sets = "".join(f", {folder}" for folder in result.data_sets if sweep.tables)
@@ -105,9 +113,9 @@ def _count_rows(frame: Any, is_valid: Any, where: tuple[str, ...]) -> str:
     partial_count = int((closes < 1.0).sum())
     if partial_count:
         least = number_text(100.0 * closes.min(), digits=3)
-        text += f"; {partial_count} close at a part of the samples only (least: {least} %)"
+        text += f"; {partial_count} exist at a part of the samples only (least: {least} %)"
     elif len(closes):
-        text += f"; {'the others' if failed_count else 'all'} close at all samples"
+        text += f"; {'the others' if failed_count else 'all'} exist at all samples"
     return text
 
 
@@ -174,7 +182,7 @@ def _best_designs(result: "SweepResult", frame: Any) -> list[str | ScreenTable]:
         return []
     columns = (
         ScreenColumn("figure of merit"),
-        ScreenColumn(""),
+        ScreenColumn("extreme"),
         ScreenColumn("value", "right"),
         ScreenColumn("design", "right"),
         ScreenColumn("assembly mode"),
@@ -206,11 +214,15 @@ def _count_texts(result: "SweepResult", frame: Any) -> Lines:
     ]
     lines = []
     for name in names:
-        texts_of_rows = frame[name].dropna().astype(str)
+        # The type of a four-bar is that of the design, whatever its assembly mode.
+        rows = frame.drop_duplicates("design") if name == "grashof" else frame
+        texts_of_rows = rows[name].dropna().astype(str)
         counts = texts_of_rows[texts_of_rows != ""].value_counts()
         texts = ", ".join(f"{count} {text}" for text, count in counts.items() if count)
         if texts:
-            lines.append(f"{'type of four-bar' if name == 'grashof' else name}: {texts}")
+            lines.append(
+                f"{'Designs by type of four-bar' if name == 'grashof' else name}: {texts}"
+            )
     # The claim says whether all assembly modes of a design were found.
     claims = frame["claim"].dropna().astype(str).value_counts()
     if list(claims.index) == ["complete"]:
