@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 from mechanism_examples import linkages as chains
 from mechanism_examples.folding_mechanisms import folding_mechanism, inputs_beside_folds
-from oracles.exact_configurations import deviations, deviations_with_free_inputs
+from oracles.exact_configurations import (
+    closure_residuals,
+    deviations,
+    deviations_with_free_inputs,
+)
 
 from spherekit.errors import SpherekitError
 from spherekit.positions.fold_bounds import bound_by_newton
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
-from spherekit.tolerances import MAX_SINGULAR_ANGLE_ERROR_RAD
+from spherekit.tolerances import EPS, MAX_SINGULAR_ANGLE_ERROR_RAD
 
 pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
 
@@ -22,6 +26,10 @@ MOST_ROUNDINGS = 8.0
 """Largest distance, in roundings of the input, to the nearest input at which loops close.
 A row at a dead centre can be beyond it by the rounding of the sizes, so that nothing
 closes at the input of the row itself."""
+MOST_LOOP_ROUNDINGS = 8.0
+"""Largest exact closure residual of the other rows, in roundings of sizes of about 1 rad.
+An input q near 0 turns a folded four-bar by q, but opens its loop by about q^2 only. The
+rounding of the sizes then moves the dead centre by many roundings of the input."""
 MAX_JUDGED_ROWS = 60
 """Rows of one mechanism that are compared with 50 digits."""
 
@@ -49,10 +57,14 @@ def check_angles_at_singularities(mechanism, path):
     assert np.all(deviation[has_root] <= bound[has_root])
     if not np.all(has_root):
         # The same from the solution at the nearest input that has one, and the distance of
-        # this input in units of its rounding error.
-        deviation, roundings = deviations_with_free_inputs(rows.rows(~has_root))
+        # this input in units of its rounding error. If it is larger, the loops of the row
+        # must be closed as well as the rounding of the sizes allows.
+        rootless_rows = rows.rows(~has_root)
+        deviation, roundings = deviations_with_free_inputs(rootless_rows)
         assert np.all(deviation <= bound[~has_root])
-        assert np.all(roundings <= MOST_ROUNDINGS)
+        loop_roundings = closure_residuals(rootless_rows) / EPS
+        is_nearest_input = roundings <= MOST_ROUNDINGS
+        assert np.all(is_nearest_input | (loop_roundings <= MOST_LOOP_ROUNDINGS))
     return len(row_numbers)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from spherekit.arrays import Floats, Indices, SmallIntegers
 from spherekit.numerics.angles import wrap
+from spherekit.positions.elimination_order import has_elimination
 from spherekit.positions.gear_phases import GearPhases
 from spherekit.positions.group_assembly import (
     AssemblyState,
@@ -97,6 +98,18 @@ class ConfigurationsAtInput(NamedTuple):
     def is_complete(self) -> bool:
         """Whether no real configuration can be missing."""
         return all_complete(self.methods) and not self.is_truncated
+
+
+def can_find_all_modes(solver: PositionSolver) -> bool:
+    """Return whether methods exist that find all modes of every group.
+
+    Dyads and trains of wheels have closed forms, and some other groups elimination. If this
+    is false for a group, only a random search is left, which may miss modes.
+    """
+    return all(
+        group.is_dyad or position in solver.wheel_trains or has_elimination(group)
+        for position, group in enumerate(solver.assembly.groups)
+    )
 
 
 def enumerate_assemblies(solver: PositionSolver, q: Floats) -> ConfigurationsAtInput:

@@ -9,6 +9,7 @@ of the given input are an independent check.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,8 +21,10 @@ from spherekit.conventions import Names
 from spherekit.errors import SolveError
 from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.angles import wrap
+from spherekit.positions.additional_freedoms import has_additional_freedoms
 from spherekit.positions.assembly_enumeration import (
     RANGE_ROUNDS,
+    can_find_all_modes,
     enumerate_assemblies,
     random_starts,
 )
@@ -298,6 +301,13 @@ def configuration_curves(
         claim = Completeness(
             Guarantee.SAMPLED, f"{failed} failed, the first: {search.problems[0]}"
         )
+    if search.surface_count:
+        found = counted(search.surface_count, "configuration")
+        claim = replace(
+            claim,
+            reason=f"{claim.reason}; {found} with additional freedoms were found, which "
+            "are no assembly modes of this motion",
+        )
     count_inputs, counts = np.array(search.mode_counts).reshape(-1, 2).T
     return Configurations(
         curves=tuple(
@@ -375,6 +385,9 @@ class _CurveSearch:
         of the curves.
     problems
         Sentences about what does not agree, and about curves that could not be followed.
+    surface_count
+        Number of configurations that are on no curve, because the mechanism has several
+        degrees of freedom at them and around them.
     """
 
     def __init__(
@@ -388,12 +401,15 @@ class _CurveSearch:
         self.curves: list[ArcCurve] = []
         self.mode_counts: list[tuple[float, int]] = []
         self.problems: list[str] = []
+        self.surface_count = 0
 
     def add_curves(self, values: Floats) -> None:
         """Follow the curves through some configurations, unless a known curve passes them.
 
-        Curves are appended to `curves`. Starts that cannot be followed become `problems`,
-        unless they are near the end of a curve at a crossing.
+        Curves are appended to `curves`. Starts that cannot be followed become `problems`.
+        There are two exceptions. Starts near the end of a curve at a crossing are left out.
+        Starts at which the mechanism has several degrees of freedom are only counted, in
+        `surface_count`, because no curve passes through them.
 
         Parameters
         ----------
@@ -424,7 +440,11 @@ class _CurveSearch:
                 for end in _crossing_ends([curve]):
                     distance = max_abs(curve.wrapped(start - end))
                     is_near_crossing |= bool(distance < UNCHECKED_CROSSING_DISTANCE_RAD)
-            if not is_near_crossing:
+            if is_near_crossing:
+                continue
+            if has_additional_freedoms(self.solver.closure, start):
+                self.surface_count += 1
+            else:
                 self.problems.append(message)
 
     def search_between_turning_points(
@@ -450,12 +470,15 @@ class _CurveSearch:
         The claim, how complete the curves are. If not all modes at an input can be
         computed, the search ends there, and the curves are only sampled.
         """
+        incomplete = Completeness(
+            Guarantee.SAMPLED, "no elimination finds all modes at an input"
+        )
+        if not can_find_all_modes(drive):
+            return incomplete
         for q in turning_points.probes(PROBE_STEP_RAD):
             configurations = enumerate_assemblies(drive, np.array([q]))
             if not configurations.is_complete:
-                return Completeness(
-                    Guarantee.SAMPLED, "no elimination finds all modes at an input"
-                )
+                return incomplete
             # If the pair that is driven here is the input of the mechanism, the numbers of
             # modes serve to check the curves later.
             if drive is self.solver:

@@ -20,6 +20,7 @@ from spherekit.planning.mobility import graph_mobility, inputs_to_declare
 from spherekit.positions.assembly_enumeration import (
     MAX_ASSEMBLY_MODES,
     RANGE_ROUNDS,
+    can_find_all_modes,
     enumerate_assemblies,
     group_signs,
     random_starts,
@@ -30,7 +31,6 @@ from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.positions.configuration_space import monotone_pieces
 from spherekit.positions.curve_continuation import MAX_CURVE_LENGTH_RAD, follow_arc
 from spherekit.positions.curve_crossing import Crossing
-from spherekit.positions.elimination_order import has_elimination
 from spherekit.positions.group_solutions import (
     CLOSED_FORM,
     RANDOM_SEARCH,
@@ -343,13 +343,7 @@ class ModesOverRange:
             # The input determines only some phases, or none: the wheels are free.
             if not solver.gear_phases.all_known:
                 return self._find_on_one_curve()
-        # Dyads and trains of wheels have closed forms. `wheel_trains` has the positions of
-        # the trains among the groups.
-        can_eliminate = all(
-            group.is_dyad or position in solver.wheel_trains or has_elimination(group)
-            for position, group in enumerate(self.groups)
-        )
-        if can_eliminate:
+        if can_find_all_modes(solver):
             # None if a polynomial could not be solved completely at one of the inputs.
             claim = self._find_by_elimination()
             if claim is not None:

@@ -57,6 +57,18 @@ def deviations(motion):
     return np.where(solution.status == Status.OK, deviation, np.nan)
 
 
+def closure_residuals(motion):
+    """Return by how much the loops of each row are open (rows,), in rad.
+
+    They are evaluated in 50 digits, at the input of the row and with the decimal sizes.
+    """
+    arithmetic = Digits(DIGITS)
+    with arithmetic.within(), np.errstate(all="ignore"):
+        linkage, _, start = _equations_and_start(motion)
+        _, residuals = linkage.place_links(start)
+        return np.max(np.abs(centre_floats(residuals)), axis=1)
+
+
 def deviations_with_free_inputs(motion):
     """Return how far variables and inputs are from the nearest closed configuration.
 
