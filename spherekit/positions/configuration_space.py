@@ -302,10 +302,10 @@ def configuration_curves(
             Guarantee.SAMPLED, f"{failed} failed, the first: {search.problems[0]}"
         )
     if search.surface_count:
-        found = counted(search.surface_count, "configuration")
+        configurations = counted(search.surface_count, "configuration")
         claim = replace(
             claim,
-            reason=f"{claim.reason}; {found} with additional freedoms were found, which "
+            reason=f"{claim.reason}; {configurations} with additional freedoms were found, which "
             "are no assembly modes of this motion",
         )
     count_inputs, counts = np.array(search.mode_counts).reshape(-1, 2).T
