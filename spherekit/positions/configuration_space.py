@@ -305,8 +305,8 @@ def configuration_curves(
         configurations = counted(search.surface_count, "configuration")
         claim = replace(
             claim,
-            reason=f"{claim.reason}; {configurations} with additional freedoms were found, which "
-            "are no assembly modes of this motion",
+            reason=f"{claim.reason}; {configurations} with additional freedoms were "
+            "found, which are no assembly modes of this motion",
         )
     count_inputs, counts = np.array(search.mode_counts).reshape(-1, 2).T
     return Configurations(
