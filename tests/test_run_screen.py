@@ -9,6 +9,7 @@ import pytest
 
 import spherekit as sk
 from spherekit.cli.main import main
+from spherekit.cli.motion_screen import describe_singularities
 from spherekit.errors import PluginError
 from spherekit.plugin import Findings, ScreenColumn, ScreenTable
 from spherekit.runs.motion_overview import MotionOverview
@@ -170,6 +171,30 @@ def test_a_path_of_several_inputs_says_where_it_is_singular(capsys):
     output = next(iter(plan.mechanism.outputs))
     for number, place in enumerate(places):
         assert abs(pointing_determinant(output, number, np.radians(place))) < 2e-3
+
+
+def test_a_mode_is_compared_with_itself_only():
+    """Ratios grow without bound where another mode ends, beside which all seem small."""
+
+    def mode(least, largest):
+        jacobian = {
+            "least_singular_value": least,
+            "largest_least_singular_value": largest,
+            "inputs_rad": [0.0],
+            "type_1_inputs_rad": [],
+            "further_type_1_places": 0,
+        }
+        return {"closes": [[0.0, 1.0]], "statuses": {}, "outputs": [{"jacobian": jacobian}]}
+
+    output = {"label": "4/1", "fixed_axis": False, "points": False}
+    overview = {"is_path": True, "outputs": [output]}
+    overview["modes"] = {"0": mode(0.1, 0.5), "1": mode(1.0, 100.0)}
+    summary = {"inputs": {"A": [0.0, 1.0]}, "overview": overview, "analyses": []}
+    (line,) = describe_singularities(summary)
+    assert line.startswith("No singularity of type I") and "mode 0 at A = 0 deg" in line
+    overview["modes"]["0"] = mode(0.001, 0.5)
+    (line,) = describe_singularities(summary)
+    assert line.startswith("A singularity of type I") and "is nearly met" in line
 
 
 def test_type_1_is_no_turn_of_the_input(capsys):

@@ -517,7 +517,7 @@ def _describe_type_1(summary: Any, number: int) -> Lines:
     always: list[int] = []
     places: dict[str, list[int]] = {}
     nearest: tuple[float, str, Any] | None = None
-    largest = 0.0  # of all least singular values
+    largest = 0.0  # of the least singular values of the nearest mode
     further = 0
     for mode, entry in overview["modes"].items():
         motion = entry["outputs"][number]
@@ -534,10 +534,10 @@ def _describe_type_1(summary: Any, number: int) -> Lines:
         further += max(len(texts) - MAX_LISTED_PLACES, 0)
         for text in dict.fromkeys(texts[:MAX_LISTED_PLACES]):
             places.setdefault(text, []).append(int(mode))
-        largest = max(largest, jacobian["largest_least_singular_value"])
         value = jacobian["least_singular_value"]
         if nearest is None or value < nearest[0]:
             nearest = (value, mode, jacobian["inputs_rad"])
+            largest = jacobian["largest_least_singular_value"]
     lines = []
     if always:
         lines.append(
