@@ -68,7 +68,7 @@ def test_a_table_of_a_quintic_polynomial_reproduces_it_between_its_times():
 @pytest.mark.parametrize("time", [-0.1, [0.0, 3.1], math.nan])
 def test_a_table_is_not_extrapolated(time):
     _, law = quintic_and_its_table()
-    with pytest.raises(ModelError, match=r"times from 0 to 3 s, but .* asked for"):
+    with pytest.raises(ModelError, match=r"times from 0 to 3 s, but .* are needed"):
         law.at(time)
 
 

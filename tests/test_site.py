@@ -321,7 +321,7 @@ def test_the_search_has_words_of_pages_and_all_public_names(site):
 def test_mechanisms_have_their_page_with_numbers_and_file(site):
     for name in SOME_MECHANISMS:
         text = (site / "generated" / "mechanisms" / f"{name}.html").read_text("utf-8")
-        for word in ("mobility", "assembly modes", "angle_unit", "■"):
+        for word in ("degrees of freedom", "assembly modes", "angle_unit", "■"):
             assert word in text, (name, word)
 
 

@@ -240,7 +240,7 @@ def test_profiles_that_curve_into_each_other_are_impossible():
     assert last_row["status"] == "IMPOSSIBLE"
     assert last_row["reason"] == (
         "roller_cam: pairs.contact: the profiles would cut into each other, or have equal "
-        "curvature; change the size of one"
+        "curvature; change the size of one profile"
     )
 
 
