@@ -190,7 +190,7 @@ def test_starts_that_cannot_be_followed(no_crank):
         follow_arc(closure, given, {2: (given[2] + 0.1, given[2] + 1.0)})
     with pytest.raises(SolveError, match="limits are close on both sides"):
         follow_arc(closure, given, {1: (given[1], given[1])})
-    with pytest.raises(SolveError, match="has to be finite"):
+    with pytest.raises(SolveError, match="is not finite"):
         follow_arc(closure, np.full(4, np.nan))
 
 

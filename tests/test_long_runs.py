@@ -387,7 +387,7 @@ def test_damaged_unfinished_work_is_refused(damage, words, tmp_path, capsys):
     with pytest.raises(KeyboardInterrupt):
         run_four_bar(tmp_path, progress=interrupt_after(2))
     damage(tmp_path / WORK)
-    with pytest.raises(OutputError, match=f"cannot go on.*{words}.*--restart"):
+    with pytest.raises(OutputError, match=f"cannot continue.*{words}.*--restart"):
         run_four_bar(tmp_path, unfinished="resume")
     options = ["-a", "poles:only=31", "--samples", "60", "-q", "-o", str(tmp_path)]
     assert main(["run", "four_bar", *options, "--restart"]) == 0
@@ -609,7 +609,7 @@ def test_an_analysis_of_all_samples_is_not_resumed(tmp_path):
 def test_an_analysis_of_all_samples_needs_memory_for_them(monkeypatch, capsys):
     """If memory (here 100 MB) is too small for all samples, the run is refused."""
     monkeypatch.setattr(resource_checks, "usable_memory", lambda: 10**8)
-    with pytest.raises(AnalysisError, match=r"words looks at all samples at once.* 100 MB"):
+    with pytest.raises(AnalysisError, match=r"words needs all samples at once.* 100 MB"):
         sk.run(sk.load("four_bar"), AnalysisOfAllSamples(), samples=50_000)
     assert main(["explain", "four_bar", "-a", "singularities", "-a", "eksergian"]) == 0
     printed = capsys.readouterr().out

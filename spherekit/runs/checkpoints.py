@@ -162,7 +162,7 @@ def checkpointing(
             reason = ""
             if run_plan.whole_analyses:
                 names = listing(run_plan.whole_analyses)
-                reason = f", since {names} looks at all samples at once"
+                reason = f", since {names} needs all samples at once"
             error.add_note(f"nothing was kept{reason}")
         raise
     if run_folder is not None:
