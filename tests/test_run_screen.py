@@ -2,7 +2,7 @@
 
 import json
 import re
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.cli.motion_screen import describe_singularities
 from spherekit.errors import PluginError
+from spherekit.mechanism.elements import Output
 from spherekit.plugin import Findings, ScreenColumn, ScreenTable
 from spherekit.runs.motion_overview import MotionOverview
 from spherekit.runs.result_checks import compute_findings
@@ -195,6 +196,25 @@ def test_a_mode_is_compared_with_itself_only():
     overview["modes"]["0"] = mode(0.001, 0.5)
     (line,) = describe_singularities(summary)
     assert line.startswith("A singularity of type I") and "is nearly met" in line
+
+
+def test_a_rate_that_jumps_at_a_singular_configuration_is_no_rest():
+    """The creases of a flat-foldable vertex turn back at the flat state, where the rates
+    have no limit: they are not zero on either side."""
+    vertex = sk.load("flat_foldable_vertex")
+    flat_in_the_middle = replace(
+        vertex.with_inputs("c1", ranges={"c1": (-40, 40)}, angle_unit="deg"),
+        outputs=(Output("facet", "s2", "s1"),),
+    )
+    result = sk.run(flat_in_the_middle, samples=9)
+    assert result.summary["status"] == {"OK": 16, "AT_SINGULARITY": 2}
+    motions = [mode["outputs"][0] for mode in result.summary["overview"]["modes"].values()]
+    lowest, highest = zip(
+        *[(motion["lowest_ratio"][0], motion["highest_ratio"][0]) for motion in motions],
+        strict=True,
+    )
+    assert min(lowest) < 0.0 < max(highest)
+    assert all(motion["rests"] == motion["uncertain_rests"] == [] for motion in motions)
 
 
 def test_type_1_is_no_turn_of_the_input(capsys):

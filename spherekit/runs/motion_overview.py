@@ -932,6 +932,10 @@ class _ExaminedRows:
         for before, after in zip(
             moving[reversals].tolist(), moving[reversals + 1].tolist(), strict=True
         ):
+            if np.isnan(rates[before:after]).any():
+                # A singular configuration is between both rows. The rate can jump there
+                # from one sign to the other without being zero.
+                continue
             share = rates[before] / (rates[before] - rates[after])
             distance = places[after] - places[before]
             place = float(places[before] + share * distance)
