@@ -118,7 +118,7 @@ class Eksergian(AbstractAnalysis):
                 ASSEMBLY_MODE,
                 INPUT,
                 Column("link", "", "name of the link", "text"),
-                Column("B", "kg m2", "part of this link in the equivalent inertia"),
+                Column("B", "kg m2", "contribution of this link to the equivalent inertia"),
                 Column(
                     "dB_dq",
                     "kg m2/rad",

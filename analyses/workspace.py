@@ -169,7 +169,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
                     SIZE_UNIT,
                     "area of directions, or volume of orientations (8 pi^2 for all)",
                 ),
-                Column("error", SIZE_UNIT, "upper bound of the error of size"),
+                Column("error", SIZE_UNIT, "upper bound of the error in the column size"),
                 Column(
                     "curves", "", "numbers of the border curves around the part", "text"
                 ),

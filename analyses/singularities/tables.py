@@ -113,8 +113,8 @@ RELATION = Table(
         Column(
             "form",
             "",
-            "form of the relation: i if y' is relative to the output's reference link, ii "
-            "if it is relative to the input's",
+            "form of the relation c y' = d q': i if the rate y' of the output is relative "
+            "to the reference link of the output, ii if relative to that of the input",
             "text",
         ),
         Column(

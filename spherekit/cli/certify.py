@@ -111,8 +111,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--cell",
         metavar="ANGLE",
         help=(
-            "with two inputs: largest side of the boxes of inputs in which the number of "
-            f"modes is proven (default: 0.01rad); {UNIT_RULE}"
+            "with two inputs: the number of modes is proven for small rectangles of "
+            f"inputs; this is their largest side (default: 0.01rad); {UNIT_RULE}"
         ),
     )
     parser.add_argument(

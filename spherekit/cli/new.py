@@ -57,11 +57,12 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--kind",
         choices=KINDS,
         help=(
-            "of a mechanism; four_bar (default): a crank drives a rocker, the links by "
-            "their arcs; posed: the same by the directions of its axes in one pose, as "
-            "measured; wrist: two inputs point an axis; cam: a cam moves a follower with a "
-            "roller; gears: bevel gears by their teeth; vertex: creases of folded paper "
-            "that meet in one point, by the sector angles between them"
+            "kind of mechanism; four_bar (default): a crank drives a rocker, and links are "
+            "given by their arcs; posed: a four-bar that is given by the directions of its "
+            "axes, as measured in one pose; wrist: two inputs point an axis; cam: a cam "
+            "moves a follower with a roller; gears: bevel gears, given by their numbers of "
+            "teeth; vertex: creases of folded paper that meet in one point, given by the "
+            "sector angles between them"
         ),
     )
     like_argument = exclusive.add_argument(
@@ -75,9 +76,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         type=angles_in_degrees,
         metavar="A,B,C,D[,...]",
         help=(
-            "with --kind vertex: the sector angles, counter-clockwise, in degrees; the "
-            "file drives all creases but three in a range that closes (default: "
-            "100,60,80,120)"
+            "with --kind vertex: the sector angles, counter-clockwise, in degrees "
+            "(default: 100,60,80,120). In the file, all creases but three are driven, over "
+            "ranges in which the vertex closes"
         ),
     )
 

@@ -69,8 +69,8 @@ def add_study_arguments(parser: ArgumentParser) -> None:
         type=sample_counts,
         help=(
             "number of samples over the range of the input (default: 361). With "
-            "several inputs, N samples on the straight path through their ranges, or "
-            "41x21 on a grid"
+            "several inputs, N gives N samples on the straight path through their ranges, "
+            "and NxM, such as 41x21, gives a grid"
         ),
     )
     add_input_argument(parser)

@@ -155,11 +155,11 @@ def execute(options: Namespace) -> int:
 
     if options.figures:
         if not options.output:
-            raise DesignError("--figures: give the folder to which they go, -o DIR")
+            raise DesignError("--figures needs an output folder; give -o DIR")
         # Imported here so that a missing library is reported before the sweep.
         import spherekit.display.figures.matplotlib_sdk  # noqa: F401
     if options.tables and not options.output:
-        raise DesignError("--tables: give the folder to which they go, -o DIR")
+        raise DesignError("--tables needs an output folder; give -o DIR")
     study = study_from(options)
     angle_unit = study.mechanism.angle_unit
     variations = []

@@ -107,10 +107,10 @@ def check_sizes_change_no_constants(varied: VariedMechanism) -> None:
             fixed_keys.append(variable.key)
     if fixed_keys:
         raise DesignError(
-            f"{mechanism.name}: {listing(fixed_keys)}: cannot be an argument, because "
-            "formulas contain profiles of contacts, and axes given by points, as fixed "
-            "numbers that would have to change; vary other numbers, and export one file "
-            "for each value of the named ones"
+            f"{mechanism.name}: {listing(fixed_keys)}: cannot be an argument. Formulas "
+            "contain profiles of contacts, and axes given by points, as fixed numbers, and "
+            "these depend on this key; export one file for each of its values, or use "
+            "other keys"
         )
 
 

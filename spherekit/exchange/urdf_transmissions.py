@@ -138,7 +138,7 @@ def read_transmissions(
             names = listing(joint.name for joint in joints)
             notes.append(
                 f"transmission {name} of type {kind} is not known: its joints {names} are "
-                "taken as driven one by one"
+                "read as driven each on its own"
             )
         # Each joint has its own actuator. One that is missing turns as far as the joint.
         for number, joint in enumerate(joints):
@@ -328,9 +328,9 @@ def _find_inner_joint(
             return inner
     names = listing(joint.name for joint in joints)
     raise FileError(
-        f"{where}: it drives joints {names} together, but neither of them is on the link "
-        "that the other one turns, so no bevel wheels couple them. Take the transmission "
-        "out of a copy of the file; the joints are then driven one by one"
+        f"{where}: the transmission couples joints {names}, but neither of them is on the "
+        "link that the other one turns, so no bevel wheels can couple them. Remove the "
+        "transmission from a copy of the file; each joint is then driven on its own"
     )
 
 

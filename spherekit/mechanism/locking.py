@@ -299,10 +299,10 @@ def _is_at_reference_value(
     rolling = [contact.name for contact in mechanism.pairs if contact.rolls]
     if rolling:
         raise ModelError(
-            f"{where} has {reference_value:.6g} rad in the reference pose, not {value:.6g} "
-            f"rad: at another angle the file does not determine how far {rolling[0]} has "
-            "rolled; lock the pair at its angle in the reference pose, or give the "
-            "mechanism by arcs and angles"
+            f"{where} is locked at {value:.6g} rad, but is at {reference_value:.6g} rad in "
+            f"the reference pose. The file does not determine how far {rolling[0]} has "
+            "rolled between both; lock the pair at its angle in the reference pose, or "
+            "define the mechanism by arcs and angles"
         )
     return False
 

@@ -151,7 +151,7 @@ def read_archive(
                 raise FileError(
                     f"{where}: has version {header.get('version')} of the format, but "
                     f"spherekit {__version__} reads version {archive_format.version}; "
-                    "create the file again with this spherekit"
+                    "create the file again with this version of spherekit"
                 )
             arrays = {item: archive[item] for item in archive.files if item != "header"}
         return construct(_lists_to_tuples(header), arrays)

@@ -58,7 +58,7 @@ def served(recording: Path | str) -> Iterator[str]:
         if not wait_for_port(process, page_port):
             raise OutputError(
                 f"the viewer's web page did not answer at http://{HOST}:{page_port}/; "
-                "`spherekit view X.rrd` opens a window, with --png it takes a picture"
+                "use `spherekit view X.rrd` to open a window, with --png to save a picture"
             )
         source = quote(f"rerun+http://{HOST}:{data_port}/proxy", safe="")
         yield f"http://{HOST}:{page_port}?url={source}"
