@@ -292,7 +292,7 @@ class Eksergian(AbstractAnalysis):
         terms = np.abs(solution.Q).reshape(len(batch)) + np.abs(solution.B * batch.ddq)
         largest_term = np.max(terms, initial=0.0, where=np.isfinite(terms))
         input_torque[np.abs(input_torque) <= ZERO_TORQUE_RATIO * largest_term] = 0.0
-        torque = np.abs(self._torque_at_pair(batch, input_torque))
+        torque = self._torque_at_pair(batch, input_torque)
         worst_row = int(np.nanargmax(batch.closure_conditioning))
         summary: dict[str, Any] = {
             "largest_conditioning": float(batch.closure_conditioning[worst_row]),
@@ -316,7 +316,7 @@ class Eksergian(AbstractAnalysis):
         )
         torques = [summary["torque"] for summary in summaries if "torque" in summary]
         if torques:
-            largest = max(torques, key=lambda record: record[LARGEST_DRIVING_TORQUE])
+            largest = max(torques, key=lambda record: abs(record[LARGEST_DRIVING_TORQUE]))
             worst = {**worst, "torque": largest}
         return _make_findings(worst)
 

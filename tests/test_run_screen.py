@@ -127,7 +127,7 @@ def test_results_come_first_and_bookkeeping_with_verbose(capsys):
     lines = printed.splitlines()
     assert lines[0] == "four_bar: input 21 from 0 to 360 deg, 361 samples"
     assert lines[1] == "  2 assembly modes, both exist over the whole range: 0 (p1), 1 (p0)"
-    row = r"1 \(p0\) +46.52 to 117.82 +71.3 +-0.8084 to 0.5333 .* 27.81, 227.91"
+    row = r"1 \(p0\) +46.52 to 117.82 +71.29 +-0.8084 to 0.5333 .* 27.81, 227.91"
     assert re.search(row, printed)
     assert "Files: no tables saved; add -o DIR" in printed
     assert "mobility" not in printed and "cost" not in printed and "dyad" not in printed

@@ -332,11 +332,13 @@ def output_words(output: Any) -> str:
 
 
 def _swing_text(motion: Any) -> str:
-    """Return the width (deg) of the range of an angle, as printed in its cell."""
-    low, high = (
-        round(math.degrees(motion[key]), 2) for key in ("lowest_rad", "highest_rad")
-    )
-    return degrees_text(math.radians(high - low))
+    """Return the width (deg) of the range of an angle.
+
+    It can differ by one in the last digit from the difference of the printed ends, which
+    are rounded too.
+    """
+    swing_deg = math.degrees(motion["highest_rad"] - motion["lowest_rad"])
+    return degrees_text(math.radians(round(swing_deg, 2)))
 
 
 def _ratio_text(ratio: float) -> str:
