@@ -440,7 +440,7 @@ def evaluate(
     --------
     >>> import numpy as np
     >>> import spherekit as sk
-    >>> here = sk.evaluate("four_bar", 0.7, poles=["4/1"], assembly_mode=0)
+    >>> here = sk.evaluate("four_bar", 0.7, assembly_mode=0)
     >>> round(float(here.velocity_coefficient("4/1")), 4), here.direction("3/1").shape
     (-0.7657, (3,))
     >>> turn = sk.evaluate("four_bar", np.linspace(0.0, 2.0 * np.pi, 50), assembly_mode=0)
