@@ -443,7 +443,9 @@ def test_a_part_that_ends_every_worker_is_told(machines, tmp_path):
 def test_a_worker_without_spherekit_is_told(machines, tmp_path):
     machines.start_scheduler()
     machines.start_worker(LACKING)
-    with pytest.raises(DesignError, match="cannot load the sweep .*install the same packages"):
+    with pytest.raises(
+        DesignError, match="cannot load the sweep .*install the same packages"
+    ):
         sweep_on_cluster(tmp_path / "designs", machines.address)
 
 
