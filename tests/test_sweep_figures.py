@@ -54,7 +54,7 @@ def test_the_command_draws_figures_into_the_folder(tmp_path, capsys):
     command = ["sweep", "four_bar", "--vary", "links.2.arc=10:20:3", "--samples", "31"]
     command += ["--reduce", SWING, "--workers", "1", "--figures"]
     assert main(command) == 1
-    assert "--figures: give the folder" in capsys.readouterr().err
+    assert "--figures needs an output folder" in capsys.readouterr().err
     assert main([*command, "-o", str(tmp_path / "designs")]) == 0
     assert "1 figure in" in capsys.readouterr().out
     (picture,) = (tmp_path / "designs" / "_figures").iterdir()

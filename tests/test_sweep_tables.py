@@ -252,7 +252,7 @@ def test_the_command_writes_tables_and_prints_their_folder(tmp_path, capsys):
     command = ["sweep", "four_bar", "--vary", "links.2.arc=20,25", "--samples", "5"]
     command += ["-a", "poles", "--tables"]
     assert main(command) == 1
-    assert "--tables: give the folder" in capsys.readouterr().err
+    assert "--tables needs an output folder" in capsys.readouterr().err
     assert main([*command, "-o", str(tmp_path), "--workers", "1"]) == 0
     printed = capsys.readouterr().out
     assert str(tmp_path / "tables" / "poles") in printed
