@@ -593,10 +593,6 @@ NEXT_PICTURE = """() => new Promise(done =>
   requestAnimationFrame(() => requestAnimationFrame(() => done(null))))"""
 
 
-@pytest.mark.xfail(
-    strict=False,
-    reason="this test still indexes the results of a single configuration",
-)
 @pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("case", SPRING_CASES)
@@ -622,9 +618,9 @@ def test_springs_count_turns_as_inverse_dynamics_does(open_page, case):
             tab.evaluate(f"spherekit.change('mode', {{mode: {mode}, q: [{q!r}]}})")
             tab.evaluate(NEXT_PICTURE)  # wait until the page is drawn with the new input
             shown = float(tab.get_attribute("td[data-name=torque]", "data-value") or "nan")
-            rows = sk.evaluate(mechanism, q, poles=[], assembly_mode=number)
+            row = sk.evaluate(mechanism, q, poles=[], assembly_mode=number)
             if not np.isfinite(shown):
-                assert rows.status[0] != sk.Status.OK
+                assert row.status != sk.Status.OK
                 continue
             laws = {input_pair: sk.ConstantSpeed(1.0, q)}
             result = sk.inverse_dynamics(mechanism, laws, [0.0], assembly_mode=number)

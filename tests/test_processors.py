@@ -47,10 +47,6 @@ def test_numpy_uses_no_special_features_of_the_processor_in_that_environment():
     assert process.stdout.strip() == "[]"
 
 
-@pytest.mark.xfail(
-    strict=False,
-    reason="this test still expects an earlier text or the earlier path of five_bar",
-)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("names", "chosen"),

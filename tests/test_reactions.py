@@ -264,10 +264,6 @@ def test_a_contact_lifts_off_where_the_torque_alone_accelerates_the_follower(
     assert FOLLOWER_INERTIA * acceleration == pytest.approx(PRESSING_TORQUE, rel=1e-4)
 
 
-@pytest.mark.xfail(
-    strict=False,
-    reason="this test still expects an earlier text or the earlier path of five_bar",
-)
 @pytest.mark.slow
 def test_the_summary_of_a_run_states_when_a_contact_lifts_off(lift_off_simulation):
     """The run states the same time of lift-off as `sk.simulate` with a small tolerance.
@@ -279,7 +275,7 @@ def test_the_summary_of_a_run_states_when_a_contact_lifts_off(lift_off_simulatio
     run = sk.run(
         one_sided_cam(),
         "dynamics",
-        start="q=0.5,dq=18",
+        start="q=0.5rad,dq=18rad/s",
         duration=30.0,
         samples=61,
         engine="numpy",

@@ -122,10 +122,6 @@ def test_worker_processes_end_with_their_sweep(number, tmp_path):
         assert {path.name for path in files} == {"_sweep.json", ".sweep.lock"}
 
 
-@pytest.mark.xfail(
-    strict=False,
-    reason="this test still expects an earlier text or the earlier path of five_bar",
-)
 @pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize(
@@ -135,7 +131,7 @@ def test_worker_processes_end_with_their_sweep(number, tmp_path):
         ("mechanisms", ">/dev/full", 1, "standard output cannot be written: No space"),
         ("mechanisms", "| true", 0, ""),
         ("mechanisms", "<&- >&- 2>&-", 0, ""),
-        ("run four_bar --samples 3 -o out", ">/dev/full", 1, "6 files in out"),
+        ("run four_bar --samples 3 -o out", ">/dev/full", 1, "cannot be written: No space"),
         ("validate /dev/stdin", "<four_bar.toml >&-", 0, ""),
         ("validate <(cat four_bar.toml)", ">&-", 0, ""),
         ("validate /dev/stdin", "< <(yes)", 1, "at most 4194304"),

@@ -88,7 +88,7 @@ def compute_figures(mechanism, mode, pair, pole):
         "swing": np.degrees(swing),
         # An input at 0 is the same as at 360 deg.
         "place": np.degrees(q[np.nanargmax(rate)]) % 360.0,
-        "there": np.sin(at_100_deg.variable(pair))[0],
+        "there": np.sin(at_100_deg.variable(pair)),
     }
 
 
@@ -100,10 +100,6 @@ CASES = [
 """Mechanism, varied numbers, pair and link of the figures; None varies all arcs."""
 
 
-@pytest.mark.xfail(
-    strict=False,
-    reason="this test still indexes the results of a single configuration",
-)
 @pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("name, keys, pair, link", CASES)
