@@ -172,6 +172,24 @@ def test_a_new_vertex_closes_in_its_whole_range_in_both_modes(sectors, tmp_path)
             assert frame == pytest.approx(np.eye(3), abs=1e-12)
 
 
+@pytest.mark.parametrize("crease_count", range(4, 10))
+def test_the_output_of_a_new_vertex_moves_with_every_driven_crease(crease_count, tmp_path):
+    """Each driven crease is turned alone by a small angle, and the output must move."""
+    sectors = np.resize([50.0, 40.0, 60.0], crease_count)
+    path = write_vertex(tmp_path, ",".join(f"{angle:g}" for angle in sectors))
+    mechanism = sk.load(path)
+    (output,) = mechanism.outputs
+    angles = np.array([(item.start + item.stop) / 2.0 for item in mechanism.inputs])
+    turned = [angles, *(angles + 1e-3 * np.eye(len(angles)))]
+    poses = []
+    for values in turned:
+        rotation = sk.evaluate(mechanism, values, assembly_mode=0).rotation(output.link)
+        is_pointed = output.direction is not None
+        poses.append(rotation @ output.direction if is_pointed else rotation)
+    for pose in poses[1:]:
+        assert np.abs(pose - poses[0]).max() > 1e-5
+
+
 def about_x(angle):
     """Return the matrix of a rotation about the x axis by an angle (rad)."""
     c, s = np.cos(angle), np.sin(angle)

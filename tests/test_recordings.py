@@ -340,6 +340,18 @@ def test_a_screenshot_that_cannot_be_written_is_refused(tmp_path, capsys):
     assert "x.png" in capsys.readouterr().err
 
 
+def test_view_says_which_picture_it_wrote(tmp_path, capsys, monkeypatch):
+    """The picture itself needs a graphics driver, so it is not drawn here."""
+    recorded(tmp_path / "b.rrd", "four_bar", "poles:only=31", samples=3)
+    module = "spherekit.display.rerun.screenshot.screenshot"
+    monkeypatch.setattr(module, lambda *arguments, **options: None)
+    picture = str(tmp_path / "x.png")
+    assert main(["view", str(tmp_path / "b.rrd"), "--png", picture]) == 0
+    assert f"Files: {picture}" in capsys.readouterr().err
+    assert main(["view", str(tmp_path / "b.rrd"), "--png", picture, "-q"]) == 0
+    assert capsys.readouterr().err == ""
+
+
 def test_a_folder_says_which_recording_it_took(tmp_path, capsys):
     for age, name in enumerate(("old.rrd", "new.rrd")):
         path = tmp_path / name

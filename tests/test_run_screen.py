@@ -11,7 +11,9 @@ import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.cli.motion_screen import describe_singularities
 from spherekit.errors import PluginError
+from spherekit.files.mechanism_writer import dumps
 from spherekit.mechanism.elements import Output
+from spherekit.mechanism.load_kinds import JointLimit
 from spherekit.plugin import Findings, ScreenColumn, ScreenTable
 from spherekit.runs.motion_overview import MotionOverview
 from spherekit.runs.result_checks import compute_findings
@@ -256,6 +258,24 @@ def test_a_simulation_says_events_end_error_and_energy(capsys):
     assert "2 events: all links stop and turn back at t (s) = 0.2533, 1.688" in printed
     assert "Accuracy: simulation to" in printed and "energy to" in printed
     assert "expected" not in printed and "engine" not in printed
+
+
+def test_a_run_says_which_joint_limits_it_does_not_apply(capsys, tmp_path):
+    """Limits of an input that contain its range need no line, as its angles are known."""
+    limits = (JointLimit("21", -0.1, 6.4), JointLimit("41", -2.0, 2.0))
+    path = tmp_path / "limited.toml"
+    path.write_text(dumps(replace(sk.load("four_bar"), joint_limits=limits)), "utf-8")
+    line = (
+        "This run does not apply the joint limit of 41 (-114.592 to 114.592 deg); "
+        "only a simulation (--start) ends at joint limits."
+    )
+    assert line in print_run(capsys, path)
+    narrow = (JointLimit("21", 0.5, 1.0), limits[1])
+    path.write_text(dumps(replace(sk.load("four_bar"), joint_limits=narrow)), "utf-8")
+    assert "joint limits of 21 (" in print_run(capsys, path)
+    motion = ["--start", "q=0.6rad,dq=1rad/s", "--duration", 0.1]
+    assert "not apply" not in print_run(capsys, path, "-a", "eksergian", *motion)
+    assert "not apply" not in print_run(capsys, "four_bar")
 
 
 @pytest.mark.slow

@@ -27,6 +27,9 @@ MAX_LISTED_MEETINGS = 6
 MAX_LISTED_EVENTS = 4
 """Number of events of a simulation that are printed; the table of events has all."""
 
+MAX_LISTED_LIMITS = 4
+"""Number of joint limits that are printed; the mechanism file has all."""
+
 MIN_STAGE_SHARE = 0.005
 """Share of the time of a run below which a stage is not printed."""
 
@@ -161,6 +164,7 @@ def _results(summary: Any) -> list[str | ScreenTable]:
         if table is not None:
             results.append(table)
             results += table_notes(summary, table)
+        results += _describe_unapplied_limits(summary)
     if "verified" in summary:
         from spherekit.runs.verification_text import format_verification
 
@@ -244,6 +248,24 @@ def _describe_unexpected_mobility(summary: Any) -> Lines:
     return [
         f"Over-constrained: mobility {mobility['rank']} by the rank of the velocity "
         f"equations, {mobility['graph']} by the numbers of links and pairs{constraints}."
+    ]
+
+
+def _describe_unapplied_limits(summary: Any) -> Lines:
+    """Return a line if the file has joint limits that this run does not apply.
+
+    Without it, the range of an output would be taken as reachable.
+    """
+    texts = [
+        f"{pair} ({degree_range_text(low, high)} deg)"
+        for pair, (low, high) in summary.get("unapplied_joint_limits_rad", {}).items()
+    ]
+    if not texts:
+        return []
+    noun = "joint limit" if len(texts) == 1 else "joint limits"
+    return [
+        f"This run does not apply the {noun} of {listing(texts, MAX_LISTED_LIMITS)}; "
+        "only a simulation (--start) ends at joint limits."
     ]
 
 

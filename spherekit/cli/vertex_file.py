@@ -87,17 +87,24 @@ def vertex_text(sectors_deg: Sequence[float]) -> str:
         f"to = {sign * fold_range.high:.1f}"
         for k, sign in enumerate(fold_range.signs, 1)
     ]
-    output_number = n // 2 + 1
-    output = f'[outputs.opposite]\nlink = "s{output_number}"'
+    # Only the sectors s(n - 2) and s(n - 1), which crease c(n - 1) joins, move with every
+    # driven crease: sn moves only with c1, and the sectors before s(n - 2) do not move with
+    # c1. Up to seven creases, the sector used is also opposite to s1.
+    output_number = max(n // 2 + 1, n - 2)
+    output_name = "opposite" if n <= 7 else "sector"
+    output = f'[outputs.{output_name}]\nlink = "s{output_number}"'
     if len(inputs) == 2:
-        # Two inputs determine only a direction of the output.
-        output += f'\naxis = "c{output_number}"   # the crease that is pointed with'
+        # Two inputs determine only a direction of the output. Of the two creases of sector
+        # s(n - 2), crease c(n - 2) does not move with c1.
+        output += f'\naxis = "c{n - 1}"   # the crease that is pointed with'
     replacements = {
         "@DEGREE@": str(n),
         "@LINKS@": "\n".join(links),
         "@PAIRS@": "\n".join(pairs),
         "@INPUTS@": "\n\n".join(inputs),
         "@OUTPUT@": output,
+        "@BEFORE@": str(n - 2),
+        "@LAST@": str(n - 1),
         "@MIDDLE@": f"c{n - 1}",
         "@MARGIN@": str(FOLD_MARGIN_DEG),
         "@TOGETHER@": " while all inputs fold together" if len(inputs) > 1 else "",

@@ -169,6 +169,7 @@ def _show_recording(path: Path, options: Namespace) -> int:
         view="3D" if options.only_3d else "all",
         front=options.front or (),
     )
+    note(options, f"Files: {options.png}")
     return 0
 
 

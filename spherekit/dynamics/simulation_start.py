@@ -23,6 +23,7 @@ from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.load import TorqueFunction, TorqueTable
 from spherekit.mechanism.load_kinds import DRIVE_LOAD_NAME, PairTorque
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.number_text import degree_range_text, degrees_text
 from spherekit.planning.assembly_plan import driven_at
 from spherekit.positions.loop_closure import Closure
 from spherekit.positions.loop_tree import rank_mobility
@@ -524,8 +525,10 @@ def _check_joint_limits(mechanism: Mechanism, values: Floats) -> None:
         value = values[variable_of(mechanism, limit.pair)]
         if not limit.low <= value <= limit.high:
             raise SolveError(
-                f"{mechanism.name}: pair {limit.pair} starts at {value:.6g} rad, outside "
-                f"its joint limits {limit.low:.6g} to {limit.high:.6g} rad"
+                f"{mechanism.name}: pair {limit.pair} starts at {degrees_text(value)} deg "
+                f"({value:.6g} rad), outside its joint limits "
+                f"{degree_range_text(limit.low, limit.high)} deg "
+                f"({limit.low:.6g} to {limit.high:.6g} rad)"
             )
 
 

@@ -26,6 +26,7 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import pair_frames
 from spherekit.mechanism.sizes import to_radians
 from spherekit.mechanism.sizes_from_frames import sizes_from_frames
+from spherekit.number_text import degree_range_text, degrees_text
 from spherekit.quantity import AngleUnit
 from spherekit.wording import listing
 
@@ -285,8 +286,9 @@ def _is_at_reference_value(
     for limit in mechanism.joint_limits:
         if limit.pair == pair.name and not limit.low <= value <= limit.high:
             raise ModelError(
-                f"{where}: {value:.6g} rad is outside its joint limits, {limit.low:.6g} to "
-                f"{limit.high:.6g} rad"
+                f"{where}: {degrees_text(value)} deg ({value:.6g} rad) is outside its "
+                f"joint limits, {degree_range_text(limit.low, limit.high)} deg "
+                f"({limit.low:.6g} to {limit.high:.6g} rad)"
             )
     # Only a mechanism given in a reference pose has a value that is kept.
     if isinstance(mechanism.geometry, SizeGeometry):

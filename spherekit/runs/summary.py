@@ -9,6 +9,7 @@ import numpy as np
 
 from spherekit.conventions import Facts
 from spherekit.files.mechanism_writer import mechanism_hash
+from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.mobility import graph_mobility
 from spherekit.runs.completeness_text import describe_completeness
 from spherekit.runs.contract import Findings
@@ -116,7 +117,30 @@ def summarize_run(run_plan: RunPlan, run_state: RunState) -> Facts:
         "warnings": warnings,
         "motion_warnings": list(sampling.warnings),
         "has_masses": bool(mechanism.masses),
+        "unapplied_joint_limits_rad": _unapplied_joint_limits(mechanism, sampling),
     }
+
+
+def _unapplied_joint_limits(
+    mechanism: Mechanism, sampling: Sampling
+) -> dict[str, list[float]]:
+    """Return the joint limits (rad), by pair, that the motion of a run can exceed.
+
+    Only a simulation ends at joint limits. Another run can exceed the limits of an input if
+    its range is wider, and those of every other pair, whose angles are not compared with
+    them.
+    """
+    if sampling.simulation is not None:
+        return {}
+    input_ranges = dict(
+        zip(sampling.position_analysis.inputs, sampling.extents[0].T.tolist(), strict=True)
+    )
+    limits = {}
+    for limit in mechanism.joint_limits:
+        input_range = input_ranges.get(limit.pair, [-np.inf, np.inf])
+        if min(input_range) < limit.low or max(input_range) > limit.high:
+            limits[limit.pair] = [limit.low, limit.high]
+    return limits
 
 
 def _mode_meetings(sampling: Sampling) -> list[Facts]:
