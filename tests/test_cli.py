@@ -15,8 +15,8 @@ from oracles.lecture_table import LECTURE_TABLE
 
 import spherekit as sk
 from spherekit import progress
-from spherekit.cli import run_report
 from spherekit.cli.main import main
+from spherekit.cli.progress_bar import make_sample_reporter
 from spherekit.cli.run_report import duration
 from spherekit.errors import ModelError
 
@@ -231,7 +231,7 @@ def test_progress_says_how_long_the_rest_will_take(monkeypatch):
     monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
     reports = []
     with progress.progress_listener(reports.append):
-        show = run_report.progress()  # reads the clock once
+        show = make_sample_reporter()  # reads the clock once
         for done in (200, 300, 1000):
             show(done, 1000)
     assert [report.text for report in reports] == [

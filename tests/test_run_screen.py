@@ -9,7 +9,7 @@ import pytest
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.cli.motion_screen import describe_singularities
+from spherekit.cli.singularity_text import describe_singularities
 from spherekit.errors import PluginError
 from spherekit.files.mechanism_writer import dumps
 from spherekit.mechanism.elements import Output

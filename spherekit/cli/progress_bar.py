@@ -6,12 +6,12 @@ Progress is written to stderr, so that results on stdout can be redirected.
 import sys
 import time
 from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from spherekit.escaping import terminal_text
-from spherekit.progress import ProgressReport, remaining_time_text
+from spherekit.progress import ProgressReport, ProgressReporter, remaining_time_text
 
 if TYPE_CHECKING:
     from rich.progress import Progress, Task
@@ -140,3 +140,18 @@ def progress_on_screen(options: Namespace) -> Iterator[None]:
             yield
     finally:
         _bar.hide()
+
+
+def make_sample_reporter() -> Callable[[int, int], None]:
+    """Return a function that reports the progress of a run from time to time.
+
+    The returned function is called with the number of finished samples and the number of
+    all samples.
+    """
+    reporter = ProgressReporter("computing")
+
+    def report_samples(done: int, total: int) -> None:
+        """Report how many samples of the total are done, and how long the rest takes."""
+        reporter.report_if_due(lambda: f"{done} of {total} samples", done, total)
+
+    return report_samples

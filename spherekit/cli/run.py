@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 from spherekit.cli.argument_types import number, row_count, whole_number
 from spherekit.cli.completers import complete_analyses, set_completer
 from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES, note, print_json, say
-from spherekit.cli.run_report import RunOutput, make_report, progress
+from spherekit.cli.progress_bar import make_sample_reporter
+from spherekit.cli.run_report import RunOutput, make_report
 from spherekit.cli.study_arguments import (
     add_study_arguments,
     add_time_arguments,
@@ -295,7 +296,7 @@ def _run_and_report(
             tables=options.prove,
             recorder=collector or recorder,
             log_every=options.log_every,
-            progress=progress(),
+            progress=make_sample_reporter(),
             **choice,
         )
         figures = ""

@@ -1,23 +1,18 @@
-"""The report of a run for the screen, and the progress that is printed during a run."""
+"""The report of a run for the screen: results first, then warnings, files and cost."""
 
 import math
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from spherekit.cli.motion_screen import (
-    PlaceText,
-    describe_modes,
-    describe_singularities,
-    number_list,
-    output_table,
-    table_notes,
-)
+from spherekit.cli.mode_text import describe_modes, number_list
+from spherekit.cli.motion_screen import output_table, table_notes
+from spherekit.cli.place_text import PlaceText
 from spherekit.cli.screen_report import ScreenReport
+from spherekit.cli.singularity_text import describe_singularities
 from spherekit.conventions import Lines
 from spherekit.number_text import degree_range_text, degrees_text, number_text
-from spherekit.progress import ProgressReporter
 from spherekit.tables.screen_table import ScreenTable
 from spherekit.wording import counted, listing, numbered, size_text
 
@@ -54,6 +49,16 @@ EVENT_TEXTS = {
     "lift_off": "lift-off of {pair}",
 }
 """Words for the kinds of events of a simulation."""
+
+ERROR_TEXTS = (
+    ("largest_configuration_error_rad", "positions to {} rad"),
+    ("largest_direction_error_bound_rad", "pole axes to {} rad"),
+    ("largest_velocity_coefficient_error_bound", "velocity ratios to {}"),
+)
+"""For each error bound on the screen: its key in ``errors_reached``, and its format."""
+
+MAX_NEXT_STEPS = 3
+"""Number of commands that are suggested."""
 
 
 @dataclass(frozen=True)
@@ -410,14 +415,6 @@ def _cause(status: str, summary: Any) -> str:
     return "the links cannot be assembled at these inputs; change the range or the arcs"
 
 
-ERROR_TEXTS = (
-    ("largest_configuration_error_rad", "positions to {} rad"),
-    ("largest_direction_error_bound_rad", "pole axes to {} rad"),
-    ("largest_velocity_coefficient_error_bound", "velocity ratios to {}"),
-)
-"""For each error bound on the screen: its key in ``errors_reached``, and its format."""
-
-
 def _accuracy(summary: Any) -> str:
     """Return one line on the accuracy of the results."""
     errors = summary["errors_reached"]
@@ -488,10 +485,6 @@ def _files(summary: Any, output: RunOutput) -> str:
             "another number)"
         )
     return "; ".join(parts)
-
-
-MAX_NEXT_STEPS = 3
-"""Number of commands that are suggested."""
 
 
 def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
@@ -636,18 +629,3 @@ def accuracy_line(choice: Any) -> str:
     # Neither a trade nor check rows: no analysis computes anything whose error depends on
     # the setting.
     return f"{line}; nothing that depends on samples was asked for"
-
-
-def progress() -> Callable[[int, int], None]:
-    """Return a function that prints progress from time to time.
-
-    The returned function is called with the number of samples done and the number of all
-    samples.
-    """
-    reporter = ProgressReporter("computing")
-
-    def print_progress(done: int, total: int) -> None:
-        """Print how many samples of the total are done, and how long the rest takes."""
-        reporter.report_if_due(lambda: f"{done} of {total} samples", done, total)
-
-    return print_progress

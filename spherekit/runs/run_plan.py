@@ -25,8 +25,8 @@ from spherekit.runs.batch_runner import BatchRunner
 from spherekit.runs.contract import AbstractAnalysis, Analyses
 from spherekit.runs.declaration_checks import check_needs
 from spherekit.runs.evaluation_options import ORDINARY, Setting
-from spherekit.runs.motion_overview import OverviewPlan
 from spherekit.runs.needs import Needs
+from spherekit.runs.overview_plan import OverviewPlan
 from spherekit.runs.resource_checks import need_memory
 from spherekit.runs.result_checks import compute_checked_tables
 from spherekit.runs.run_identity import code_identity

@@ -13,7 +13,7 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.mobility import graph_mobility
 from spherekit.runs.completeness_text import describe_completeness
 from spherekit.runs.contract import Findings
-from spherekit.runs.motion_overview import summarize_overview
+from spherekit.runs.overview_summary import summarize_overview
 from spherekit.runs.run_cost import RECORDING, Timer, count_evaluations
 from spherekit.runs.run_plan import RunPlan
 from spherekit.runs.run_result import tables_by_file_stem

@@ -1,0 +1,273 @@
+"""Where an assembly mode closes and how far each output moves in it, block after block.
+
+These records are part of the state of a run. Their size does not grow with the number of
+samples.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any, Self
+
+import numpy as np
+
+from spherekit.arrays import Floats, SmallIntegers
+from spherekit.conventions import Facts
+from spherekit.status import Status
+
+MAX_SPANS = 32
+"""Number of entries that each list of an overview has at most.
+
+The lists are the spans of samples with one status, and for each output the places of rest,
+the uncertain ones, and the places of type I singularities. Further entries are counted
+only. Larger: more of them are listed, and the state of a run is larger.
+"""
+
+SAME_VALUE = 1e-9
+"""Minima that differ by less are equal, and the first of them is reported.
+
+The minima are those of transmission angles (rad), transmission measures and singular
+values. Larger: places of minima are less accurate; smaller: rounding errors choose among
+equal minima.
+"""
+
+
+@dataclass
+class OutputOverview:
+    """How an output moves in one assembly mode.
+
+    Places are those of `OverviewPlan.places`: the time (s), the first input (rad) or the
+    number of a sample.
+
+    Attributes
+    ----------
+    lowest_rad, highest_rad
+        Range of the angle of the output. An output without a fixed axis has the range of
+        the angle by which it has turned from its first pose, which begins at 0.
+    lowest_ratio, highest_ratio
+        For each input the range of the velocity ratio: rate of the angle per unit rate of
+        the input. For outputs without a fixed axis it is the magnitude of the velocity.
+        In a simulation there is one entry, the rate in rad/s.
+    rests
+        Places at which the rate of the output changes its sign.
+    uncertain_rests
+        Places of two samples, between which the rate changes its sign. They are too far
+        apart to interpolate where it does.
+    further_rests
+        Number of places of rest that are in neither list.
+    transmission
+        The least transmission measure and its place, None if it is not computed. The
+        measure is 0 at singularities of type II, and 1 at best.
+    gain
+        The least and the largest of the smallest singular values that the velocity
+        Jacobian of the output has at the samples, in the order: least, its place, largest.
+        They are 0 at singularities of type I. None if no sample has a known Jacobian.
+    type_1_places
+        Places between samples at which the determinant of a square Jacobian changes its
+        sign.
+    further_type_1_places
+        Number of such places that are not listed.
+    last_determinant
+        The place, the determinant and the sense (see `add_determinants`) of the last
+        examined row, None if it has no determinant. The next block needs it.
+    first_pose
+        The first rotation (9,), direction (3,) or angle (1,), from which the following
+        rows are measured. None for an angle along a path.
+    last_row
+        The last examined row of a path, which the next block needs: place, angle (rad),
+        rate, inputs (rad) and velocity ratios, with None in place of NaN. If the output
+        rests in this row, place and rate are those of the last row before in which it
+        moves. None instead of a row for outputs without a fixed axis, on a grid, and if the
+        last row has no configuration.
+    """
+
+    lowest_rad: float | None = None
+    highest_rad: float | None = None
+    lowest_ratio: list[float | None] = field(default_factory=list)
+    highest_ratio: list[float | None] = field(default_factory=list)
+    rests: list[float] = field(default_factory=list)
+    uncertain_rests: list[list[float]] = field(default_factory=list)
+    further_rests: int = 0
+    transmission: list[float] | None = None
+    gain: list[float] | None = None
+    type_1_places: list[float] = field(default_factory=list)
+    further_type_1_places: int = 0
+    last_determinant: list[float] | None = None
+    first_pose: list[float] | None = None
+    last_row: list[float | None] | None = None
+
+    def widen_angle(self, angles: Floats) -> None:
+        """Extend the range of the angle by further angles (rad)."""
+        finite = angles[np.isfinite(angles)]
+        if len(finite):
+            low, high = float(np.min(finite)), float(np.max(finite))
+            self.lowest_rad = low if self.lowest_rad is None else min(self.lowest_rad, low)
+            self.highest_rad = (
+                high if self.highest_rad is None else max(self.highest_rad, high)
+            )
+
+    def widen_ratios(self, ratios: Floats) -> None:
+        """Extend the range of the velocity ratio of each input.
+
+        Parameters
+        ----------
+        ratios
+            (n, inputs) further velocity ratios, or (n, 1) rates (rad/s) in a simulation.
+            Values that are not finite are left out.
+        """
+        if not self.lowest_ratio:
+            self.lowest_ratio = [None] * ratios.shape[1]
+            self.highest_ratio = [None] * ratios.shape[1]
+        for number, column in enumerate(ratios.T):
+            finite = column[np.isfinite(column)]
+            if not len(finite):
+                continue
+            low, high = float(np.min(finite)), float(np.max(finite))
+            earlier_low = self.lowest_ratio[number]
+            earlier_high = self.highest_ratio[number]
+            self.lowest_ratio[number] = (
+                low if earlier_low is None else min(earlier_low, low)
+            )
+            self.highest_ratio[number] = (
+                high if earlier_high is None else max(earlier_high, high)
+            )
+
+    def add_uncertain_rest(self, first: float, last: float) -> None:
+        """Note the places of two samples between which the output comes to rest."""
+        if len(self.uncertain_rests) < MAX_SPANS:
+            self.uncertain_rests.append([first, last])
+        else:
+            self.further_rests += 1
+
+    def add_rest(self, place: float) -> None:
+        """Note a place at which the output comes to rest."""
+        if len(self.rests) < MAX_SPANS:
+            self.rests.append(place)
+        else:
+            self.further_rests += 1
+
+    def add_gains(self, gains: Floats, places: Floats) -> None:
+        """Extend the range of the smallest singular value of the Jacobian.
+
+        Parameters
+        ----------
+        gains
+            (m,) smallest singular value in each row, NaN in rows without one.
+        places
+            (m,) places of the samples.
+        """
+        if not np.any(np.isfinite(gains)):
+            return
+        row = first_minimum(gains)
+        least, largest = float(gains[row]), float(np.nanmax(gains))
+        if self.gain is None:
+            self.gain = [least, float(places[row]), largest]
+            return
+        if least < self.gain[0]:
+            self.gain[:2] = [least, float(places[row])]
+        self.gain[2] = max(self.gain[2], largest)
+
+    def add_determinants(
+        self, determinants: Floats, senses: Floats, places: Floats
+    ) -> None:
+        """Note where determinants of successive rows change their sign.
+
+        Parameters
+        ----------
+        determinants
+            (m,) determinants, NaN in rows without one. No sign change is looked for across
+            such rows.
+        senses
+            (m,) sign of the product of the rates of all inputs in a simulation, otherwise
+            0. No sign change is looked for between rows of different senses.
+        places
+            (m,) places of the samples.
+        """
+        if not len(determinants):
+            return
+        if self.last_determinant is not None:
+            place, determinant, sense = self.last_determinant
+            places = np.append(place, places)
+            determinants = np.append(determinant, determinants)
+            senses = np.append(sense, senses)
+        has_other_sign = determinants[1:] * determinants[:-1] < 0.0
+        changes = np.flatnonzero(has_other_sign & (senses[1:] == senses[:-1]))
+        for row in changes.tolist():
+            before, after = determinants[row], determinants[row + 1]
+            share = before / (before - after)
+            place = float(places[row] + share * (places[row + 1] - places[row]))
+            if len(self.type_1_places) < MAX_SPANS:
+                self.type_1_places.append(place)
+            else:
+                self.further_type_1_places += 1
+        is_known = bool(np.isfinite(determinants[-1]))
+        last = [float(places[-1]), float(determinants[-1]), float(senses[-1])]
+        self.last_determinant = last if is_known else None
+
+
+@dataclass
+class ModeOverview:
+    """Where an assembly mode closes, and how its outputs move.
+
+    A mode closes at a sample if its links can be assembled there.
+
+    Attributes
+    ----------
+    spans
+        Spans of successive samples with the same status, by the name of the status: the
+        numbers of the first and the last sample. At most `MAX_SPANS` are stored for each
+        status.
+    unlisted_spans
+        Number of the spans that are not stored, by status.
+    transmission
+        The least transmission angle (rad), the middle pair of its dyad, and the place. None
+        if no dyad has one.
+    outputs
+        The overview of each output.
+    """
+
+    spans: dict[str, list[list[int]]] = field(default_factory=dict)
+    unlisted_spans: dict[str, int] = field(default_factory=dict)
+    transmission: list[Any] | None = None
+    outputs: list[OutputOverview] = field(default_factory=list)
+
+    @classmethod
+    def from_json(cls, entries: Facts) -> Self:
+        """Return the overview of a mode from the data of `dataclasses.asdict`."""
+        outputs = [OutputOverview(**output) for output in entries["outputs"]]
+        return cls(**(entries | {"outputs": outputs}))
+
+    def add_status(self, codes: SmallIntegers, first_sample: int) -> None:
+        """Add the statuses of successive samples to the spans.
+
+        Parameters
+        ----------
+        codes
+            (n,) status codes of the samples.
+        first_sample
+            Number of the first of these samples.
+        """
+        if not len(codes):
+            return
+        changes = np.flatnonzero(codes[1:] != codes[:-1]) + 1
+        starts = [0, *changes.tolist()]
+        stops = [*changes.tolist(), len(codes)]
+        for start, stop in zip(starts, stops, strict=True):
+            name = Status(int(codes[start])).name
+            spans = self.spans.setdefault(name, [])
+            first, last = first_sample + start, first_sample + stop - 1
+            if spans and spans[-1][1] == first - 1:
+                spans[-1][1] = last
+            elif len(spans) < MAX_SPANS:
+                spans.append([first, last])
+            else:
+                self.unlisted_spans[name] = self.unlisted_spans.get(name, 0) + 1
+
+
+def first_minimum(values: Floats) -> int:
+    """Return the first row whose value is the least one, up to `SAME_VALUE`.
+
+    Parameters
+    ----------
+    values
+        (m,) values, NaN in rows without one. At least one is finite.
+    """
+    return int(np.flatnonzero(values <= np.nanmin(values) + SAME_VALUE)[0])

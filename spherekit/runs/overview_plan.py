@@ -1,0 +1,214 @@
+"""What the overview of the motion of a run examines: which outputs, and at which samples.
+
+`motion_overview.py` has the overview, which is accumulated according to this plan.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.mechanism.elements import Output
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.runs.sampling import Sampling
+from spherekit.velocities.transmission_measure import Transmission
+
+MAX_OVERVIEW_SAMPLES = 721
+"""Number of samples at which outputs are examined, for half a degree of a turn each.
+
+Runs with at most so many samples examine all of them. A longer run examines samples at
+equal distances, and its last one.
+
+Larger: narrow extremes are met more often, and long runs take more time.
+"""
+
+
+@dataclass(frozen=True)
+class ExaminedOutput:
+    """An output whose motion the overview examines: a link, or a direction on it.
+
+    Attributes
+    ----------
+    name
+        Its name in the file; empty if it has none besides its links.
+    label
+        Its name for the screen: that in the file, and its links such as ``4/1``.
+    link, reference
+        Numbers of the link that moves, and of the link relative to which it moves.
+    variable
+        Number of the variable of the pair that joins both links. None without such a pair,
+        and for directions.
+    sense
+        +1 if this variable is the angle of the link relative to the reference, and -1 if
+        it is that of the reference relative to the link.
+    direction
+        (3,) the direction in which the output points, in the axes of its link. None if
+        the output is the orientation of the link.
+    """
+
+    name: str
+    label: str
+    link: int
+    reference: int
+    variable: int | None
+    sense: float
+    direction: tuple[float, float, float] | None
+
+
+def examined_outputs(mechanism: Mechanism) -> tuple[ExaminedOutput, ...]:
+    """Return the outputs whose motion is examined.
+
+    They are the outputs that the file declares. Without any they are the links that a pair
+    joins to the ground, otherwise all links, seen from the ground. The relative motion of
+    the two links of an input pair is left out.
+    """
+    input_ends = [
+        set(mechanism.ends[mechanism.pair_number[pair]]) for pair in mechanism.input_pairs
+    ]
+    number = mechanism.link_number
+    outputs = [
+        _examined_output(mechanism, output)
+        for output in mechanism.outputs
+        if {number[output.link], number[output.relative_to]} not in input_ends
+    ]
+    if outputs:
+        return tuple(outputs)
+    # The ground is link 0, so the larger number is that of the other link.
+    links = [max(ends) for ends in mechanism.ends if 0 in ends]
+    candidates = [link for link in dict.fromkeys(links) if {0, link} not in input_ends]
+    if not candidates:
+        candidates = [
+            link for link in range(1, len(mechanism.links)) if {0, link} not in input_ends
+        ]
+    return tuple(
+        _examined_output(mechanism, Output("", mechanism.links[link], mechanism.ground))
+        for link in candidates
+    )
+
+
+def _examined_output(mechanism: Mechanism, output: Output) -> ExaminedOutput:
+    """Return an output with its text for the screen, and with its numbers of links."""
+    link = mechanism.link_number[output.link]
+    reference = mechanism.link_number[output.relative_to]
+    variable = (
+        None if output.direction is not None else mechanism.angle_between(link, reference)
+    )
+    sense = 1.0
+    if variable is not None:
+        _, second_link = mechanism.ends[mechanism.variable_owners[variable]]
+        sense = 1.0 if second_link == link else -1.0
+    label = f"{output.link}/{output.relative_to}"
+    has_name = output.name not in ("", output.link)
+    direction = output.direction
+    return ExaminedOutput(
+        name=output.name if has_name else "",
+        label=f"{output.name} {label}" if has_name else label,
+        link=link,
+        reference=reference,
+        variable=variable,
+        sense=sense,
+        direction=None
+        if direction is None
+        else (float(direction[0]), float(direction[1]), float(direction[2])),
+    )
+
+
+@dataclass(frozen=True)
+class OverviewPlan:
+    """What an overview examines, and the place of each sample.
+
+    The place identifies a sample for the user. It is the time, the value of the first
+    input or the number of the sample, see `place_kind`.
+
+    Attributes
+    ----------
+    sampling
+        The samples and the assembly modes of the run.
+    """
+
+    sampling: Sampling
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The mechanism, with the inputs of the run."""
+        return self.sampling.position_analysis.mechanism
+
+    @cached_property
+    def outputs(self) -> tuple[ExaminedOutput, ...]:
+        """The outputs whose motion is examined."""
+        return examined_outputs(self.mechanism)
+
+    @cached_property
+    def dyads(self) -> list[tuple[str, tuple[int, int, int]]]:
+        """Name of the middle pair of each dyad, and its pairs: outer, middle, outer."""
+        dyads = []
+        for group in self.sampling.position_analysis.assembly.groups:
+            if group.is_dyad:
+                first, middle, last = (group.pairs[k] for k in group.dyad_positions)
+                dyads.append((self.mechanism.pairs[middle].name, (first, middle, last)))
+        return dyads
+
+    @cached_property
+    def transmissions(self) -> list[Transmission] | None:
+        """The transmission measure of each output, None if all groups are dyads.
+
+        The transmission angle takes its place for dyads, since designers know it.
+        """
+        groups = self.sampling.position_analysis.assembly.groups
+        if all(group.is_dyad for group in groups):
+            return None
+        links = self.mechanism.links
+        return [
+            Transmission.from_mechanism(
+                self.mechanism,
+                Output(
+                    output.label,
+                    links[output.link],
+                    links[output.reference],
+                    output.direction,
+                ),
+            )
+            for output in self.outputs
+        ]
+
+    @cached_property
+    def step(self) -> int:
+        """Distance of successive examined samples, as a difference of their numbers."""
+        return -(-len(self.sampling) // MAX_OVERVIEW_SAMPLES)
+
+    @cached_property
+    def is_path(self) -> bool:
+        """Whether successive samples are neighbours on a path."""
+        return len(self.sampling.shape) == 1
+
+    @cached_property
+    def place_kind(self) -> str:
+        """What the place of a sample is: ``time``, ``input`` (the first) or ``sample``.
+
+        It is the first input if this rises or falls along all samples of a path.
+        """
+        if self.sampling.is_over_time:
+            return "time"
+        first_input = self.sampling.inputs[:, 0]
+        steps = np.diff(first_input)
+        is_monotonic = bool(np.all(steps > 0.0) or np.all(steps < 0.0))
+        if self.is_path and len(first_input) > 1 and is_monotonic:
+            return "input"
+        return "sample"
+
+    @cached_property
+    def places(self) -> Floats:
+        """(k,) the time (s), the first input (rad) or the number of each sample."""
+        if self.place_kind == "time":
+            times = self.sampling.t
+            assert times is not None
+            return times
+        if self.place_kind == "input":
+            return self.sampling.inputs[:, 0]
+        return np.arange(float(len(self.sampling)))
+
+    @property
+    def moves_over_time(self) -> bool:
+        """Whether speeds are examined instead of velocity ratios, as in simulations."""
+        return self.sampling.simulation is not None

@@ -1,0 +1,163 @@
+"""The overview of the motion of a run, as ``summary.json`` stores it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from spherekit.conventions import Facts
+from spherekit.runs.mode_overview import OutputOverview
+from spherekit.runs.motion_overview import MotionOverview
+from spherekit.runs.overview_plan import OverviewPlan
+from spherekit.status import Status
+
+
+def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
+    """Return the overview for the summary of a run.
+
+    Parameters
+    ----------
+    overview
+        The overview of all blocks. Rows that still wait are examined first.
+    plan
+        What was examined.
+
+    Returns
+    -------
+    A mapping with these keys:
+
+    - ``place``: what identifies a sample (time, first input or number), its name and unit.
+    - ``place_range``: the places of the first and the last sample.
+    - ``is_path``: whether successive samples are neighbours on a path.
+    - ``examined_samples``: at how many samples outputs were examined.
+    - ``ratio``: unit of the entries that end with ``_ratio``; empty for velocity ratios.
+    - ``outputs``: their labels, links and whether they turn about a fixed axis.
+    - ``modes``: for each mode by number the places between which it closes, those of
+      other statuses, the least transmission angle, and for each output the range of its
+      angle, its velocity ratios, the least transmission measure, how near it is to
+      singularities of type I, and where it comes to rest.
+    """
+    overview.examine_pending(plan)
+    mechanism = plan.mechanism
+    places = plan.places
+    names: dict[str, tuple[str, str]] = {
+        "time": ("t", "s"),
+        "input": (mechanism.input_pairs[0], "rad"),
+        "sample": ("sample", ""),
+    }
+    place_name, place_unit = names[plan.place_kind]
+
+    def place_spans(spans: Sequence[Sequence[int]]) -> list[list[float]]:
+        """Return spans of samples by the places of their first and last samples."""
+        return [[float(places[first]), float(places[last])] for first, last in spans]
+
+    sample_count = len(places)
+    modes = {}
+    for number, mode in overview.modes.items():
+        transmission = None
+        if mode.transmission is not None:
+            angle, pair, place = mode.transmission
+            transmission = {"angle_rad": angle, "pair": pair, "place": place}
+            transmission["inputs_rad"] = _inputs_at(plan, place)
+        closing = _join_spans(
+            [
+                *mode.spans.get(Status.OK.name, ()),
+                *mode.spans.get(Status.AT_SINGULARITY.name, ()),
+            ]
+        )
+        modes[number] = {
+            "closes": place_spans(closing),
+            "closes_everywhere": closing == [[0, sample_count - 1]],
+            "statuses": {
+                name: place_spans(spans)
+                for name, spans in mode.spans.items()
+                if name != Status.OK.name
+            },
+            "unlisted_spans": mode.unlisted_spans,
+            "least_transmission": transmission,
+            "outputs": [
+                {
+                    "lowest_rad": output.lowest_rad,
+                    "highest_rad": output.highest_rad,
+                    "lowest_ratio": output.lowest_ratio,
+                    "highest_ratio": output.highest_ratio,
+                    "rests": output.rests,
+                    "uncertain_rests": output.uncertain_rests,
+                    "further_rests": output.further_rests,
+                    "least_transmission_measure": output.transmission,
+                    "inputs_of_least_measure_rad": (
+                        None
+                        if output.transmission is None
+                        else _inputs_at(plan, output.transmission[1])
+                    ),
+                    "jacobian": _summarize_jacobian(plan, output),
+                }
+                for output in mode.outputs
+            ],
+        }
+    return {
+        "place": {"kind": plan.place_kind, "name": place_name, "unit": place_unit},
+        "place_range": [float(places[0]), float(places[-1])] if sample_count else [],
+        "is_path": plan.is_path,
+        "examined_samples": len(range(0, sample_count, plan.step)),
+        "ratio": "rad/s" if plan.moves_over_time else "",
+        "outputs": [
+            {
+                "name": output.name,
+                "label": output.label,
+                "link": mechanism.links[output.link],
+                "relative_to": mechanism.links[output.reference],
+                "fixed_axis": output.variable is not None,
+                "points": output.direction is not None,
+            }
+            for output in plan.outputs
+        ],
+        "modes": modes,
+    }
+
+
+def _summarize_jacobian(plan: OverviewPlan, output: OutputOverview) -> Facts | None:
+    """Return how near an output comes to singularities of type I, None if it is unknown.
+
+    The entries are the range of the smallest singular value of its velocity Jacobian, and
+    the places at which the determinant of the Jacobian changes its sign.
+    """
+    if output.gain is None:
+        return None
+    least, place, largest = output.gain
+    return {
+        "least_singular_value": least,
+        "largest_least_singular_value": largest,
+        "place": place,
+        "inputs_rad": _inputs_at(plan, place),
+        "type_1_places": output.type_1_places,
+        "type_1_inputs_rad": [_inputs_at(plan, place) for place in output.type_1_places],
+        "further_type_1_places": output.further_type_1_places,
+    }
+
+
+def _inputs_at(plan: OverviewPlan, place: float) -> list[float]:
+    """Return the inputs (rad) at a place.
+
+    They are interpolated between samples of a path. On a grid the place is the number of a
+    sample.
+    """
+    if not plan.is_path:
+        values: list[float] = plan.sampling.inputs[round(place)].tolist()
+        return values
+    places = plan.places
+    order = slice(None) if places[-1] >= places[0] else slice(None, None, -1)
+    return [
+        float(np.interp(place, places[order], column[order]))
+        for column in plan.sampling.inputs.T
+    ]
+
+
+def _join_spans(spans: Sequence[Sequence[int]]) -> list[list[int]]:
+    """Return spans of samples in ascending order, with adjacent spans joined."""
+    joined: list[list[int]] = []
+    for first, last in sorted(map(tuple, spans)):
+        if joined and first <= joined[-1][1] + 1:
+            joined[-1][1] = max(joined[-1][1], last)
+        else:
+            joined.append([first, last])
+    return joined

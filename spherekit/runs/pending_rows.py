@@ -1,0 +1,126 @@
+"""Rows of a motion that wait until the overview of the run examines them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from spherekit.arrays import Floats, Indices, Integers, SmallIntegers
+from spherekit.conventions import Facts
+from spherekit.positions.motion import Motion
+from spherekit.positions.timing import Timing
+
+
+@dataclass
+class PendingRows:
+    """Rows of a motion that are not examined yet, at the same samples in all modes.
+
+    Attributes
+    ----------
+    sample
+        (k,) numbers of the samples.
+    inputs, values, status
+        (modes, k, ...) inputs and variables (rad), and status codes.
+    times
+        (3, modes, k, inputs) time (s), rate (rad/s) and acceleration (rad/s^2) of each
+        input; the time is the same for all inputs. None for a motion without times.
+    """
+
+    sample: Integers
+    inputs: Floats
+    values: Floats
+    status: SmallIntegers
+    times: Floats | None
+
+    @classmethod
+    def from_motion(cls, motion: Motion, examined: Indices) -> Self:
+        """Return the rows of some samples of a block.
+
+        Parameters
+        ----------
+        motion
+            The configurations of the block.
+        examined
+            (k,) positions of the samples in the block.
+        """
+        mode_count = len(motion.assembly_modes)
+        shape = (mode_count, len(examined))
+        # The rows are picked out first: a reshaped array could be a copy of the block.
+        first_rows = motion.samples * np.arange(mode_count)
+        rows = (first_rows[:, None] + examined).ravel()
+        times = None
+        if motion.timing is not None:
+            timing = motion.timing
+            dq = timing.dq[rows]
+            t = np.broadcast_to(timing.t[rows, None], dq.shape)
+            times = np.stack([x.reshape(*shape, -1) for x in (t, dq, timing.ddq[rows])])
+        return cls(
+            motion.sample[examined],
+            motion.inputs[rows].reshape(*shape, -1),
+            motion.values[rows].reshape(*shape, -1),
+            motion.status[rows].reshape(shape),
+            times,
+        )
+
+    @classmethod
+    def join(cls, parts: Sequence[Self]) -> Self:
+        """Return the rows of several parts as one, in the order of their samples."""
+        times = [part.times for part in parts if part.times is not None]
+        return cls(
+            np.concatenate([part.sample for part in parts]),
+            np.concatenate([part.inputs for part in parts], axis=1),
+            np.concatenate([part.values for part in parts], axis=1),
+            np.concatenate([part.status for part in parts], axis=1),
+            np.concatenate(times, axis=2) if times else None,
+        )
+
+    def to_motion(self, motion: Motion) -> Motion:
+        """Return the rows as a motion, so that they can be examined.
+
+        Parameters
+        ----------
+        motion
+            Any motion of the mechanism in the same assembly modes. All that does not depend
+            on the rows is taken from it.
+        """
+        modes, k = self.status.shape
+        row_count = modes * k
+        timing = None
+        if self.times is not None:
+            t, dq, ddq = self.times.reshape(3, row_count, -1)
+            timing = Timing(t[:, 0], dq, ddq)
+        numbers = [mode.number for mode in motion.assembly_modes]
+        return replace(
+            motion,
+            samples=k,
+            sample=np.tile(self.sample, modes),
+            assembly_mode=np.repeat(numbers, k),
+            inputs=self.inputs.reshape(row_count, -1),
+            values=self.values.reshape(row_count, -1),
+            status=self.status.ravel(),
+            residual=np.zeros(row_count),
+            placed=None,
+            timing=timing,
+            sense=None,
+            singular_error=None,
+        )
+
+    def to_json(self) -> Facts:
+        """Return the rows ready for JSON."""
+        return {
+            name: None if array is None else array.tolist()
+            for name, array in vars(self).items()
+        }
+
+    @classmethod
+    def from_json(cls, entries: Facts) -> Self:
+        """Return the rows from the data of `to_json`."""
+        times = entries["times"]
+        return cls(
+            np.array(entries["sample"], dtype=int),
+            np.array(entries["inputs"], dtype=float),
+            np.array(entries["values"], dtype=float),
+            np.array(entries["status"], dtype=np.int8),
+            None if times is None else np.array(times, dtype=float),
+        )
