@@ -67,15 +67,14 @@ class WorkspaceAnalysis(AbstractAnalysis):
         Largest relative error of the area or volume. With 0 it is 1e-4 for the area of
         directions and 1e-2 for the volume of orientations.
     pose
-        Poses of which the analysis reports whether they are inside of the workspace. A pose
-        is written ``name=number+name=number``, with one of these sets of names:
-
-        - ``x``, ``y``, ``z`` or ``azimuth``, ``tilt`` of a direction,
-        - ``azimuth``, ``tilt``, ``torsion``, a quaternion ``qx``, ``qy``, ``qz``, ``qw`` or
-          a rotation vector ``rx``, ``ry``, ``rz`` of an orientation,
-        - ``phi``, ``gamma``, the angles of the plane about which base and output link are
-          mirror images of each other, in a mid-plane symmetric architecture,
-        - all driven pairs: the pose at these inputs is meant.
+        Poses of which the analysis reports whether they are inside the workspace. A pose is
+        written ``name=number+name=number``. A direction has the names ``x``, ``y``, ``z``,
+        or ``azimuth``, ``tilt``. An orientation has the names ``azimuth``, ``tilt``,
+        ``torsion``, those of a quaternion ``qx``, ``qy``, ``qz``, ``qw``, or those of a
+        rotation vector ``rx``, ``ry``, ``rz``. In a mid-plane symmetric architecture, a
+        pose can also have the names ``phi``, ``gamma``, the angles of the plane about which
+        base and output link are mirror images of each other. With the names of all driven
+        pairs, the pose at these inputs is meant.
     """
 
     name = "workspace"

@@ -1,12 +1,10 @@
 """Parameters, tables and sources of every shipped analysis, from its class."""
 
-import inspect
 from collections.abc import Iterator
 from dataclasses import MISSING
 
-from numpydoc.docscrape import NumpyDocString
-
 from spherekit.runs.contract import AbstractAnalysis
+from spherekit.runs.parameter_meanings import parameter_meanings
 from spherekit.runs.parameter_text import describe_parameters
 from spherekit.runs.registry import analysis_names, load_analysis
 from spherekit.tables.table import Column
@@ -53,18 +51,6 @@ def _names(column: Column) -> str:
     if column.per_passive:
         return "the name of each variable of the passive pairs"
     return f"`{column.name}`"
-
-
-def parameter_meanings(cls: type[AbstractAnalysis]) -> dict[str, str]:
-    """Return the meaning of each parameter of an analysis, from its docstring."""
-    docstring = NumpyDocString(inspect.getdoc(cls) or "")
-    meanings = {}
-    for section in ("Parameters", "Attributes"):
-        for parameter in docstring[section]:
-            text = " ".join(" ".join(parameter.desc).split())
-            for name in parameter.name.split(","):
-                meanings[name.strip()] = text
-    return meanings
 
 
 def _cell(text: str) -> str:

@@ -27,7 +27,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "analysis",
         nargs="?",
         metavar="ANALYSIS",
-        help="print parameters, tables and columns of this analysis",
+        help="print parameters with their meaning, tables and columns of this analysis",
     )
     set_completer(analysis_argument, complete_analyses)
     parser.add_argument(
@@ -80,16 +80,19 @@ def execute(options: Namespace) -> int:
 
 def _describe(options: Namespace) -> int:
     """Print version, parameters and tables of one analysis; return the exit status 0."""
+    from spherekit.runs.parameter_meanings import parameter_meanings, plain_meaning
     from spherekit.runs.parameter_text import describe_parameters
     from spherekit.runs.registry import load_analysis
 
     cls = load_analysis(options.analysis)
     allowed = describe_parameters(cls)  # allowed values and default, by parameter
+    meanings = {key: plain_meaning(text) for key, text in parameter_meanings(cls).items()}
     if options.json:
         facts = {key: getattr(cls, key) for key in ("name", "version", "summary", "cites")}
         facts["parameters"] = {
             key: parameter.type_text for key, parameter in allowed.items()
         }
+        facts["parameter_meanings"] = {key: meanings.get(key, "") for key in allowed}
         facts["tables"] = {
             table.name: [
                 {key: getattr(column, key) for key in ("name", "unit", "meaning")}
@@ -105,9 +108,15 @@ def _describe(options: Namespace) -> int:
                 ScreenColumn("parameter"),
                 ScreenColumn("values"),
                 ScreenColumn("default"),
+                ScreenColumn("meaning"),
             ),
             rows=tuple(
-                (key, parameter.type_text, _default_text(parameter))
+                (
+                    key,
+                    parameter.type_text,
+                    _default_text(parameter),
+                    meanings.get(key, ""),
+                )
                 for key, parameter in allowed.items()
             ),
             title="Parameters, written -a " + f"{cls.name}:NAME=VALUE,...",

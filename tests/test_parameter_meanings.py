@@ -1,0 +1,69 @@
+"""The meaning of each parameter of an analysis, on the screen and on the site."""
+
+import inspect
+import json
+
+import pytest
+
+from spherekit.cli.main import main
+from spherekit.runs.parameter_meanings import parameter_meanings, plain_meaning
+from spherekit.runs.parameter_text import describe_parameters
+from spherekit.runs.registry import analysis_names, load_analysis
+
+
+@pytest.mark.parametrize("name", analysis_names())
+def test_every_parameter_has_the_meaning_that_numpydoc_reads(name):
+    """Every parameter has a meaning. numpydoc, another reader, finds the same ones."""
+    docscrape = pytest.importorskip("numpydoc.docscrape")
+    analysis_class = load_analysis(name)
+    meanings = parameter_meanings(analysis_class)
+    assert meanings.keys() >= describe_parameters(analysis_class).keys()
+    assert all(meanings.values())
+
+    docstring = docscrape.NumpyDocString(inspect.getdoc(analysis_class))
+    entries = [*docstring["Parameters"], *docstring["Attributes"]]
+    expected = {
+        one_name.strip(): " ".join(" ".join(entry.desc).split())
+        for entry in entries
+        for one_name in entry.name.split(",")
+    }
+    assert meanings == expected
+
+
+def test_the_command_prints_the_meanings_of_parameters(capsys):
+    assert main(["analyses", "poles"]) == 0
+    printed = capsys.readouterr().out
+    assert "Poles to compute, such as 31+42. By default all." in printed
+
+    assert main(["analyses", "poles", "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["parameter_meanings"].keys() == facts["parameters"].keys()
+    assert facts["parameter_meanings"]["only"].startswith("Poles to compute")
+
+
+def test_two_parameters_can_share_a_meaning():
+    """A section of another kind ends them, and code has no marks on the screen."""
+
+    class Example:
+        """Example.
+
+        Attributes
+        ----------
+        low, high
+            Ends of the range of `low`
+            to ``high``.
+        other : float
+            Another one.
+
+        Notes
+        -----
+        third
+            No parameter.
+        """
+
+    assert parameter_meanings(Example) == {
+        "low": "Ends of the range of `low` to ``high``.",
+        "high": "Ends of the range of `low` to ``high``.",
+        "other": "Another one.",
+    }
+    assert plain_meaning("of `low` to ``high``.") == "of low to high."
