@@ -532,7 +532,9 @@ def _direction_derivative(reference: ExactRows, pole: Pole, direction: Array) ->
     joining_pair = mechanism.pole_pairs.get(pole)
     if joining_pair is not None and mechanism.pairs[joining_pair].kind.has_axis:
         link = mechanism.ends[joining_pair][0]
-        return np.cross(centre_floats(reference.w[:, link]), centre_floats(direction))
+        # The product is computed in balls and rounded afterwards: if the axis rests,
+        # products of rounded factors would not cancel, and the run's bound may be 0.
+        return centre_floats(np.cross(reference.w[:, link], direction))
     v = _relative_vector(reference.w, pole)
     # `slopes` are the derivatives of w by the input.
     dv = _relative_vector(reference.slopes, pole)
