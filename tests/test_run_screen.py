@@ -6,9 +6,11 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from helpers.source_files import ROOT
 
 import spherekit as sk
 from spherekit.cli.main import main
+from spherekit.cli.motion_screen import output_table, table_notes
 from spherekit.cli.singularity_text import describe_singularities
 from spherekit.errors import PluginError
 from spherekit.files.mechanism_writer import dumps
@@ -74,8 +76,120 @@ def test_the_least_transmission_angle_is_that_of_the_dyad():
         np.sin(sides[1]) * np.sin(sides[2])
     )
     expected = np.arccos(abs(cosine))
-    assert mode["least_transmission"]["angle_rad"] == pytest.approx(expected, abs=1e-12)
-    assert mode["least_transmission"]["place"] == 0.0
+    (output,) = mode["outputs"]
+    for least in (output["least_transmission"], mode["least_transmission"]):
+        assert least["angle_rad"] == pytest.approx(expected, abs=1e-12)
+        assert least["place"] == 0.0
+        assert least["pair"] == "43"
+
+
+LAST_DYADS = {
+    "four_bar": ("32", "43", "41"),
+    "watt": ("45", "56", "16"),
+    "stephenson": ("35", "56", "16"),
+}
+"""The dyad that places the output, by hand: an outer pair, the middle one, the other."""
+
+
+def transmission_by_cosines(mechanism, pairs, samples):
+    """Return the transmission angle (rad) of a dyad in each assembly mode.
+
+    It is the angle at the middle pair of the triangle whose sides are the arcs of the two
+    links and the distance of the outer axes, by the law of cosines.
+
+    Returns
+    -------
+    (modes, samples) angles, NaN where the mode does not close.
+    """
+    motion = sk.trace(mechanism, samples=samples)
+    sides = []
+    first, middle, last = (mechanism.pair_number[pair] for pair in pairs)
+    for ends in ((first, middle), (middle, last), (first, last)):
+        product = np.sum(motion.axes[:, ends[0]] * motion.axes[:, ends[1]], axis=1)
+        sides.append(np.arccos(np.clip(product, -1.0, 1.0)))
+    a, b, distance = sides
+    cosine = (np.cos(distance) - np.cos(a) * np.cos(b)) / (np.sin(a) * np.sin(b))
+    angles = np.arccos(np.minimum(np.abs(cosine), 1.0))
+    return angles.reshape(len(motion.assembly_modes), -1)
+
+
+def random_watt(tmp_path, seed):
+    """Return a Watt six-bar whose arcs are those of the shipped one up to 6 degrees."""
+    generator = np.random.default_rng(seed)
+    text = (ROOT / "mechanisms" / "watt.toml").read_text("utf-8")
+
+    def vary(match):
+        """Return the arcs of a link, each changed at random."""
+        arcs = [float(arc) for arc in match[1].split(",")]
+        changed = [arc + generator.uniform(-6.0, 6.0) for arc in arcs]
+        return f"arcs = {changed}"
+
+    path = tmp_path / "random.toml"
+    path.write_text(re.sub(r"arcs = \[(.*)\]", vary, text), "utf-8")
+    return sk.load(path)
+
+
+@pytest.mark.parametrize("name", [*LAST_DYADS, 1, 2, 3])
+def test_each_output_has_the_transmission_angle_of_the_dyad_that_places_it(name, tmp_path):
+    """The run, the analysis and its table agree with the law of cosines."""
+    if isinstance(name, str):
+        mechanism, pairs = sk.load(name), LAST_DYADS[name]
+    else:
+        mechanism, pairs = random_watt(tmp_path, name), LAST_DYADS["watt"]
+    expected = transmission_by_cosines(mechanism, pairs, 91)
+    result = sk.run(mechanism, "singularities", samples=91)
+    relation = result.frame("singularities", "relation").query("form == 'i'")
+    modes = result.summary["overview"]["modes"]
+    for mode, angles in zip(modes.values(), expected, strict=True):
+        (output,) = mode["outputs"]
+        least = output["least_transmission"]
+        assert least["pair"] == pairs[1]
+        assert least["angle_rad"] == pytest.approx(np.nanmin(angles), abs=1e-7)
+        at_place = angles[
+            np.argmin(np.abs(np.linspace(0.0, 2.0 * np.pi, 91) - least["place"]))
+        ]
+        assert at_place == pytest.approx(least["angle_rad"], abs=1e-7)
+    for number, angles in enumerate(expected):
+        column = relation.query(f"assembly_mode == {number}")["transmission"].to_numpy()
+        assert column == pytest.approx(angles, abs=1e-7, nan_ok=True)
+    # The analysis finds the least angle between samples, which a fine grid approaches.
+    fine = np.nanmin(transmission_by_cosines(mechanism, pairs, 7201))
+    (remark,) = (x for x in result.summary["remarks"] if "least transmission angle" in x)
+    assert float(re.search(r": ([\d.]+) deg", remark)[1]) == pytest.approx(
+        np.degrees(fine), abs=0.01
+    )
+
+
+def test_every_output_has_its_own_transmission_angle_on_the_screen(capsys):
+    """Link 4 of the Watt linkage is placed by the dyad at 34, and link 6 by that at 56."""
+    watt = sk.load("watt")
+    outputs = (Output("lever", "4", "1", None), *watt.outputs)
+    summary = sk.run(replace(watt, outputs=outputs), samples=361).summary
+    table = output_table(summary)
+    headings = [column.heading for column in table.columns]
+    assert headings[5:8] == ["least transmission angle (deg)", "at pair", "at 12 (deg)"]
+    cells = {(row[1], row[6], row[5]) for row in table.rows}
+    expected = {("lever 4/1", "34", "47.9")}
+    for angles in transmission_by_cosines(watt, LAST_DYADS["watt"], 361):
+        expected.add(("rocker 6/1", "56", f"{np.degrees(np.min(angles)):.1f}"))
+    assert cells == expected
+    assert not any("of all dyads" in note for note in table_notes(summary, table))
+    printed = print_run(capsys, "watt")
+    assert "least transmission angle at pair 56 (deg)" in printed
+    assert (
+        "The least transmission angle of all dyads is 47.9 deg, at pair 34 in modes 0-3 "
+        "at 12 = 0 deg."
+    ) in printed
+
+
+def test_an_output_that_no_dyad_places_has_the_transmission_measure():
+    overview = sk.run("eight_bar_04", samples=5).summary["overview"]
+    assert [output["transmission_pair"] for output in overview["outputs"]] == [None, None]
+    for mode in overview["modes"].values():
+        assert mode["least_transmission"]["pair"] == "78"
+        for output in mode["outputs"]:
+            assert output["least_transmission"] is None
+            assert 0.0 < output["least_transmission_measure"][0] < 1.0
 
 
 @pytest.mark.slow
@@ -161,7 +275,10 @@ def test_a_path_of_several_inputs_says_where_it_is_singular(capsys):
     """Places between samples agree with the singular curves, which are computed exactly."""
     printed = print_run(capsys, "five_bar")
     assert "No singularity of type II (locked inputs do not hold the output)" in printed
-    assert "mode 0 at 21 = 118.33, 51 = 63.5 deg, where the transmission angle" in printed
+    assert (
+        "mode 0 at 21 = 118.33, 51 = 63.5 deg, where the transmission angle at pair 43"
+        in printed
+    )
     (line,) = (line for line in printed.splitlines() if "Singularities of type I " in line)
     places = [
         tuple(map(float, place))

@@ -1,9 +1,10 @@
 """The table of the motion of all outputs on the screen, and the notes below it."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
-from spherekit.cli.mode_text import mode_name, number_list
+from spherekit.cli.mode_text import mode_name, modes_text, number_list
 from spherekit.cli.place_text import MAX_LISTED_PLACES, PlaceText, angle_text
 from spherekit.conventions import TURN, Lines
 from spherekit.number_text import degrees_text, number_text
@@ -20,6 +21,13 @@ MEASURE_HEADING = "least transmission measure"
 
 MEASURE_ERROR = 1e-7
 """Transmission measures that are not larger are rounding errors, and printed as 0."""
+
+TRANSMISSION_ERROR_DEG = 1e-9
+"""Transmission angles that are not larger are rounding errors, and printed as 0."""
+
+TRANSMISSION_DIFFERENCE_RAD = 1e-6
+"""A dyad is named beside the outputs only if its least transmission angle is smaller than
+theirs by more than this. Larger: the note on such a dyad is left out more often."""
 
 RATIO_DIGITS = 4
 """Decimals of velocity ratios, and significant digits of very small and large ones."""
@@ -69,23 +77,25 @@ def output_table(summary: Any) -> ScreenTable | None:
         columns.append(ScreenColumn("velocity ratio"))
     else:
         columns += [ScreenColumn(f"velocity ratio by {pair}") for pair in inputs]
-    has_transmission = any(
-        entry["least_transmission"] for entry in overview["modes"].values()
-    )
-    joints = {
-        entry["least_transmission"]["pair"]
+    # The pairs at which transmission angles of outputs are taken. One pair is named in the
+    # heading, and several ones in a column.
+    pairs = {
+        motion["least_transmission"]["pair"]
         for entry in overview["modes"].values()
-        if entry["least_transmission"]
+        for motion in entry["outputs"]
+        if motion["least_transmission"]
     }
-    joint = f" at pair {joints.pop()}" if len(joints) == 1 else ""
+    has_transmission = bool(pairs)
+    has_pair_column = len(pairs) > 1
+    at_pair = f" at pair {min(pairs)}" if len(pairs) == 1 else ""
     where = f"at {place_text.heading}"
     if place_text.kind == "sample":
         where = f"at {', '.join(inputs)} (deg)"
     if has_transmission:
-        columns += [
-            ScreenColumn(f"least transmission angle{joint} (deg)", "right"),
-            ScreenColumn(where, "right"),
-        ]
+        columns.append(ScreenColumn(f"least transmission angle{at_pair} (deg)", "right"))
+        if has_pair_column:
+            columns.append(ScreenColumn("at pair"))
+        columns.append(ScreenColumn(where, "right"))
     has_measure = any(
         motion["least_transmission_measure"] is not None
         for entry in overview["modes"].values()
@@ -123,7 +133,9 @@ def output_table(summary: Any) -> ScreenTable | None:
             cells.append(_swing_text(motion))
             cells += _ratio_cells(motion)
             if has_transmission:
-                cells += _transmission_cells(entry["least_transmission"], place_text)
+                cells += _transmission_cells(
+                    motion["least_transmission"], has_pair_column, place_text
+                )
             if has_measure:
                 cells += _measure_cells(motion, place_text)
             if has_rests:
@@ -189,12 +201,26 @@ def _ratio_cells(motion: Any) -> Lines:
     return cells
 
 
-def _transmission_cells(transmission: Any, place_text: PlaceText) -> Lines:
-    """Return the least transmission angle (deg) and its place as text."""
+def _transmission_cells(
+    transmission: Any, has_pair_column: bool, place_text: PlaceText
+) -> Lines:
+    """Return the least transmission angle of an output (deg) and its place as text.
+
+    The pair at which it is taken stands between them if it has a column. All cells are "-"
+    for an output without a transmission angle.
+    """
     if transmission is None:
-        return ["-", "-"]
-    angle = number_text(math.degrees(transmission["angle_rad"]), 1e-9, 3)
-    return [angle, _place_cell(transmission["place"], transmission, place_text)]
+        return ["-"] * (3 if has_pair_column else 2)
+    cells = [transmission_text(transmission["angle_rad"])]
+    if has_pair_column:
+        cells.append(transmission["pair"])
+    cells.append(_place_cell(transmission["place"], transmission, place_text))
+    return cells
+
+
+def transmission_text(angle_rad: float) -> str:
+    """Return a transmission angle (rad) as text in degrees, without the unit."""
+    return number_text(math.degrees(angle_rad), TRANSMISSION_ERROR_DEG, 3)
 
 
 def _measure_cells(motion: Any, place_text: PlaceText) -> Lines:
@@ -268,6 +294,7 @@ def table_notes(summary: Any, table: ScreenTable | None) -> Lines:
             "The transmission measure is 1 at best and 0 where the input cannot drive the "
             "output (singularity of type II)."
         )
+    notes += _describe_other_dyad(summary)
     row_count = sum(len(entry["outputs"]) for entry in overview["modes"].values())
     if len(table.rows) == MAX_TABLE_ROWS and row_count > MAX_TABLE_ROWS:
         notes.append(f"Further rows are in summary.json: {row_count} modes and outputs.")
@@ -282,3 +309,56 @@ def table_notes(summary: Any, table: ScreenTable | None) -> Lines:
             f"The table is from {overview['examined_samples']} of {sample_count} samples."
         )
     return notes
+
+
+def _describe_other_dyad(summary: Any) -> Lines:
+    """Return a note if a dyad is nearer to a dead centre than those of the outputs.
+
+    The table has one transmission angle for each output, that of the dyad which determines
+    its motion. Such a dyad is joined to bodies that earlier groups determine. If an
+    earlier dyad has a smaller transmission angle, the mechanism is nearer to a dead centre
+    than the table says.
+    """
+    overview = summary["overview"]
+    least_by_mode = {
+        int(number): entry["least_transmission"]
+        for number, entry in overview["modes"].items()
+        if entry["least_transmission"]
+    }
+    if not least_by_mode:
+        return []
+    least = min(least_by_mode.values(), key=lambda entry: entry["angle_rad"])
+    angles_of_outputs = [
+        motion["least_transmission"]["angle_rad"]
+        for entry in overview["modes"].values()
+        for motion in entry["outputs"]
+        if motion["least_transmission"]
+    ]
+    least_of_outputs = min(angles_of_outputs, default=math.inf)
+    if least_of_outputs <= least["angle_rad"] + TRANSMISSION_DIFFERENCE_RAD:
+        return []
+    place_text = PlaceText(overview)
+    place = place_text.at(least["place"])
+    if place_text.kind == "sample":
+        place = inputs_text(summary, least["inputs_rad"])
+    # Modes often share the angle, since they differ by the sign of another dyad.
+    modes = [
+        number
+        for number, entry in least_by_mode.items()
+        if abs(entry["angle_rad"] - least["angle_rad"]) <= TRANSMISSION_DIFFERENCE_RAD
+        and (entry["pair"], entry["place"]) == (least["pair"], least["place"])
+    ]
+    return [
+        "The least transmission angle of all dyads is "
+        f"{transmission_text(least['angle_rad'])} deg, at pair {least['pair']} in "
+        f"{modes_text(modes)} at {place}. It is 0 at a dead centre (type II singularity)."
+    ]
+
+
+def inputs_text(summary: Any, inputs_rad: Sequence[float]) -> str:
+    """Return inputs as text, such as ``21 = 30, 51 = 40 deg``."""
+    texts = [
+        f"{pair} = {angle_text(angle)}"
+        for pair, angle in zip(summary["inputs"], inputs_rad, strict=True)
+    ]
+    return f"{', '.join(texts)} deg"

@@ -5,12 +5,16 @@ locked inputs do not hold the output.
 """
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 from spherekit.cli.mode_text import modes_text
-from spherekit.cli.motion_screen import MEASURE_ERROR, RATIO_ERROR
-from spherekit.cli.place_text import MAX_LISTED_PLACES, angle_text
+from spherekit.cli.motion_screen import (
+    MEASURE_ERROR,
+    RATIO_ERROR,
+    inputs_text,
+    transmission_text,
+)
+from spherekit.cli.place_text import MAX_LISTED_PLACES
 from spherekit.conventions import Lines
 from spherekit.number_text import number_text
 from spherekit.wording import counted
@@ -52,15 +56,6 @@ def describe_singularities(summary: Any) -> Lines:
     return lines
 
 
-def _inputs_text(summary: Any, inputs_rad: Sequence[float]) -> str:
-    """Return inputs as text, such as ``21 = 30, 51 = 40 deg``."""
-    texts = [
-        f"{pair} = {angle_text(angle)}"
-        for pair, angle in zip(summary["inputs"], inputs_rad, strict=True)
-    ]
-    return f"{', '.join(texts)} deg"
-
-
 def _extent(summary: Any) -> str:
     """Return what the samples cover, such as ``on this path``."""
     if "simulation" in summary:
@@ -97,8 +92,11 @@ def _describe_type_2(summary: Any) -> Lines:
         transmission = entry["least_transmission"]
         if not candidates and transmission:
             angle = math.degrees(transmission["angle_rad"])
-            text = f"{number_text(angle, 1e-9, 3)} deg"
-            candidates = [(angle, f"angle is {text}", transmission["inputs_rad"], 90.0)]
+            text = (
+                f"angle at pair {transmission['pair']} is "
+                f"{transmission_text(transmission['angle_rad'])} deg"
+            )
+            candidates = [(angle, text, transmission["inputs_rad"], 90.0)]
         for value, text, inputs, best in candidates:
             if nearest is None or value < nearest[0]:
                 nearest = (value, number, text, inputs, best)
@@ -114,7 +112,7 @@ def _describe_type_2(summary: Any) -> Lines:
     if nearest is not None:
         _, number, text, inputs, _ = nearest
         place = (
-            f"nearest to one is mode {number} at {_inputs_text(summary, inputs)}, where "
+            f"nearest to one is mode {number} at {inputs_text(summary, inputs)}, where "
             f"the transmission {text}"
         )
     if not met and not ended:
@@ -158,9 +156,9 @@ def _describe_type_1(summary: Any, number: int) -> Lines:
         if jacobian["largest_least_singular_value"] <= RATIO_ERROR:
             always.append(int(mode))
             continue
-        texts = [_inputs_text(summary, inputs) for inputs in jacobian["type_1_inputs_rad"]]
+        texts = [inputs_text(summary, inputs) for inputs in jacobian["type_1_inputs_rad"]]
         if jacobian["least_singular_value"] <= RATIO_ERROR:
-            texts.append(_inputs_text(summary, jacobian["inputs_rad"]))
+            texts.append(inputs_text(summary, jacobian["inputs_rad"]))
         further += jacobian["further_type_1_places"]
         further += max(len(texts) - MAX_LISTED_PLACES, 0)
         for text in dict.fromkeys(texts[:MAX_LISTED_PLACES]):
@@ -197,7 +195,7 @@ def _describe_type_1(summary: Any, number: int) -> Lines:
             lines.append(
                 f"{others[0].upper()}{others[1:]} {extent}; nearest to one is mode "
                 f"{mode} at "
-                f"{_inputs_text(summary, inputs)}, where the {quantity} is "
+                f"{inputs_text(summary, inputs)}, where the {quantity} is "
                 f"{number_text(value, RATIO_ERROR, 2)}."
             )
     return lines

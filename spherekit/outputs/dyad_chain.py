@@ -240,11 +240,7 @@ class DyadChain:
         placed before. The chain is: near support, near pair, near link, middle pair, far
         link, far pair, far support.
         """
-        # `dyad_positions` are the positions of the near, middle and far pair among the
-        # pairs of the group.
-        near_pair, middle_pair, far_pair = (
-            group.pairs[position] for position in group.dyad_positions
-        )
+        near_pair, middle_pair, far_pair = group.dyad_pairs
         # Body 0 has all links placed before, the others are the links of the dyad.
         near_link = group.bodies[1][0]
         far_link = group.bodies[2][0]

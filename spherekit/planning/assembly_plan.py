@@ -145,6 +145,15 @@ class Group(NamedTuple):
         return self.pairs[middle]
 
     @property
+    def dyad_pairs(self) -> tuple[int, int, int]:
+        """Numbers of the three pairs of a dyad, in the order of its links.
+
+        They are the first outer pair, the middle pair and the other outer pair.
+        """
+        first_outer, middle, second_outer = self.dyad_positions
+        return self.pairs[first_outer], self.pairs[middle], self.pairs[second_outer]
+
+    @property
     def loops(self) -> int:
         """Number of independent closed loops within the group."""
         return len(self.pairs) - len(self.bodies) + 1
@@ -199,6 +208,29 @@ class Assembly(NamedTuple):
     def has_closed_form(self) -> bool:
         """Whether every group is a dyad."""
         return all(group.is_dyad for group in self.groups)
+
+    def joining_group(self, link: int, reference: int) -> Group | None:
+        """Return the group that determines the motion of a link relative to another one.
+
+        It is the first group in which both links are in different bodies. Earlier groups
+        have at most one of the links, and later ones have both in one body.
+
+        Parameters
+        ----------
+        link, reference
+            Numbers of the two links.
+
+        Returns
+        -------
+        None if locked inputs join the two links already.
+        """
+        for group in self.groups:
+            joined_bodies = [
+                body for body in group.bodies if link in body or reference in body
+            ]
+            if len(joined_bodies) > 1:
+                return group
+        return None
 
 
 def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:

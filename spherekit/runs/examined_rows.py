@@ -18,7 +18,7 @@ from spherekit.runs.mode_overview import (
 )
 from spherekit.runs.overview_plan import ExaminedOutput, OverviewPlan
 from spherekit.status import Status
-from spherekit.velocities.transmission_angle import ARRAYS, transmission_angle
+from spherekit.velocities.transmission_angle import transmission_angle_of_group
 
 RESTING_RATIO = 1e-9
 """Velocity ratio below which an output counts as resting.
@@ -76,6 +76,7 @@ class ExaminedRows:
         """
         output = self.plan.outputs[number]
         is_ok = self.is_ok[rows]
+        self._add_transmission_angle(overview, number, rows, places)
         if self.plan.transmissions is not None:
             self._add_transmission(overview, number, rows, places)
         # (m, inputs, 3) angular velocity relative to the reference, per rate of each input.
@@ -186,6 +187,19 @@ class ExaminedRows:
         # Signs of determinants that are rounding errors mean nothing.
         determinants[gains <= RESTING_RATIO] = np.nan
         overview.add_determinants(determinants, senses, places)
+
+    def _add_transmission_angle(
+        self, overview: OutputOverview, number: int, rows: slice, places: Floats
+    ) -> None:
+        """Note the least transmission angle of an output in the rows of a mode."""
+        dyad = self.plan.joining_dyads[number]
+        angles = transmission_angle_of_group(dyad, self.motion.axes[rows])
+        if not np.any(np.isfinite(angles)):
+            return
+        row = first_minimum(angles)
+        least = overview.transmission_angle
+        if least is None or angles[row] < least[0] - SAME_VALUE:
+            overview.transmission_angle = [float(angles[row]), float(places[row])]
 
     def _add_transmission(
         self, overview: OutputOverview, number: int, rows: slice, places: Floats
@@ -429,12 +443,12 @@ def note_transmission(
     places
         (m,) places of the samples of these rows.
     """
-    for name, (first, middle, last) in plan.dyads:
-        axes = motion.axes[rows]
-        angles = transmission_angle(ARRAYS, axes[:, first], axes[:, middle], axes[:, last])
+    for dyad in plan.dyads:
+        angles = transmission_angle_of_group(dyad, motion.axes[rows])
         if not np.any(np.isfinite(angles)):
             continue
         row = first_minimum(angles)
         least = overview.transmission
         if least is None or angles[row] < least[0] - SAME_VALUE:
-            overview.transmission = [float(angles[row]), name, float(places[row])]
+            pair = plan.middle_pair(dyad)
+            overview.transmission = [float(angles[row]), pair, float(places[row])]

@@ -53,6 +53,9 @@ class OutputOverview:
         apart to interpolate where it does.
     further_rests
         Number of places of rest that are in neither list.
+    transmission_angle
+        The least transmission angle (rad) of the dyad that determines the motion of the
+        output, and its place. None if another group determines it.
     transmission
         The least transmission measure and its place, None if it is not computed. The
         measure is 0 at singularities of type II, and 1 at best.
@@ -86,6 +89,7 @@ class OutputOverview:
     rests: list[float] = field(default_factory=list)
     uncertain_rests: list[list[float]] = field(default_factory=list)
     further_rests: int = 0
+    transmission_angle: list[float] | None = None
     transmission: list[float] | None = None
     gain: list[float] | None = None
     type_1_places: list[float] = field(default_factory=list)
@@ -95,7 +99,7 @@ class OutputOverview:
     last_row: list[float | None] | None = None
 
     def widen_angle(self, angles: Floats) -> None:
-        """Extend the range of the angle by further angles (rad)."""
+        """Extend the range of the angle of the output by further angles (rad)."""
         finite = angles[np.isfinite(angles)]
         if len(finite):
             low, high = float(np.min(finite)), float(np.max(finite))
@@ -218,8 +222,8 @@ class ModeOverview:
     unlisted_spans
         Number of the spans that are not stored, by status.
     transmission
-        The least transmission angle (rad), the middle pair of its dyad, and the place. None
-        if no dyad has one.
+        The least transmission angle (rad) of all dyads of the mechanism, the middle pair
+        of its dyad, and the place. None if there is no dyad.
     outputs
         The overview of each output.
     """

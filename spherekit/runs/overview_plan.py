@@ -11,6 +11,7 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.mechanism.elements import Output
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.planning.assembly_plan import Group
 from spherekit.runs.sampling import Sampling
 from spherekit.velocities.transmission_measure import Transmission
 
@@ -140,14 +141,30 @@ class OverviewPlan:
         return examined_outputs(self.mechanism)
 
     @cached_property
-    def dyads(self) -> list[tuple[str, tuple[int, int, int]]]:
-        """Name of the middle pair of each dyad, and its pairs: outer, middle, outer."""
-        dyads = []
-        for group in self.sampling.position_analysis.assembly.groups:
-            if group.is_dyad:
-                first, middle, last = (group.pairs[k] for k in group.dyad_positions)
-                dyads.append((self.mechanism.pairs[middle].name, (first, middle, last)))
-        return dyads
+    def dyads(self) -> list[Group]:
+        """All dyads of the mechanism, in the order in which they are placed."""
+        groups = self.sampling.position_analysis.assembly.groups
+        return [group for group in groups if group.is_dyad]
+
+    @cached_property
+    def joining_dyads(self) -> list[Group | None]:
+        """The dyad whose transmission angle is that of each output.
+
+        It is the group that determines the motion of the link of the output relative to
+        its reference link. None if this group is not a dyad.
+        """
+        assembly = self.sampling.position_analysis.assembly
+        joining_groups = [
+            assembly.joining_group(output.link, output.reference) for output in self.outputs
+        ]
+        return [
+            group if group is not None and group.is_dyad else None
+            for group in joining_groups
+        ]
+
+    def middle_pair(self, dyad: Group) -> str:
+        """Return the name of the pair at which a dyad has its transmission angle."""
+        return self.mechanism.pairs[dyad.middle].name
 
     @cached_property
     def transmissions(self) -> list[Transmission] | None:

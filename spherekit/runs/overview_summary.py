@@ -30,11 +30,12 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
     - ``is_path``: whether successive samples are neighbours on a path.
     - ``examined_samples``: at how many samples outputs were examined.
     - ``ratio``: unit of the entries that end with ``_ratio``; empty for velocity ratios.
-    - ``outputs``: their labels, links and whether they turn about a fixed axis.
+    - ``outputs``: their labels, links, whether they turn about a fixed axis, and the pair
+      at which their transmission angle is taken.
     - ``modes``: for each mode by number the places between which it closes, those of
-      other statuses, the least transmission angle, and for each output the range of its
-      angle, its velocity ratios, the least transmission measure, how near it is to
-      singularities of type I, and where it comes to rest.
+      other statuses, the least transmission angle of all dyads, and for each output the
+      range of its angle, its velocity ratios, its least transmission angle and measure,
+      how near it is to singularities of type I, and where it comes to rest.
     """
     overview.examine_pending(plan)
     mechanism = plan.mechanism
@@ -53,11 +54,10 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
     sample_count = len(places)
     modes = {}
     for number, mode in overview.modes.items():
-        transmission = None
+        least_of_all_dyads = None
         if mode.transmission is not None:
             angle, pair, place = mode.transmission
-            transmission = {"angle_rad": angle, "pair": pair, "place": place}
-            transmission["inputs_rad"] = _inputs_at(plan, place)
+            least_of_all_dyads = _summarize_transmission(plan, angle, pair, place)
         closing = _join_spans(
             [
                 *mode.spans.get(Status.OK.name, ()),
@@ -73,7 +73,7 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
                 if name != Status.OK.name
             },
             "unlisted_spans": mode.unlisted_spans,
-            "least_transmission": transmission,
+            "least_transmission": least_of_all_dyads,
             "outputs": [
                 {
                     "lowest_rad": output.lowest_rad,
@@ -83,6 +83,16 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
                     "rests": output.rests,
                     "uncertain_rests": output.uncertain_rests,
                     "further_rests": output.further_rests,
+                    "least_transmission": (
+                        None
+                        if output.transmission_angle is None or dyad is None
+                        else _summarize_transmission(
+                            plan,
+                            output.transmission_angle[0],
+                            plan.middle_pair(dyad),
+                            output.transmission_angle[1],
+                        )
+                    ),
                     "least_transmission_measure": output.transmission,
                     "inputs_of_least_measure_rad": (
                         None
@@ -91,7 +101,7 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
                     ),
                     "jacobian": _summarize_jacobian(plan, output),
                 }
-                for output in mode.outputs
+                for output, dyad in zip(mode.outputs, plan.joining_dyads, strict=True)
             ],
         }
     return {
@@ -108,10 +118,23 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
                 "relative_to": mechanism.links[output.reference],
                 "fixed_axis": output.variable is not None,
                 "points": output.direction is not None,
+                "transmission_pair": None if dyad is None else plan.middle_pair(dyad),
             }
-            for output in plan.outputs
+            for output, dyad in zip(plan.outputs, plan.joining_dyads, strict=True)
         ],
         "modes": modes,
+    }
+
+
+def _summarize_transmission(
+    plan: OverviewPlan, angle: float, pair: str, place: float
+) -> Facts:
+    """Return a least transmission angle (rad) with its pair, its place and the inputs."""
+    return {
+        "angle_rad": angle,
+        "pair": pair,
+        "place": place,
+        "inputs_rad": _inputs_at(plan, place),
     }
 
 

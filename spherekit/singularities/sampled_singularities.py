@@ -28,10 +28,9 @@ from spherekit.singularities.single_freedom import SingleFreedomSingularities
 from spherekit.status import Status
 from spherekit.tolerances import NEAR_CROSSING_RAD
 from spherekit.velocities.transmission_angle import (
-    ARRAYS,
     MAX_TYPE_II_DISTANCE_RAD,
     distance_from_type_two,
-    transmission_angle,
+    transmission_angle_of_group,
 )
 from spherekit.velocities.transmission_measure import (
     MIN_OUTPUT_MOTION,
@@ -487,31 +486,13 @@ class SampledSingularities:
         -------
         (n,) angles (rad) for each output, NaN if a group other than a dyad places it.
         """
-        axes = self.position_analysis.solver.closure.linearise(values).axes
-        angles = []
-        for output in self.report.outputs:
-            # The output is the motion of one link relative to another. The group that fixes
-            # them to each other places the output: the first one of which they are in two
-            # bodies. Earlier groups have at most one of them, later ones both in one body.
-            joining_group = None
-            for group in self.position_analysis.solver.assembly.groups:
-                bodies_of_output = sum(
-                    not set(body).isdisjoint(output) for body in group.bodies
-                )
-                if bodies_of_output > 1:
-                    joining_group = group
-                    break
-            angle = nans(len(values))
-            if joining_group is not None and joining_group.is_dyad:
-                dyad_axes = [
-                    axes[:, joining_group.pairs[position]]
-                    for position in joining_group.dyad_positions
-                ]
-                # `ARRAYS` has the operations on NumPy arrays. The same formula is used with
-                # symbolic expressions.
-                angle = transmission_angle(ARRAYS, *dyad_axes)
-            angles.append(angle)
-        return angles
+        solver = self.position_analysis.solver
+        axes = solver.closure.linearise(values).axes
+        # The output is the motion of one link relative to another one.
+        return [
+            transmission_angle_of_group(solver.assembly.joining_group(*links), axes)
+            for links in self.report.outputs
+        ]
 
     def least_dyad_angle(self, values: Floats, output: int) -> Floats:
         """Return the least distance from type II of the dyads that place an output.
@@ -544,13 +525,7 @@ class SampledSingularities:
         for group in groups:
             if not group.is_dyad:
                 return nans(len(values))
-            # The axes (n, 3) of the first outer, the middle and the other outer pair.
-            dyad_axes = [
-                axes[:, group.pairs[position]] for position in group.dyad_positions
-            ]
-            # `ARRAYS` has the operations on NumPy arrays. The same formula is used with
-            # symbolic expressions.
-            angle = transmission_angle(ARRAYS, *dyad_axes)
+            angle = transmission_angle_of_group(group, axes)
             # The module of the transmission angle defines at which angle type II is.
             least = np.minimum(least, distance_from_type_two(angle))
         return least

@@ -843,12 +843,10 @@ class DesignExpressions:
         dyads = (group for group in self.structure.assembly.groups if group.is_dyad)
         # A pair is the middle one of a single dyad.
         (group,) = (dyad for dyad in dyads if dyad.middle == number)
-        # Unit vectors (3,) of the three axes of the dyad, in ground axes. The positions in
-        # `group.pairs` are those of an outer pair, the middle pair and the other outer
-        # pair.
+        # Unit vectors (3,) of the three axes of the dyad, in ground axes.
         dyad_axes = (
-            self.coordinate_rates.vectors[self._variable_of_pair(group.pairs[position])]
-            for position in group.dyad_positions
+            self.coordinate_rates.vectors[self._variable_of_pair(pair_of_dyad)]
+            for pair_of_dyad in group.dyad_pairs
         )
         return transmission_angle(COMPONENTS, *dyad_axes)
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.geometry import vectors
+from spherekit.planning.assembly_plan import Group
 from spherekit.symbolic import vector_algebra
 from spherekit.symbolic.expression_graph import Expr, dot, function, vector_product
 
@@ -137,3 +138,26 @@ VECTOR_NODES: VectorOperations[Expr, Expr] = VectorOperations(
     acute_angle=_acute_angle_in_print,
 )
 """Operations on nodes that each represent a whole vector, as in printed formulas."""
+
+
+def transmission_angle_of_group(group: Group | None, axes: Floats) -> Floats:
+    """Return the transmission angle of a group at configurations.
+
+    Every transmission angle of an output is computed here, with the group that
+    `Assembly.joining_group` returns for the two links of the output.
+
+    Parameters
+    ----------
+    group
+        The group, None if there is none.
+    axes
+        (n, pairs, 3) unit vectors of the axes of all pairs, in one common frame.
+
+    Returns
+    -------
+    (n,) angles (rad), NaN if the group is not a dyad.
+    """
+    if group is None or not group.is_dyad:
+        return np.full(len(axes), np.nan)
+    first, middle, last = group.dyad_pairs
+    return transmission_angle(ARRAYS, axes[:, first], axes[:, middle], axes[:, last])
