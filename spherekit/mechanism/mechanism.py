@@ -40,7 +40,7 @@ from spherekit.mechanism.sizes import (
 )
 from spherekit.number_text import degree_range_text, degrees_text
 from spherekit.quantity import AngleUnit
-from spherekit.wording import choices, counted, listing
+from spherekit.wording import choices, counted, listing, nearest
 
 ONE_TURN_RAD = 2.0 * math.pi
 """Range of an input that is driven without a range."""
@@ -820,7 +820,8 @@ def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> No
         if sorted(sizes.axes) != sorted([*r_pairs, *sizes.unpaired]):
             raise ModelError(
                 f"{key}.axes: has [{listing(sizes.axes)}], but the R pairs on this link "
-                f"are [{listing(r_pairs)}]; list each of them once"
+                f"are [{listing(r_pairs)}]; "
+                f"{_advise_on_axes(link, mechanism, geometry, r_pairs)}"
             )
         # Arcs are from 0 to pi. A link with signed arcs may have any finite arc: a negative
         # one leads from the first axis in the opposite direction, and one above pi
@@ -841,6 +842,57 @@ def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> No
                 raise ModelError(
                     f"{key}.{kind}: has {counted(count, 'value')}, needs {needed}: {what}"
                 )
+
+
+def _advise_on_axes(
+    link: str, mechanism: Mechanism, geometry: SizeGeometry, r_pairs: Sequence[str]
+) -> str:
+    """Return what to change so that the axes of a link are those of its R pairs.
+
+    An axis for which the mechanism has no pair was probably meant to have one. It joins the
+    links that list this axis. Other faults are a pair on the wrong link, or an axis that is
+    missing from the list of the link or stands in it twice.
+
+    Parameters
+    ----------
+    link
+        The link whose list of axes does not fit.
+    mechanism, geometry
+        The mechanism, and its sizes.
+    r_pairs
+        Names of the R pairs on the link.
+    """
+    axes = geometry.links.get(link, LinkSizes(())).axes
+    unpaired_axes = geometry.links.get(link, LinkSizes(())).unpaired
+    existing_pairs = {pair.name for pair in mechanism.pairs}
+    missing_axes = [pair for pair in r_pairs if pair not in axes]
+    for axis in axes:
+        if axis in r_pairs or axis in unpaired_axes:
+            continue
+        if axis in existing_pairs:
+            return (
+                f'"{axis}" is no R pair on this link: correct its links, or remove the axis'
+            )
+        if similar_pair := nearest(axis, missing_axes):
+            return f'there is no pair "{axis}"{similar_pair}'
+        joined_links = [
+            name
+            for name in mechanism.links
+            if axis in geometry.links.get(name, LinkSizes(())).axes
+        ]
+        names = ", ".join(f'"{name}"' for name in joined_links)
+        if len(joined_links) == 2:
+            return (
+                f'there is no pair "{axis}": add [pairs.{axis}] with type = "R" and '
+                f"links = [{names}], or remove the axis from both links"
+            )
+        return (
+            f'there is no pair "{axis}": add [pairs.{axis}] with type = "R" and the two '
+            f"links that it joins (this axis is listed by {names}), or remove the axis"
+        )
+    if missing_axes:
+        return f"add {listing(missing_axes)} to the axes, or correct the links of the pairs"
+    return "list each of them once"
 
 
 def _describe_wrong_arc(arc: float) -> str:
