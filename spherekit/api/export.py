@@ -305,6 +305,12 @@ def _export_source(
     mode_table = formula_set.mode_table
     # A text of `left_out` has the number of a mode, and why it has no formulas.
     notes = [f"left out: assembly mode {text}" for text in mode_table.left_out]
+    if mode_table.undetermined:
+        number = mode_table.undetermined[0]
+        notes.append(
+            "a source for a single mode solves equations that determine it, for example "
+            f"with --assembly-mode {number}, in Python assembly_mode={number}"
+        )
     # The crossings that modes pass; None unless `crossings` is "pass".
     if mode_table.smooth is not None:
         notes.append(_describe_crossings(mode_table.smooth))

@@ -263,7 +263,9 @@ class VariedMechanism:
         """Whether numbers of outputs vary."""
         return any(variable.path[0] == "outputs" for variable in self.variables)
 
-    def make_expressions(self, closed_form: bool | None = None) -> DesignExpressions:
+    def make_expressions(
+        self, closed_form: bool | None = None, closed: Floats | None = None
+    ) -> DesignExpressions:
         """Return the quantities of the mechanism as expressions of the sizes of a design.
 
         The sizes depend on the kind of mechanism. If contacts are replaced by links, the
@@ -277,6 +279,10 @@ class VariedMechanism:
         closed_form
             Whether positions are in closed form, by default if this is possible. Profiles
             that are not circles never have a closed form.
+        closed
+            (variables,) variables (rad) of a closed configuration at which independent
+            equations are chosen if equations repeat each other. By default one is
+            computed. It is not used if contacts are replaced by links.
 
         Raises
         ------
@@ -329,6 +335,7 @@ class VariedMechanism:
             ),
             closed_form=False if has_columns else closed_form,
             differing=varied_actions,
+            closed=closed,
             pointing=self._output_directions(),
         )
 

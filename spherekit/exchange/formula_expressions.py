@@ -164,6 +164,9 @@ class ModeTable(NamedTuple):
         The modes that are written to the source code.
     left_out
         A text for each other assembly mode, with its number and the reason.
+    undetermined
+        Numbers of the modes that are left out because the chosen equations do not determine
+        them. Formulas for such a mode alone solve equations that do.
     compared
         Number of inputs at which each mode was compared. If it differs between modes, it is
         the smallest. It is 0 if no mode was compared.
@@ -178,6 +181,7 @@ class ModeTable(NamedTuple):
 
     modes: tuple[Mode, ...]
     left_out: Names = ()
+    undetermined: tuple[int, ...] = ()
     compared: int = 0
     largest_difference: float = 0.0
     smooth: SmoothModes | None = None

@@ -10,7 +10,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
+import numpy as np
+
+from spherekit.arrays import Floats
 from spherekit.conventions import Names
+from spherekit.designs.design_evaluation import most_regular_configurations
 from spherekit.designs.design_variables import (
     ACTIONS,
     DesignVariable,
@@ -54,6 +58,13 @@ CLOSURE_PREFIX = "closure_"
 """Beginning of the names of squares that are negative if a dyad does not close.
 
 The number of the dyad follows, from 1 on. Only closed forms have these quantities.
+"""
+
+
+CONFIGURATION_SAMPLES = 31
+"""Number of samples among which a configuration of an assembly mode is sought.
+
+More: modes that exist at few inputs are found; fewer: the search is faster.
 """
 
 
@@ -130,7 +141,9 @@ def formulas(
         masses_follow_sizes=bool(vary) and needs_inertia,
     )
     check_sizes_change_no_constants(varied_mechanism)
-    design_expressions = varied_mechanism.make_expressions()
+    design_expressions = varied_mechanism.make_expressions(
+        closed=_find_configuration_of_mode(driven_mechanism, assembly_mode, crossings)
+    )
     size_symbols = symbols(variable.name for variable in variables)
     # The expressions contain symbols that are no arguments of the formulas. Each is
     # replaced by an expression of the arguments.
@@ -201,6 +214,42 @@ def formulas(
         crossings,
     )
     return replace(formulas_without_modes, mode_table=mode_table)
+
+
+def _find_configuration_of_mode(
+    mechanism: Mechanism, assembly_mode: int | str | None, crossings: Crossings
+) -> Floats | None:
+    """Return a configuration at which the equations of the formulas are chosen.
+
+    Constraints can be redundant. Then some velocity equations repeat others, and equations
+    that are independent in one assembly mode can be dependent in another one.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism, with its driven pairs.
+    assembly_mode
+        The only mode of the formulas, or None for all.
+    crossings
+        How an assembly mode continues where curves of configurations cross.
+
+    Returns
+    -------
+    The variables (variables,) in rad of the configuration of the mode that is farthest from
+    a singular one. None if no single mode is requested or constraints are not redundant:
+    equations are then chosen at any configuration, or not at all.
+    """
+    if assembly_mode is None:
+        return None
+    position_analysis = position_analysis_of(mechanism, crossings)
+    if not position_analysis.by_rank:
+        return None
+    mode_index = position_analysis.find_mode_index(assembly_mode)
+    mode_number = position_analysis.assembly_modes[mode_index].number
+    motion = position_analysis.sparse(CONFIGURATION_SAMPLES)
+    motion = motion.rows(np.flatnonzero(motion.assembly_mode == mode_number))
+    configurations = most_regular_configurations(motion)
+    return configurations[0] if configurations else None
 
 
 def _is_link_size(variable: DesignVariable) -> bool:

@@ -74,6 +74,11 @@ value Newton's method may converge to another mode. With a smaller value the tes
 """
 NEWTON_STEPS = 8
 """Number of Newton steps in that test. Fewer steps may not converge."""
+UNDETERMINED_MODE = (
+    "some closure equations of this mechanism repeat others, and those that the formulas "
+    "solve do not determine this mode"
+)
+"""Reason for which a mode is not written if independent equations depend on the mode."""
 LEAST_COMPARED_INPUTS = 4
 """Smallest number of inputs that are compared in each interval, if the mode has as many."""
 INTERVAL_SAMPLES = 24
@@ -235,6 +240,7 @@ def compare_modes(
     if not len(crossing_inputs):
         first_interval = 0
     written: list[ModeCandidate] = []
+    undetermined_modes: list[int] = []
     modes: list[Mode] = []
     compared: list[int] = []
     differences: list[float] = [0.0]
@@ -248,12 +254,17 @@ def compare_modes(
         )
         worst_row = int(np.argmax(relative_deviation))
         if relative_deviation[worst_row] > 1.0:
-            worst_input = listing(f"{q:.6g}" for q in motion.inputs[worst_row])
-            left_out.append(
-                f"{mode.number} ({mode.title}): the formulas do not give this mode: at the "
-                f"input {worst_input} rad a variable differs by "
-                f"{deviation[worst_row]:.2g} rad"
-            )
+            if not terms.structure.has_independent_equations(candidate.values[worst_row]):
+                undetermined_modes.append(mode.number)
+                reason = UNDETERMINED_MODE
+            else:
+                worst_input = listing(f"{q:.6g}" for q in motion.inputs[worst_row])
+                reason = (
+                    "the formulas do not give this mode: at the input "
+                    f"{worst_input} rad a variable differs by "
+                    f"{deviation[worst_row]:.2g} rad"
+                )
+            left_out.append(f"{mode.number} ({mode.title}): {reason}")
             continue
         known_input = candidate.find_known_input(first_interval)
         mode_values = candidate.mode_values[first_interval]
@@ -281,7 +292,14 @@ def compare_modes(
     smooth = None
     if crossings == "pass":
         smooth = _join_mode_values(position_analysis, crossing_inputs, written)
-    return ModeTable(tuple(modes), tuple(left_out), min(compared), max(differences), smooth)
+    return ModeTable(
+        modes=tuple(modes),
+        left_out=tuple(left_out),
+        undetermined=tuple(undetermined_modes),
+        compared=min(compared),
+        largest_difference=max(differences),
+        smooth=smooth,
+    )
 
 
 def _sample_intervals(crossing_inputs: Floats, low: float, high: float) -> Floats:

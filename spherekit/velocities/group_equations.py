@@ -193,6 +193,36 @@ class GroupEquations:
         """
         from scipy.linalg import qr
 
+        row_by_equation = self._equation_rows(vectors)
+        count = len(self.unknowns)
+        equations = list(row_by_equation)
+        rows = np.reshape([*row_by_equation.values()], (len(equations), count))
+        _, triangle, order = qr(rows.T, mode="economic", pivoting=True)
+        pivots = np.abs(np.diagonal(triangle))
+        is_undetermined = len(pivots) < count
+        if is_undetermined or np.min(pivots[:count], initial=1.0) < MIN_INDEPENDENCE:
+            raise EngineError(
+                f"{self.mechanism.name}: its velocity equations have more than one "
+                "solution in the configuration in which they were chosen; change the range "
+                "of the input",
+                ADVICE_WITHOUT_EXPRESSIONS,
+            )
+        return [equations[k] for k in order[:count]]
+
+    def _equation_rows(self, vectors: Floats) -> dict[tuple[int, int], Floats]:
+        """Return the coefficients of the unknowns in all equations that can be chosen.
+
+        Parameters
+        ----------
+        vectors
+            (variables, 3) vectors of all variables at a closed configuration.
+
+        Returns
+        -------
+        By the index of the loop and the variable along whose vector the equation is taken,
+        or `WITHOUT_PRIVATE`: the coefficients (unknowns,), divided by the size of the whole
+        equation. Equations whose coefficients are rounding errors are left out.
+        """
         row_by_equation: dict[tuple[int, int], Floats] = {}
         for loop_index, (loop, private) in enumerate(
             zip(self.loops, self.private_variables, strict=True)
@@ -216,20 +246,27 @@ class GroupEquations:
                 # private axes are parallel, or all axes of the loop lie in one plane.
                 if row_size > MIN_INDEPENDENCE * max(direction_size, MIN_INDEPENDENCE):
                     row_by_equation[loop_index, key] = row[self.unknowns] / row_size
-        count = len(self.unknowns)
-        equations = list(row_by_equation)
-        rows = np.reshape([*row_by_equation.values()], (len(equations), count))
-        _, triangle, order = qr(rows.T, mode="economic", pivoting=True)
-        pivots = np.abs(np.diagonal(triangle))
-        is_undetermined = len(pivots) < count
-        if is_undetermined or np.min(pivots[:count], initial=1.0) < MIN_INDEPENDENCE:
-            raise EngineError(
-                f"{self.mechanism.name}: its velocity equations have more than one "
-                "solution in the configuration in which they were chosen; change the range "
-                "of the input",
-                ADVICE_WITHOUT_EXPRESSIONS,
-            )
-        return [equations[k] for k in order[:count]]
+        return row_by_equation
+
+    def has_independent_equations(self, vectors: Floats) -> bool:
+        """Return whether the equations that are solved determine the rates.
+
+        If equations of the group repeat each other, some were chosen at one configuration.
+        In other assembly modes these can be dependent, where others would not be.
+
+        Parameters
+        ----------
+        vectors
+            (variables, 3) vectors of all variables at another closed configuration.
+        """
+        if self.chosen_equations is None:
+            return True
+        row_by_equation = self._equation_rows(vectors)
+        if not row_by_equation.keys() >= set(self.chosen_equations):
+            return False
+        rows = np.array([row_by_equation[key] for key in self.chosen_equations])
+        least_singular_value = np.linalg.svd(rows, compute_uv=False)[-1]
+        return bool(least_singular_value >= MIN_INDEPENDENCE)
 
     def solve_rates(
         self, vectors: Sequence[Exprs], known_velocities: Sequence[Exprs]

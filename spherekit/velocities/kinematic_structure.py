@@ -149,8 +149,7 @@ class KinematicStructure:
             values = closed
             if values is None:
                 values = _find_closed_configuration(mechanism, input_pairs)
-            closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
-            return closure.linearise(values[None]).vectors[0]
+            return _compute_vectors(mechanism, values)
 
         groups = tuple(
             GroupEquations(mechanism, assembly, group, compute_vectors)
@@ -159,6 +158,20 @@ class KinematicStructure:
         structure = KinematicStructure(mechanism, assembly, pairs, groups)
         structure._refuse_coincident_axes()
         return structure
+
+    def has_independent_equations(self, values: Floats) -> bool:
+        """Return whether the velocity equations that are solved determine the rates.
+
+        If equations repeat each other, independent ones were chosen at one configuration.
+        In another assembly mode these can be dependent.
+
+        Parameters
+        ----------
+        values
+            (variables,) variables (rad) of a closed configuration that is not singular.
+        """
+        vectors = _compute_vectors(self.mechanism, values)
+        return all(group.has_independent_equations(vectors) for group in self.groups)
 
     def _refuse_coincident_axes(self) -> None:
         """Raise `EngineError` if two private variables of a loop have the same axis.
@@ -234,6 +247,15 @@ class KinematicStructure:
         sense = (1.0, -1.0)[index]
         circle_axis = chain.constants[0][:, 2]
         return {ends[index]: circle_axis * (sense * rotation.scale)}
+
+
+def _compute_vectors(mechanism: Mechanism, values: Floats) -> Floats:
+    """Return the vectors (variables, 3) of all variables, in ground axes.
+
+    `values` are the variables (variables,) in rad of a configuration.
+    """
+    closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
+    return closure.linearise(values[None]).vectors[0]
 
 
 def _find_closed_configuration(
