@@ -63,12 +63,15 @@ class EquationLayout:
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
-        """Assign positions in the state and among the parameters.
+        """Lay out the state and the parameters of the equation of motion of a mechanism.
 
-        They depend on the pair variables, inputs, loads and joint limits of `mechanism`.
-        The state is integrated: all pair variables, a generalised momentum for each degree
-        of freedom, and the work of each load. Parameters are constant during an integration
-        step. They can be changed without compiling the equation again.
+        The state is the vector that is integrated: all pair variables, a generalised
+        momentum for each degree of freedom, and the work of each load.
+
+        Parameters are numbers in the compiled equation that are constant during an
+        integration step, such as joint limits. They can be changed without compiling the
+        equation again. Each attribute ``..._parameter`` is the number of a parameter, and
+        each ``..._parameters`` that of the first of several.
         """
         self.variable_count = len(mechanism.variable_names)
         self.freedoms = len(mechanism.inputs)
@@ -84,17 +87,17 @@ class EquationLayout:
             load.name for load in mechanism.loads if isinstance(load, TorqueTable)
         ]
         # The parameters are numbered from 0, in this order:
-        # - the whole turns that are left out of each variable, on which loads and joint
-        #   limits may depend,
-        # - the unit of momentum, which depends on the start of the motion, and its
-        #   reciprocal, so that the equation has no division,
-        # - the limit below which the loop-closure equations count as dependent, as they are
-        #   where curves of configurations cross,
-        # - a lower and an upper value per joint limit,
-        # - the time at which the current interval of the torque tables begins, and a value
-        #   and a slope per table,
-        # - the sign of each switch condition: an expression at whose zeros a load changes
-        #   abruptly. Conditions are added when loads are written as expressions.
+        # - For each variable, a number of whole turns. Angles in the state are reduced by
+        #   2 pi times this number. A spring, for example, needs the full angle.
+        # - The unit of momentum, which depends on the start of the motion, and its
+        #   reciprocal. The equation multiplies by the reciprocal instead of dividing.
+        # - The least independence of the loop-closure equations. Where curves of
+        #   configurations cross, the equations are dependent and the integration must end.
+        # - A lower and an upper value for each joint limit.
+        # - The time at which the current interval of the torque tables begins, then a value
+        #   and a slope for each table.
+        # - The sign of each switch condition, an expression at whose zeros a load changes
+        #   abruptly. Conditions are added later, when loads are written as expressions.
         self.unit_parameter = self.variable_count
         self.min_independence_parameter = self.unit_parameter + 2
         self.limit_parameters = self.min_independence_parameter + 1

@@ -190,11 +190,12 @@ class CurveMomentumConversion:
     sense: float
 
     def __call__(self, states: Floats, rates: Floats) -> Floats:
-        """Adapt the sign of the momentum in place, and return the positive directions.
+        """Give the momentum the sign of the simulation, and return its positive direction.
 
-        The momentum of the compiled engine is positive along its homogeneous rates, a
-        tangent of the configuration curve. It is multiplied by `sense`, which is -1 if they
-        point in the negative direction of the simulation.
+        In the compiled engine, a positive momentum moves the mechanism along the
+        homogeneous rates, a tangent of the configuration curve. This tangent may point in
+        the negative direction of the simulation. `sense` is then -1, and both the momentum
+        and the tangent are reversed. The momentum is changed in place.
 
         Parameters
         ----------

@@ -231,7 +231,7 @@ def prepare(
         values=values,
         turns=turns,
         frame=frame,
-        speed=_solve_speed(mechanism, frame, moved_variables, rates),
+        speed=_solve_start_speed(mechanism, frame, moved_variables, rates),
         until=until,
         switches=tuple(t for t in times if 0.0 < t < until),
         passes_crossings=passes,
@@ -269,23 +269,30 @@ def _read_rates(
     return pairs, rates
 
 
-def _solve_speed(
+def _solve_start_speed(
     mechanism: Mechanism, frame: Floats, moved: Sequence[int], rates: Floats
 ) -> Floats:
-    """Return the rates (m,) along a frame at which some variables have given rates.
+    """Return the velocity at the start, for which some variables have given rates.
 
-    The velocity of all variables is a sum of the vectors of the frame times these rates.
+    Each possible velocity is a sum of m basis velocities, the rows of `frame`, times
+    coefficients. The coefficients are returned. They follow from m linear equations, one
+    for each variable with a given rate.
 
     Parameters
     ----------
     mechanism
         The mechanism, for messages.
     frame
-        (m, variables) orthonormal vectors of possible velocities of all variables.
+        (m, variables) basis of the possible velocities: in each row the rates of all
+        variables. The rows are orthonormal.
     moved
         Indices of the m variables whose rates are given.
     rates
         (m,) given rates of these variables, rad/s.
+
+    Returns
+    -------
+    (m,) coefficients of the rows of `frame`.
 
     Raises
     ------
@@ -294,9 +301,11 @@ def _solve_speed(
     """
     if not np.any(rates):
         return np.zeros(len(rates))
-    # The rates of the moved variables per unit rate along each vector of the frame.
-    variable_rates = frame[:, list(moved)].T
-    if np.linalg.svd(variable_rates, compute_uv=False)[-1] < MIN_START_RATE:
+    # (m, m): in column k the rates of the moved variables in basis velocity k. Where this
+    # matrix is singular, the moved variables cannot have arbitrary rates.
+    moved_rates = frame[:, list(moved)].T
+    least_singular_value = np.linalg.svd(moved_rates, compute_uv=False)[-1]
+    if least_singular_value < MIN_START_RATE:
         names = mechanism.names_of(mechanism.variable_owners[v] for v in moved)
         what = "dead centre" if len(moved) == 1 else "singularity of type II"
         raise SolveError(
@@ -304,7 +313,7 @@ def _solve_speed(
             f"cannot be {listing(f'{rate:g}' for rate in rates)} rad/s; start elsewhere, "
             "or give PoseStart with rates of other pairs"
         )
-    return np.asarray(np.linalg.solve(variable_rates, rates))
+    return np.asarray(np.linalg.solve(moved_rates, rates))
 
 
 def make_input_torques(mechanism: Mechanism, torque: Torques | None) -> list[PairTorque]:

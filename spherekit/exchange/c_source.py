@@ -401,19 +401,20 @@ def _function_head(source: Source, function: SourceFunction, scalar: str) -> str
 
 
 def _write_function(source: Source, function: SourceFunction, scalar: str) -> str:
-    """Return a C function with its body.
+    """Return the text of a C function with its body.
 
-    A function either computes the results, or makes a step of Newton's method. The step
-    reads the variables of all pairs from an argument, overwrites them by better ones, and
-    returns the closure residual (how far loops are open).
+    A function either computes the results of the mechanism, or makes a step of Newton's
+    method. The step reads the variables of all pairs from the array that selects the
+    assembly mode. It overwrites them by better ones, and returns the closure residual (how
+    far loops are open).
 
     Parameters
     ----------
     source, function
         The source and one of its functions.
     scalar
-        Name of the number type of its arguments: ``double`` in C, ``Scalar`` in the
-        templates of C++. In these, constants are written as ``Real(0.5)``.
+        Name of the number type of its arguments: ``double`` in C, ``Scalar`` in C++, where
+        the function is a template.
     """
     # Compilers warn of unused arguments unless they are named in a statement.
     lines = [
@@ -425,6 +426,7 @@ def _write_function(source: Source, function: SourceFunction, scalar: str) -> st
     # The results are copied from local variables to the array that the caller reads. Only a
     # step of Newton's method has a closure residual.
     if function.closure_residual:
+        # `mode_argument` is the name of the array with the variables of all pairs.
         for index, result in enumerate(function.results):
             lines.append(f"    {source.mode_argument}[{index}] = {result};")
         lines.append(f"    return {function.closure_residual};")
@@ -432,6 +434,7 @@ def _write_function(source: Source, function: SourceFunction, scalar: str) -> st
         for name, result in zip(source.result_names, function.results, strict=True):
             lines.append(f"    result[{source.name}_{name}] = {result};")
     body = "\n".join(lines)
+    # C++ code writes constants as ``Real(0.5)``, and needs a line that defines ``Real``.
     type_line = REAL_TYPE_LINE if "Real(" in body else ""
     head = _function_head(source, function, scalar)
     return f"{head}\n{{\n{type_line}{body}\n}}\n"
@@ -440,10 +443,11 @@ def _write_function(source: Source, function: SourceFunction, scalar: str) -> st
 def _smooth_mode_head(source: Source, scalar: str) -> str:
     """Return the C head of the function that selects an assembly mode at an input.
 
-    Curves of configurations may cross at an input. A mode that follows its smooth curve
-    through the crossing is selected by other numbers beyond it, the mode values. The
-    written function has the number ``k`` of the mode and the input ``q`` (rad) as
-    parameters, and an array to which it writes the mode values.
+    An assembly mode (way to assemble the mechanism) is selected by numbers, the mode
+    values. Curves of configurations may cross at an input. A mode that follows a smooth
+    curve through the crossing has other mode values beyond it. The written function
+    therefore takes the number ``k`` of the mode, the input ``q`` (rad), and an array to
+    which it writes the mode values at this input.
 
     If positions have a closed form, the mode values are the signs of the dyads (two links
     and three R pairs), and the function returns nothing. Otherwise they are the variables
@@ -469,23 +473,23 @@ def _smooth_mode_head(source: Source, scalar: str) -> str:
 def _write_smooth_modes(source: Source, scalar: str) -> Iterator[str]:
     """Yield the C function that selects an assembly mode at an input, if there is one.
 
-    Some numbers, called ``places`` in the C code, select an assembly mode in the formulas.
-    In closed form they are the sign (+1 or -1) of each dyad (two links and three R pairs).
-    Configuration curves of modes may cross. A mode that follows its smooth curve through a
-    crossing has other signs beyond it. The crossings therefore divide the range of the
-    input into intervals. The C function looks up the interval of an input, and returns the
-    numbers of the mode in it.
+    An assembly mode (way to assemble the mechanism) is selected by numbers, the mode
+    values. In the C code they are called ``places``. In closed form they are the sign (+1
+    or -1) of each dyad (two links and three R pairs). Configuration curves of modes may
+    cross. A mode that follows a smooth curve through a crossing has other signs beyond it.
+    The crossings therefore divide the range of the input into intervals. The C function
+    finds the interval of an input, and writes the mode values of this interval to an array.
 
-    Without closed form, the numbers are the variables (rad) of all pairs in a known
-    configuration, from which steps of Newton's method lead to the input. The C function
-    then also returns the input of the known configuration, where the steps begin.
+    Without closed form, the mode values are the variables (rad) of all pairs in a known
+    configuration. The C function then also returns the input of this configuration, from
+    which steps of Newton's method lead to the wanted input.
 
     Parameters
     ----------
     source
         The source.
     scalar
-        Name of the number type of these numbers, such as ``double``.
+        Name of the number type of the mode values, such as ``double``.
     """
     if source.smooth_modes is None:
         return
@@ -504,8 +508,8 @@ def _write_smooth_modes(source: Source, scalar: str) -> Iterator[str]:
         input_text = array_text(fields["inputs"])
         input_lines = KNOWN_INPUTS_TEMPLATE.format(**{**fields, "inputs": input_text})
         return_line = "    return q == q ? inputs[interval][k] : NAN;\n"
-    # In C, k is the mode and n the index of a number. An input q that is NaN, which differs
-    # from itself, has NaN as its result.
+    # In C, k is the mode and n the index of a mode value. An input q that is NaN, which
+    # differs from itself, has NaN as its result.
     value = "q == q ? places[interval][k][n] : NAN"
     texts = {
         "starts": array_text(fields["starts"]),

@@ -12,9 +12,9 @@ from spherekit.exchange.imported_tables import Table
 from spherekit.exchange.mujoco_file import MASSLESS_KG
 from spherekit.exchange.mujoco_loops import element_name
 from spherekit.exchange.short_decimals import (
-    shorten,
-    shorten_angle,
-    shorten_vector,
+    round_components,
+    round_to_short_decimal,
+    round_to_short_degrees,
 )
 from spherekit.geometry.vectors import max_abs
 from spherekit.mechanism.inertia import shift_to_sphere_centre
@@ -140,11 +140,11 @@ class ImportedDynamics:
             # A weightless body has no moment of weight, like one at the centre of the
             # sphere. It therefore counts with the arm zero. The tensor is not changed.
             centre = masses * ~is_compensated @ arms / total_mass
-            # `shorten` removes digits that are rounding, relative to the second argument.
-            # For coordinates this is a length of the body. The centre itself can be zero.
+            # Digits are removed that are only rounding errors of the second argument. For
+            # coordinates this is a length of the body, since the centre itself can be zero.
             gyration_radius = np.sqrt(np.trace(tensor) / total_mass)
-            table["mass"] = shorten(total_mass, scale=total_mass)
-            table["centre"] = [shorten(x, gyration_radius) for x in centre]
+            table["mass"] = round_to_short_decimal(total_mass, scale=total_mass)
+            table["centre"] = [round_to_short_decimal(x, gyration_radius) for x in centre]
             if np.any(is_compensated):
                 self.mass_comments[self._linkage.link_name(link)] = (
                     "Its weight is compensated: its centre counts as the sphere's."
@@ -204,15 +204,16 @@ class ImportedDynamics:
         """
         gravity = self._linkage.foreign_model.gravity
         if gravity is not None and has_masses:
-            # `shorten` removes rounding: 9.810000000000002 becomes 9.81. What is only
-            # rounding of 1 m/s^2 becomes 0.
-            acceleration = [shorten(component, 1.0) for component in gravity]
+            # 9.810000000000002 becomes 9.81. A component as small as the rounding error of
+            # 1 m/s^2 becomes 0.
+            acceleration = [round_to_short_decimal(component, 1.0) for component in gravity]
             yield "gravity", {"kind": "gravity", "acceleration": acceleration}
         for pair in self._linkage.pairs:
             # A pair that is no joint of the model, but closes a loop, has the number -1.
             if pair.joint >= 0:
                 yield from self._list_joint_loads(pair)
         yield from self._list_actuator_loads()
+        # All joints of the model are hinges, so joint and velocity (dof) numbers are equal.
         for joint, joint_name in enumerate(self._linkage.foreign_model.joint_names):
             has_nonlinear_spring = np.any(self._mj_model.jnt_stiffnesspoly[joint])
             has_nonlinear_damper = np.any(self._mj_model.dof_dampingpoly[joint])
@@ -233,11 +234,11 @@ class ImportedDynamics:
         # (qpos) therefore have the same numbers.
         joint = pair.joint
         name = pair.name
-        stiffness = _shorten_alone(mj_model.jnt_stiffness[joint])  # N m/rad
-        viscous = _shorten_alone(mj_model.dof_damping[joint])  # N m s/rad
-        dry = _shorten_alone(mj_model.dof_frictionloss[joint])  # N m
+        stiffness = _round_alone(mj_model.jnt_stiffness[joint])  # N m/rad
+        viscous = _round_alone(mj_model.dof_damping[joint])  # N m s/rad
+        dry = _round_alone(mj_model.dof_frictionloss[joint])  # N m
         if stiffness:
-            rest_angle = shorten_angle(mj_model.qpos_spring[joint])
+            rest_angle = round_to_short_degrees(mj_model.qpos_spring[joint])
             yield (
                 f"spring_{name}",
                 {
@@ -253,7 +254,7 @@ class ImportedDynamics:
                 "pair": name,
                 "torque": dry,
                 # From rad/s to deg/s.
-                "speed": shorten_angle(SMOOTHING_RATE_RAD_S),
+                "speed": round_to_short_degrees(SMOOTHING_RATE_RAD_S),
             }
             if viscous:
                 friction["viscous"] = viscous
@@ -306,9 +307,13 @@ class ImportedDynamics:
     def _write_pair_torque(self, actuator: int) -> Table:
         """Return the table of a torque that is affine in the angle of a pair and its rate.
 
-        With the gear g, the actuator has the length g theta and the force b0 + b1 length +
-        b2 rate of the length. The torque is g times the force, which is
-        g b0 + g^2 b1 theta + g^2 b2 dtheta.
+        A MuJoCo actuator acts like a cable of the length L = g theta, with the gear ratio g
+        and the angle theta of the pair. Without control, its force is b0 + b1 L + b2 dL/dt.
+        The torque at the pair is g times the force:
+
+            g b0 + g^2 b1 theta + g^2 b2 dtheta.
+
+        The table has this formula as text. Summands that are zero are left out.
 
         Parameters
         ----------
@@ -319,7 +324,7 @@ class ImportedDynamics:
         gear = self._mj_model.actuator_gear[actuator][0]
         bias = self._mj_model.actuator_biasprm[actuator][:3]
         pair_name = next(pair.name for pair in self._linkage.pairs if pair.joint == joint)
-        factors = shorten_vector(gear * bias * [1.0, gear, gear])
+        factors = round_components(gear * bias * [1.0, gear, gear])
         multiplied_names = ("", f"*theta_{pair_name}", f"*dtheta_{pair_name}")
         summands = [
             f"({factor}){multiplied_name}"
@@ -385,7 +390,7 @@ class ImportedDynamics:
             yield {
                 "kind": "force",
                 "link": link_name,
-                "point": shorten_vector(arm),
+                "point": round_components(arm),
                 "force": _as_texts(rotation @ force),
                 "axes": axes,
             }
@@ -398,17 +403,19 @@ class ImportedDynamics:
             }
 
 
-def _shorten_alone(value: float) -> float:
-    """Return a number as a short decimal, whose rounding is relative to itself."""
-    return shorten(value, value)
+def _round_alone(value: float) -> float:
+    """Return a number without the digits that are only its own rounding errors."""
+    return round_to_short_decimal(value, value)
 
 
 def _tensor_rows(tensor: Floats) -> list[list[float]]:
     """Return a tensor (3, 3) as short decimals, row by row."""
     largest = max_abs(tensor)
-    return [[shorten(x, largest, TENSOR_ROUNDING) for x in row] for row in tensor]
+    return [
+        [round_to_short_decimal(x, largest, TENSOR_ROUNDING) for x in row] for row in tensor
+    ]
 
 
 def _as_texts(vector: Floats) -> list[Any]:
     """Return the components of a vector (3,) as texts of short decimals."""
-    return [str(component) for component in shorten_vector(vector)]
+    return [str(component) for component in round_components(vector)]

@@ -7,7 +7,7 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.exchange.imported_linkage import ImportedLinkage
 from spherekit.exchange.imported_tables import Table, range_table
-from spherekit.exchange.short_decimals import shorten_axis
+from spherekit.exchange.short_decimals import round_relative_to_one
 from spherekit.mechanism.graph import find_spanning_tree
 from spherekit.positions.loop_tree import LoopTree
 from spherekit.wording import listing, numbered
@@ -159,26 +159,32 @@ def _find_rank(equations: Floats) -> int:
 
 
 def find_outputs(linkage: ImportedLinkage) -> Table:
-    """Return the table of outputs: links that sensors observe, otherwise the last links.
+    """Return the outputs of an imported mechanism, as tables by their names.
+
+    Outputs are the links that sensors of the model observe. If there are no such sensors,
+    they are the last links: those at the ends of chains, such as the hand of a robot.
 
     Parameters
     ----------
     linkage
-        The links and pairs. Without observed links the outputs are the links at the ends of
-        chains, see `_find_last_links`.
+        The links and pairs of the imported mechanism.
     """
     outputs: Table = {}
     for observed_link in linkage.foreign_model.observed_links:
         link = linkage.link_by_body[observed_link.body]
         reference = linkage.link_by_body[observed_link.reference]
+        # A link without pairs is no part of the mechanism, and is not in `linkage.links`. A
+        # link does not move relative to itself.
         if link not in linkage.links or link == reference:
             continue
         table: Table = {"link": linkage.link_name(link)}
+        # Outputs are relative to the ground, link 0, unless the table says otherwise.
         if reference != 0:
             table["relative_to"] = linkage.link_name(reference)
         if observed_link.point is not None:
+            # The direction from the centre of the sphere to the observed point.
             arm = observed_link.point - linkage.centre
-            table["xyz"] = shorten_axis(arm / np.linalg.norm(arm))
+            table["xyz"] = round_relative_to_one(arm / np.linalg.norm(arm))
         outputs[linkage.make_unique_name(observed_link.name, outputs)] = table
     if not outputs:
         for link in _find_last_links(linkage):

@@ -18,7 +18,7 @@ from spherekit.errors import FileError
 from spherekit.exchange.axis_intersection import distances_to_lines, find_common_point
 from spherekit.exchange.gear_couplings import IdlerWheel, ImportedPair
 from spherekit.exchange.mujoco_file import MASSLESS_KG, ForeignModel, LoopPoint
-from spherekit.exchange.short_decimals import shorten
+from spherekit.exchange.short_decimals import round_to_short_decimal
 from spherekit.mechanism.graph import component_labels
 from spherekit.wording import listing
 
@@ -308,7 +308,9 @@ class ImportedLinkage:
         if largest_distance > max_distance:
             # The message lists the axes, the farthest first. Small distances are shown as
             # zero.
-            centre_text = listing(shorten(coordinate, size) for coordinate in centre)
+            centre_text = listing(
+                round_to_short_decimal(coordinate, size) for coordinate in centre
+            )
             least_listed = LISTED_DISTANCE_RATIO * max_distance
             distance_lines = ""
             for index in np.argsort(-distances, kind="stable"):

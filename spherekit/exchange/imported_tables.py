@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from spherekit.exchange.short_decimals import shorten_angle
+from spherekit.exchange.short_decimals import round_to_short_degrees
 
 Table = dict[str, Any]
 """A table of a mechanism file: values by keys."""
@@ -12,4 +12,4 @@ Table = dict[str, Any]
 def range_table(ends: Sequence[float]) -> Table:
     """Return a range of an angle, given by its two ends (rad), in degrees."""
     low, high = ends
-    return {"from": shorten_angle(low), "to": shorten_angle(high)}
+    return {"from": round_to_short_degrees(low), "to": round_to_short_degrees(high)}

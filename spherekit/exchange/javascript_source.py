@@ -86,7 +86,7 @@ def write_javascript(source: Source) -> str:
 
     It begins with a description: names of arguments and results, sizes, and the mode
     values. These are numbers that select an assembly mode (a way to assemble the
-    mechanism), such as the signs of dyads. Functions follow:
+    mechanism), such as the signs of dyads. JavaScript functions follow:
 
     - Functions that the formulas contain, such as profiles of contacts. They are stored as
       tables of Chebyshev coefficients (series).
@@ -149,16 +149,22 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
     """Yield the text of the function that selects an assembly mode at an input q.
 
     A mode (way to assemble the mechanism) follows a smooth curve of configurations as q
-    changes. The formulas take numbers that select it, the mode values: the signs of its
-    dyads (groups of two links), or in a mechanism without closed form a known
-    configuration. Crossings with other curves divide the range of q into intervals, in
-    which the mode has different values. The written function takes the number k of the mode
-    and looks up the values in the interval of q.
-    It writes them to an array.
+    changes. The formulas take numbers that select it, the mode values. In closed form they
+    are the signs of the dyads (groups of two links). Otherwise they are the pair variables
+    of a known configuration. Crossings with other curves divide the range of q into
+    intervals. In each interval the mode has other values.
 
-    In closed form it returns this array. Otherwise it returns the input of the known
+    The written function takes the number k of the mode, the input q, and an array. It
+    writes the mode values in the interval of q to the array::
+
+        export function fourbar_smooth_mode(k, q, mode = new Float64Array(1)) {
+          ...
+          return mode;
+        }
+
+    It returns the array in closed form. Otherwise it returns the input of the known
     configuration, from which steps of Newton's method lead to q. Nothing is yielded if the
-    values of modes do not depend on q.
+    mode values do not depend on q.
     """
     if source.smooth_modes is None:
         return
@@ -169,13 +175,13 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
         # Lines that shift q into the range of the input by whole periods.
         moved_template=JAVASCRIPT_MOVED_INPUT_TEMPLATE,
     )
-    input_lines = ""
-    # The template writes the mode values at q into an array. It is named like the argument
-    # of the formulas that takes these values, such as ``mode``.
-    returned = source.mode_argument
     # Without a closed form, `step` has the terms of a step of Newton's method.
     has_closed_form = not source.formulas.step
-    if not has_closed_form:
+    if has_closed_form:
+        input_lines = ""
+        returned = source.mode_argument  # the name of the array, ``mode``
+    else:
+        # `interval` is a variable of the written function: the interval of q.
         input_lines = f"  const inputs = {texts.known_inputs};\n"
         returned = "Number.isNaN(q) ? NaN : inputs[interval][k]"
     # `fields` has the other numbers and names that are inserted in the template.

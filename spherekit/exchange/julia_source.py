@@ -102,7 +102,7 @@ def write_julia(source: Source) -> str:
 
     It begins with constants: the names of the results, the sizes of the mechanism, and the
     mode values. These are numbers that select an assembly mode (a way to assemble the
-    mechanism), such as the signs of dyads. Functions of vectors follow:
+    mechanism), such as the signs of dyads. Julia functions follow:
 
     - Functions that the formulas contain, such as profiles of contacts. They are stored as
       tables of Chebyshev coefficients (series).
@@ -111,7 +111,8 @@ def write_julia(source: Source) -> str:
     """
     formulas = source.formulas
     name = source.name
-    # `nested` writes numbers as an array, which ``Float64`` before it gives their type.
+    # Arrays are written as ``Float64[1.0, -1.0]``. The prefix states the type of the
+    # numbers, which an empty array would not have otherwise.
     modes = ", ".join(f"Float64{nested(mode.values)}" for mode in formulas.modes)
     result_names = join_items(map(julia_string, formulas.results))
     sizes = nested([size.value for size in formulas.sizes])
@@ -150,16 +151,22 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
     """Yield the text of the function that selects an assembly mode at an input q.
 
     A mode (way to assemble the mechanism) follows a smooth curve of configurations as q
-    changes. The formulas take numbers that select it, the mode values: the signs of its
-    dyads (groups of two links), or in a mechanism without closed form a known
-    configuration. Crossings with other curves divide the range of q into intervals, in
-    which the mode has different values. The written function takes the number k of the mode
-    and looks up the values in the interval of q.
-    It returns them, or NaN if q is NaN.
+    changes. The formulas take numbers that select it, the mode values. In closed form they
+    are the signs of the dyads (groups of two links). Otherwise they are the pair variables
+    of a known configuration. Crossings with other curves divide the range of q into
+    intervals. In each interval the mode has other values.
+
+    The written function takes the number k of the mode and the input q. It returns the mode
+    values in the interval of q, or NaN if q is NaN::
+
+        function fourbar_smooth_mode(k, q)
+            ...
+            return mode
+        end
 
     Without closed form it also returns the input of the known configuration, from which
-    steps of Newton's method lead to q. Nothing is yielded if the values of modes do not
-    depend on q.
+    steps of Newton's method lead to q. Nothing is yielded if the mode values do not depend
+    on q.
     """
     if source.smooth_modes is None:
         return
@@ -170,13 +177,14 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
         # Lines that shift q into the range of the input by whole periods.
         moved_template=JULIA_MOVED_INPUT_TEMPLATE,
     )
-    input_lines = ""
-    # The template assigns the mode values at q to a variable. It is named like the argument
-    # of the formulas that takes these values, such as ``mode``.
+    # The written function has the mode values in a variable of this name, such as ``mode``.
     returned = source.mode_argument
     # Without a closed form, `step` has the terms of a step of Newton's method.
     has_closed_form = not source.formulas.step
-    if not has_closed_form:
+    if has_closed_form:
+        input_lines = ""
+    else:
+        # `interval` is a variable of the written function: the interval of q.
         input_lines = f"    inputs = {texts.known_inputs}\n"
         returned += ", isnan(q) ? NaN : inputs[interval][k]"
     # `fields` has the other numbers and names that are inserted in the template.

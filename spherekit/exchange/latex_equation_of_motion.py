@@ -351,7 +351,13 @@ class EquationOfMotion:
                 f"T_{{{label}}}", f"torque of {latex_text(load_name)} at the time (N m)"
             )
         expression = require_expression(law)
-        terms_by_name = {name: self._write_load_name(name) for name in expression.names}
+        # `convert_to_graph` takes two terms for each name. The second one replaces it in
+        # sines and cosines, where a program reduces angles by whole turns to lose fewer
+        # digits. A printed formula needs no reduction, so both terms are the same.
+        terms_by_name: dict[str, tuple[Expr, Expr]] = {}
+        for name in expression.names:
+            term = self._write_load_name(name)
+            terms_by_name[name] = (term, term)
         return self._formula_list.write_indexed(
             "T", label, convert_to_graph(expression, terms_by_name)
         )
@@ -392,12 +398,10 @@ class EquationOfMotion:
             power += inner_product(moment_vector, velocity)
         return power
 
-    def _write_load_name(self, name: str) -> tuple[Expr, Expr]:
-        """Return the expression for a name in the formula of a load, twice.
+    def _write_load_name(self, name: str) -> Expr:
+        """Return the expression that stands for a name in the formula of a load.
 
-        `convert_to_graph` takes two expressions for each name. The second one is used in
-        sines and cosines, where evaluated angles are reduced by whole revolutions to lose
-        fewer digits. A printed formula is not evaluated, so both are the same.
+        A rate gets a symbol, whose formula is added to the list of formulas.
 
         Parameters
         ----------
@@ -407,21 +411,19 @@ class EquationOfMotion:
         """
         kind, _, pair_name = name.partition("_")
         if kind == "t":
-            time = self._formula_list.declare_symbol("t", "time (s)")
-            return time, time
+            return self._formula_list.declare_symbol("t", "time (s)")
         pair = self._mechanism.pair_number[pair_name]
         angle = self._positions.pair_angles[pair]
         if kind != "dtheta":
-            return angle, angle
+            return angle
         # The rate of the pair is the sum of its derivatives with respect to the inputs,
         # each multiplied by the rate of the input.
         derivatives = [
             self._coefficients.pair_coefficient(k, pair) for k in self._input_indices
         ]
-        # The rate has the LaTeX name of the angle with a dot.
+        # The argument of a symbol is its LaTeX name. A dot over the theta gives the rate.
         angle_name = angle.arguments[0]
         rate_name = angle_name.replace(r"\theta", r"\dot{\theta}")
-        rate = self._formula_list.write(
+        return self._formula_list.write(
             make_symbol(rate_name), dot(derivatives, self._positions.input_rates)
         )
-        return rate, rate

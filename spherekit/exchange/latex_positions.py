@@ -441,8 +441,9 @@ class PositionFormulas:
     def _place_dyad(self, label: str, group: Group) -> None:
         r"""Write the frames of both links of a dyad.
 
-        A dyad is two links joined by the middle one of three pairs. The axes a and c of its
-        outer pairs are known. The middle axis b follows from its arcs to a and c:
+        A dyad has two links. The middle pair joins them to each other, and each outer pair
+        joins one of them to a placed link. The axes a and c of the outer pairs are known.
+        The axis b of the middle pair follows from its arcs to a and c:
 
             b = lambda a + mu c + nu (a x c),   a . b = cosine_a,   b . c = cosine_c.
 
@@ -507,18 +508,23 @@ class PositionFormulas:
     def _find_dyad_side(self, group: Group, outer: int, middle: int) -> DyadSide:
         """Return the link of a dyad between an outer pair and the middle pair.
 
-        A dyad is two links that the middle one of three pairs joins. The result has the
-        link and its axes at these two pairs, in the order in which the file lists all axes
-        of the link. All arcs of a link are measured from the first axis in the file.
-        Formulas are therefore simpler if the first axis of the result is this axis.
+        A dyad has two links. The middle pair joins them to each other, and each outer pair
+        joins one of them to a link that is already placed.
+
+        The result has the link and its axes at the two pairs, in the order in which the
+        file lists the axes of the link. All arcs of a link are measured from the first axis
+        in the file. Formulas are therefore simpler if this axis comes first in the result.
 
         Parameters
         ----------
+        group
+            The dyad.
         outer, middle
             Positions of the two pairs in `group.pairs`.
         """
-        # Body 0 is everything that is placed, bodies 1 and 2 are the links of the dyad. An
-        # outer pair joins body 0 to body 1 or 2, which is the larger number.
+        # `group.ends` has the two bodies that each pair joins. Body 0 is everything that is
+        # placed, bodies 1 and 2 are the links of the dyad. The outer pair joins body 0 to
+        # one of these, which has the larger number.
         body = max(group.ends[outer])
         link = group.bodies[body][0]  # a body is a tuple of links, here of one
         axes = [
@@ -553,12 +559,14 @@ class PositionFormulas:
         )
 
     def _place_by_two_axes(self, side: DyadSide) -> None:
-        """Write the frame of a link of a dyad, two of whose axes, u and v, are known.
+        """Write the frame of a link of a dyad from its known axes u and v.
 
-        The link has these axes at the pairs of the dyad, and may have others. The frame
-        needs the first axis k of the link. If k is not u, it follows from u and v. Let a_u
-        and a_v be the arcs from k to u and v, b the angle at k from the first arc to the
-        second, and c = u . v. Then
+        u and v are its axes at two pairs of the dyad. The link may have others. Its frame
+        is defined by its first axis k, and by the tangent at k of the arc from k to v.
+
+        If u is the first axis, then k = u. Otherwise let a_u and a_v be the arcs from k to
+        u and v, b the angle at k from the first arc to the second, and c = u . v. Solving
+        u . k = cos a_u, v . k = cos a_v and (u x v) . k = sin a_u sin a_v sin b gives
 
             k = ((cos a_u - c cos a_v) u + (cos a_v - c cos a_u) v
                  + sin a_u sin a_v sin b (u x v)) / (1 - c^2).
@@ -573,10 +581,10 @@ class PositionFormulas:
         axis_v = side.second_axis
         if axis_v.arc.sine == 0.0:
             raise self._refuse_link(link)
-        # Symbol k of the first axis. `first_vector` is the expression for it.
         first_axis = self._axes_by_link[link][0]
+        # Formulas contain the first axis as a symbol, k. `k_formula` is its right side.
         k = first_axis.vector
-        first_vector: Expr = axis_u.vector
+        k_formula: Expr = axis_u.vector
         if axis_u is not first_axis:
             cosine_uv = self._write_arc_cosine(side)  # c
             triple_product = (
@@ -589,13 +597,13 @@ class PositionFormulas:
             part_along_v = (
                 axis_v.arc.cosine - cosine_uv * axis_u.arc.cosine
             ) * axis_v.vector
-            first_vector = (part_along_u + part_along_v + normal_part) / (
+            k_formula = (part_along_u + part_along_v + normal_part) / (
                 1.0 - cosine_uv * cosine_uv
             )
-        # v = cos(a_v) k + sin(a_v) tangent, solved for the tangent at k. It contains the
-        # symbol k, whose formula `_write_frame` writes first.
+        # The tangent at k of the arc to v, from v = cos(a_v) k + sin(a_v) tangent.
         tangent = (axis_v.vector - axis_v.arc.cosine * k) / axis_v.arc.sine
-        self._write_frame(link, first_vector, tangent, axis_v)
+        # `_write_frame` writes the formula of k first, then those that contain k.
+        self._write_frame(link, first_vector=k_formula, tangent=tangent, axis=axis_v)
 
     def _write_frame(
         self,

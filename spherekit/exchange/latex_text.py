@@ -213,20 +213,21 @@ def _print_product(node: ExpressionNode, arguments: list[LatexText]) -> LatexTex
         base = first_text.text
         if not first_text.is_variable or first_text.has_exponent:
             base = rf"\left({base}\right)"
-        # A square is a scalar, and has its place among the first factors.
-        return LatexText(f"{base}^{{2}}", Binding.SYMBOL, has_exponent=True)
+        squared = f"{base}^{{2}}"
+        return LatexText(squared, Binding.SYMBOL, FactorRank.SCALAR, has_exponent=True)
     factors = sorted(arguments, key=lambda factor: factor.rank)
     factor_texts: list[str] = []
     for factor in factors:
         # A factor can be a product itself. Such a product needs no brackets if its factors
         # are separated by thin spaces. A vector product, such as "a \times b", needs them.
+        # So do sums and all factors with a minus sign, which have the binding of a sum.
         loosest = Binding.PRODUCT if factor.is_spaced_product else Binding.SYMBOL
         factor_texts.append(factor.bracketed_beyond(loosest))
     if isinstance(first_argument, float):
-        # A number comes first, also after sorting, because it has the smallest rank. It
-        # needs no brackets there even if it is negative.
+        # A number has the smallest rank and is therefore still the first factor. Even a
+        # negative one needs no brackets there, as in "-2 x".
         factor_texts[0] = factors[0].text
-    # All other negative factors are in brackets.
+    # Any other factor with a minus sign is in brackets, so the product has none in front.
     is_negative = isinstance(first_argument, float) and factors[0].is_negative
     # The product has the rank of its last factor: a scalar times a vector is a vector.
     return LatexText(

@@ -14,7 +14,7 @@ from spherekit.exchange.imported_inputs import choose_inputs, find_outputs
 from spherekit.exchange.imported_linkage import ImportedLinkage
 from spherekit.exchange.imported_tables import Table, range_table
 from spherekit.exchange.mujoco_file import ForeignModel
-from spherekit.exchange.short_decimals import shorten_angle, shorten_axis
+from spherekit.exchange.short_decimals import round_relative_to_one, round_to_short_degrees
 from spherekit.wording import listing
 
 
@@ -81,12 +81,12 @@ class ImportedFile:
         for link, text in self._dynamics.mass_comments.items():
             self.comments["mass", link] = text
         self.notes = self._linkage.notes + foreign_model.notes
+        centre = round_relative_to_one(self._linkage.centre)
         self.heading = (
             f"Imported from the {foreign_model.source}.",
-            "The centre of the sphere is at "
-            f"{listing(shorten_axis(self._linkage.centre))} m in its world axes, which are "
-            f"the ground's here; axes pass it within {self._linkage.centre_distance:.2g} "
-            "m.",
+            f"The centre of the sphere is at {listing(centre)} m in its world axes, which "
+            "are the ground's here; axes pass it within "
+            f"{self._linkage.centre_distance:.2g} m.",
             *(f"Note: {note}." for note in self.notes),
         )
 
@@ -178,8 +178,8 @@ class ImportedFile:
                 # Numbers in the file are short decimals, angles in degrees.
                 profiles[linkage.link_name(circle.link)] = {
                     "kind": "circle",
-                    "centre_xyz": shorten_axis(circle.centre),
-                    "radius": shorten_angle(circle.radius),
+                    "centre_xyz": round_relative_to_one(circle.centre),
+                    "radius": round_to_short_degrees(circle.radius),
                 }
             table: Table = {"type": "Cr", "links": [*profiles]}
             if not bevel_gears.external:
@@ -194,8 +194,8 @@ class ImportedFile:
         table: Table = {
             "type": "R",
             "links": [self._linkage.link_name(link) for link in pair.links],
-            "xyz": shorten_axis(pair.axis),
+            "xyz": round_relative_to_one(pair.axis),
         }
         if pair.value:
-            table["value"] = shorten_angle(pair.value)
+            table["value"] = round_to_short_degrees(pair.value)
         return table

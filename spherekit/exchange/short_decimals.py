@@ -18,8 +18,10 @@ DEGREES_ROUNDING = 1e-14
 """The same for angles in degrees: relative, or absolute (deg) for angles below 1 degree."""
 
 
-def shorten(value: float, scale: float, rounding: float = DECIMAL_ROUNDING) -> float:
-    """Return the shortest decimal number that differs from a number by rounding only.
+def round_to_short_decimal(
+    value: float, scale: float, rounding: float = DECIMAL_ROUNDING
+) -> float:
+    """Return the number with the fewest digits that equals a number up to rounding errors.
 
     For example 29.999999999999996 becomes 30.0.
 
@@ -42,19 +44,22 @@ def shorten(value: float, scale: float, rounding: float = DECIMAL_ROUNDING) -> f
     return value
 
 
-def shorten_angle(angle: float) -> float:
-    """Return an angle (rad) as a short decimal in degrees."""
-    return shorten(math.degrees(angle), 1.0, DEGREES_ROUNDING)
+def round_to_short_degrees(angle: float) -> float:
+    """Return an angle (rad) in degrees, without digits that are only rounding errors."""
+    return round_to_short_decimal(math.degrees(angle), 1.0, DEGREES_ROUNDING)
 
 
-def shorten_axis(axis: Floats) -> list[float]:
-    """Return the components of a unit vector (3,) as short decimals."""
-    return [shorten(component, 1.0) for component in axis]
+def round_relative_to_one(vector: Floats) -> list[float]:
+    """Return a vector without the digits that are only rounding errors of numbers near 1.
 
-
-def shorten_vector(vector: Floats) -> list[float]:
-    """Return the components of a vector as short decimals.
-
-    Changes by rounding are small relative to the largest component.
+    The vector is a unit vector, or a point of a model (m).
     """
-    return [shorten(component, max_abs(vector)) for component in vector]
+    return [round_to_short_decimal(component, 1.0) for component in vector]
+
+
+def round_components(vector: Floats) -> list[float]:
+    """Return a vector without the digits that are only rounding errors.
+
+    What counts as a rounding error is relative to the largest component.
+    """
+    return [round_to_short_decimal(component, max_abs(vector)) for component in vector]

@@ -56,38 +56,40 @@ def to_radians(number: float, unit: AngleUnit) -> float:
 
 
 def read_decimal_angle(text: str, angle_unit: AngleUnit) -> Decimal:
-    """Return an angle of a text as a decimal number in the unit of a file.
+    """Return the angle in a text as a decimal number, in the unit of a file.
 
-    A proof computes with the decimal number itself, not with a float. A number in the unit
-    of the file, or without a unit, is exact. One in the other unit is rounded to
-    `CONVERTED_DIGITS` digits, since pi is irrational.
+    A proof computes with the decimal number itself, not with a float. A number without a
+    unit is in that of the file. The result is exact unless degrees are converted to rad or
+    the reverse. It then has `CONVERTED_DIGITS` digits, since pi is irrational.
 
     Parameters
     ----------
     text
-        The text, such as ``40``, ``40deg`` or ``0.7rad``.
+        The text, such as ``40``, ``40deg``, ``0.7rad`` or ``0.5turn``.
     angle_unit
         Unit of the file, and of the result.
 
     Raises
     ------
     QuantityError
-        If the text is no number, has a unit that is not one of angles, or is implausible
-        without a unit.
+        If the text is no number, if its unit is not one of angles, or if a number without a
+        unit is implausibly large.
     InvalidOperation
         If the number has more digits than can be computed with.
     """
     number_text, unit = split_unit(text)
     number = Decimal(number_text)
     if not unit:
+        # Refuses implausibly many turns, such as 400 in a file in rad.
         check_turns(float(number), angle_unit)
         return number
-    stated_unit, factor = angle_unit_and_factor(number_text, unit)
-    number = _EXACT.multiply(number, Decimal(factor))
-    if stated_unit == angle_unit:
-        return number
+    # The factor is 1 for deg and rad. A turn is 360 deg. (The text is for messages.)
+    deg_or_rad, factor = angle_unit_and_factor(number_text, unit)
+    angle = _EXACT.multiply(number, Decimal(factor))
+    if deg_or_rad == angle_unit:
+        return angle
     convert = _EXACT.multiply if angle_unit == "rad" else _EXACT.divide
-    return Context(prec=CONVERTED_DIGITS).plus(convert(number, _DEGREE))
+    return Context(prec=CONVERTED_DIGITS).plus(convert(angle, _DEGREE))
 
 
 def to_text(angle: float, unit: AngleUnit) -> str:

@@ -511,11 +511,11 @@ class _MechanismReader:
 
     @cached_property
     def axes_in_links(self) -> LinkAxes:
-        """The axes of all R pairs, in the axes of both of their links.
+        """The unit vector along each R pair, in the coordinates of both of its links.
 
-        They are needed before all pairs of the mechanism are known, for example for the
-        circles of wheels. Therefore they are computed from a mechanism that has only the R
-        pairs of the file.
+        The vectors are needed to read other pairs, for example the circles of gear wheels.
+        The complete mechanism does not exist by then. They are therefore computed from a
+        mechanism that has only the R pairs of the file.
         """
         pairs = tuple(Pair(name, "R", links) for name, links in self.joined_links.items())
         mechanism = Mechanism(
