@@ -348,12 +348,14 @@ class WorkspaceModes:
             record["excluding"] = excluding
             reason = ""
             if excluding:
-                reason = f"; no direction keeps to {', nor to '.join(excluding)}"
+                reason = (
+                    f"; no direction satisfies {', and none satisfies '.join(excluding)}"
+                )
             return record, f"the workspace is empty{reason}"
         if region.error > self.tolerance * region.area:
             return record, (
-                f"the area {region.area:.9g} sr is known to {region.error:.3g} sr only; "
-                "borders touch, or end at sharp corners"
+                f"the area {region.area:.9g} sr is accurate to only {region.error:.3g} "
+                "sr, because borders touch or end at sharp corners"
             )
         return record, ""
 
@@ -379,13 +381,14 @@ class WorkspaceModes:
             best = self.judge(workspace, orientations.place[None])
             record["nearest_limit"] = self.limit_names[int(best.limiting[0])]
             return record, (
-                "no orientation was found inside; the best one seen misses "
-                f"{record['nearest_limit']} by {-np.degrees(best.margin[0]):.3g} deg"
+                "no orientation was found inside the workspace; the best one exceeds "
+                f"the limit {record['nearest_limit']} by "
+                f"{-np.degrees(best.margin[0]):.3g} deg"
             )
         if orientations.error > self.tolerance * orientations.volume:
             return record, (
-                f"the volume {orientations.volume:.6g} is known to "
-                f"{orientations.error:.3g} only"
+                f"the volume {orientations.volume:.6g} is accurate to only "
+                f"{orientations.error:.3g}"
             )
         return record, ""
 

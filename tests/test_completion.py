@@ -94,7 +94,7 @@ def test_a_new_file_never_replaces_one(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("mine.toml").write_text("mine")
     assert main(["new", "mechanism", "mine"]) == 1
-    assert "mine.toml: is there already" in capsys.readouterr().err
+    assert "mine.toml: exists already" in capsys.readouterr().err
     assert Path("mine.toml").read_text() == "mine"
 
 

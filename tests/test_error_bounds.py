@@ -34,7 +34,7 @@ def test_run_verifies_a_link_whose_arc_is_nearly_half_a_turn(capsys):
     assert main(["run", path, "--samples", "7", "--verify", "28", "--strict"]) == 3
     printed = capsys.readouterr()
     assert "verify:" not in printed.err
-    assert printed.out.count("lie within their error bound") == 4
+    assert printed.out.count("are within their error bound") == 4
 
 
 def test_errors_keep_to_their_bounds_where_pole_directions_turn_fast():

@@ -248,7 +248,7 @@ def test_a_signal_stops_a_run_and_prints_the_command_to_resume_it(
     resume_command = shlex.split(line.partition("go on with: ")[2])
     assert resume_command == ["spherekit", *arguments, str(folder), "--resume"]
     assert main([*arguments, str(folder)]) == 1
-    assert "continue with --resume" in capsys.readouterr().err
+    assert "continue it with --resume" in capsys.readouterr().err
     assert main(resume_command[1:]) == 0
     assert main([*arguments, str(tmp_path / "whole"), "-q"]) == 0
     assert contents(folder) == contents(tmp_path / "whole")
@@ -346,7 +346,7 @@ def test_work_of_another_run_is_refused_with_what_differs(tmp_path):
     """
     with pytest.raises(KeyboardInterrupt):
         run_four_bar(tmp_path, progress=interrupt_after(2))
-    with pytest.raises(OutputError, match="after 20 of 60 samples; continue with"):
+    with pytest.raises(OutputError, match="after 20 of 60 samples; continue it with"):
         run_four_bar(tmp_path)
     for options, difference in [
         ({"samples": 61}, "samples: 60 there, 61 now"),
@@ -656,7 +656,7 @@ def test_a_long_recording_has_one_of_many_samples(monkeypatch, capsys, tmp_path)
     assert len(result.frame("motion")) == 90
     arguments = ["run", "four_bar", "--samples", "50", "--save", str(tmp_path / "x.rrd")]
     assert main(arguments) == 0
-    assert "one of 5 samples of each assembly mode" in capsys.readouterr().out
+    assert "only one of every 5 samples of each assembly mode" in capsys.readouterr().out
 
 
 def test_log_every_chooses_the_recorded_samples(monkeypatch):

@@ -661,7 +661,7 @@ def test_the_limit_of_configurations_at_one_input_is_reported(monkeypatch):
         assert assemblies.is_truncated == is_truncated
         assert assemblies.is_complete == (not is_truncated)
         descriptions = [method.description for method in assemblies.methods]
-        is_reported = any("kept, there are more" in text for text in descriptions)
+        is_reported = any("kept, and there are more" in text for text in descriptions)
         assert is_reported == is_truncated
 
 
@@ -689,7 +689,7 @@ def test_over_the_limit_the_modes_with_most_samples_remain(monkeypatch):
     monkeypatch.setattr("spherekit.positions.modes_over_samples.MOST_MODE_ROWS", 0)
     monkeypatch.setattr("spherekit.positions.modes_over_samples.MAX_ASSEMBLY_MODES", 5)
     counts, search = count_closed_samples()
-    assert "the 5 assembly modes with most samples are kept of" in search
+    assert "assembly modes, the 5 with most samples are kept" in search
     assert counts == all_counts[-5:]
 
 

@@ -120,7 +120,7 @@ def test_the_clearance_of_a_geared_five_bar_is_the_distance_to_a_dead_centre(
 
 
 def test_wheels_are_told_to_come_back_or_refused():
-    with pytest.raises(PlanError, match=r"more than 2 turns, after which everything"):
+    with pytest.raises(PlanError, match=r"longer than 2 turns, after which the motion"):
         certify_curves(geared((20, 40)), ("0", "721"))
     with pytest.raises(PlanError, match=r"drives right .* at most 64: give values"):
         certify_curves(geared((71, 67)), ("0", "10"))

@@ -423,6 +423,6 @@ def test_conformance_says_that_the_main_table_was_empty():
     empty = AnalysisWithoutSamples(rows=0)
     report = ConformanceSuite(empty, ["four_bar", "five_bar"], SAMPLES).report()
     assert report["tables"].verdict == "not checked"
-    assert "the main table rows was empty" in report["tables"].note
+    assert "the main table rows is empty" in report["tables"].note
     sound = ConformanceSuite(Sound, ["four_bar"], SAMPLES).report()
     assert sound["tables"].verdict == "holds"

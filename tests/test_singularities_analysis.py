@@ -107,7 +107,10 @@ def test_singularities_are_warned_of_within_the_distance_that_near_states(rocker
     for near in (25, 0):
         result = sk.run(four_bar(ROCKER), f"{NAME}:near={near}", samples=61)
         _, warnings_by_near[near] = findings_and_warnings(result)
-    meets = "output 4/1 meets type II in the range: the locked input does not hold it there"
+    meets = (
+        "output 4/1 meets a singularity of type II in the range: there the locked input "
+        "does not hold it"
+    )
     for warnings in (default_warnings, *warnings_by_near.values()):
         assert f"{NAME}: {meets}" in warnings
     assert not any("without meeting" in text for text in warnings_by_near[0])

@@ -454,7 +454,7 @@ def test_no_scheduler_is_told(tmp_path, monkeypatch):
     for address in ("tcp://127.0.0.1:1", "nonsense://x", "127.0.0.1:99999"):
         with pytest.raises(DesignError, match="no scheduler answers"):
             sweep_on_cluster(tmp_path / "designs", address)
-    with pytest.raises(DesignError, match="give the folder"):
+    with pytest.raises(DesignError, match="give the argument folder"):
         sweep_on_cluster(None, "tcp://127.0.0.1:1")
 
 

@@ -472,7 +472,7 @@ def test_a_simulation_says_that_a_stored_trade_misses_the_tolerance(
 ):
     arguments = ["run", "four_bar", *SIMULATION_FLAGS, "--trade", stored_simulation_trade]
     assert main([*arguments, "--tol", "1e-17"]) == 0
-    assert "by that trade: THE TOLERANCE IS NOT MET" in capsys.readouterr().out
+    assert "from this measurement: THE TOLERANCE IS NOT MET" in capsys.readouterr().out
 
 
 @pytest.mark.slow
@@ -489,7 +489,7 @@ def test_a_simulation_with_an_engine_of_its_own_refuses_a_stored_trade(
         (("--samples", "201", "--assembly-mode", "0"), "samples: 200 there, 201 now"),
         (("--samples", "200"), "assembly mode: 0 there, null now"),
         ((*RUN_FLAGS, "-a", "poles:only=31"), "parameters:"),
-        ((*RUN_FLAGS, "-a", "eksergian"), "analysis poles, which is not run"),
+        ((*RUN_FLAGS, "-a", "eksergian"), "analysis poles, which is not part of this run"),
         ((*RUN_FLAGS, "-a", "poles", "-a", "eksergian"), "there is no trade for eksergian"),
         ((*RUN_FLAGS, "--law", "constant_speed:speed=2rad/s", "--duration", "1"), "laws:"),
     ],

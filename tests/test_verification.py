@@ -420,7 +420,7 @@ def test_the_command_prints_and_writes_the_verification(tmp_path, capsys):
     assert main(["run", "four_bar", "--samples", "5", "-o", str(folder), "--verify"]) == 0
     printed = capsys.readouterr().out
     assert "verified 10 rows in 50 digits" in printed
-    assert "pole directions lie within their error bound" in printed
+    assert "pole directions are within their error bound" in printed
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     assert summary["verified"]["rows"] == 10
 

@@ -54,7 +54,7 @@ MEANING_OF_END: Mapping[Status, str] = {
     Status.OUT_OF_REACH: "the output link cannot turn further; choose another pose",
     Status.AT_SINGULARITY: "the loops no longer determine the links there; choose another "
     "start or end",
-    Status.OFF_PROFILE: "a contact runs off its profile; choose a nearer pose",
+    Status.OFF_PROFILE: "a contact reaches the end of its profile; choose a nearer pose",
     Status.MODE_LOST: "no verified step continues the motion; choose another start or end",
 }
 """Why a rotation ends before its whole angle, by its status."""
@@ -364,9 +364,10 @@ class EquivalentRotation(AbstractAnalysis):
         end = result.end
         if isinstance(end, EndOrientation) and end.count > 1:
             summary["end_pose"] = {"end_mode": end.number, "orientations": end.count}
-            of_start = ", that of the start's mode" if end.has_start_mode else ""
+            of_start = ", in the mode of the start" if end.has_start_mode else ""
             remarks.append(
-                f"the end is end_mode={end.number} of {end.count} orientations{of_start}"
+                f"the end has {end.count} orientations; this one is "
+                f"end_mode={end.number}{of_start}"
             )
         if result.schedule is not None:
             schedule_record = self._schedule_record(result.schedule)
@@ -523,9 +524,9 @@ def _warnings(result: RotationResult, has_failed: NDArray[np.bool_]) -> Iterator
     if not orientation_error < FIXED_AXIS_TOLERANCE_RAD:
         worst = np.nanargmax(samples.orientation_error)
         yield (
-            "the output link does not turn about a fixed axis: nearest to it, it "
-            f"departs by up to {np.degrees(orientation_error):.4g} deg, at theta = "
-            f"{np.degrees(samples.theta[worst]):.4g} deg, and its axis by "
+            "the output link cannot turn exactly about the fixed axis: its orientation "
+            f"deviates by up to {np.degrees(orientation_error):.4g} deg, at theta = "
+            f"{np.degrees(samples.theta[worst]):.4g} deg, and its axis by up to "
             f"{np.degrees(_largest_finite(samples.drift)):.4g} deg"
         )
     for theta in rotation.crossings:
@@ -551,11 +552,11 @@ def _suggest_other_ends(result: RotationResult) -> str:
     end = result.end
     if not isinstance(end, EndOrientation) or end.count < 2:
         return ""
-    of_start = " in the start's mode" if end.has_start_mode else ""
+    of_start = ", in the mode of the start" if end.has_start_mode else ""
     return (
-        f". The end has {end.count} orientations, and this one is end_mode={end.number}"
-        f"{of_start}; choose another with end_mode=0 to {end.count - 1}, by its angle from "
-        "the start"
+        f". The end has {end.count} orientations, numbered by their angle from the start. "
+        f"This one is end_mode={end.number}{of_start}; choose another with end_mode=0 to "
+        f"{end.count - 1}"
     )
 
 

@@ -361,15 +361,15 @@ class OneInput:
         if report.everywhere is not None:
             summary["freedoms_everywhere"] = report.everywhere
             warnings.append(
-                f"to a part in a million, the mechanism has {report.everywhere} freedoms "
-                "in every configuration: it is singular everywhere, and its tables are "
-                "empty"
+                "within a relative tolerance of 1e-6, the mechanism has "
+                f"{report.everywhere} degrees of freedom in every configuration: it is "
+                "singular everywhere, and its tables are empty"
             )
         is_type_two = is_inside & (points["kind"] == "II")
         for name in dict.fromkeys(points["output"][is_type_two]):
             warnings.append(
-                f"output {name} meets type II in the range: the locked input does not hold "
-                "it there"
+                f"output {name} meets a singularity of type II in the range: there the "
+                "locked input does not hold it"
             )
         warnings += warn_of_near_misses(misses, points, names, self.near, input_pair)
 

@@ -109,8 +109,9 @@ time."""
 def no_aspects(mechanism: Mechanism) -> str:
     """Return why a mechanism of more than three inputs has no aspects."""
     return (
-        f"with {len(mechanism.inputs)} inputs an output can always rest: it has "
-        f"{MAX_OUTPUT_FREEDOMS} freedoms at most, so no part is free of type I"
+        f"an output has at most {MAX_OUTPUT_FREEDOMS} degrees of freedom, so with "
+        f"{len(mechanism.inputs)} inputs it can always rest, and no configuration is "
+        "free of type I"
     )
 
 

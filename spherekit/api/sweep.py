@@ -297,7 +297,10 @@ def perform(
         process_count = 1 if is_alone else workers or usable_cores()
         return run_sweep(sweep, folder, process_count, draw=_draw_figures)
     if folder is None:
-        raise DesignError("dask: give the folder to which the parts go")
+        raise DesignError(
+            "dask: a sweep on a cluster writes its parts into a folder; give the "
+            "argument folder"
+        )
     from spherekit.designs.dask_cluster import check_cluster, compute_on_cluster
 
     check_cluster()

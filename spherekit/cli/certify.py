@@ -192,21 +192,24 @@ def execute(options: Namespace) -> int:
     is_at_inputs = options.at is not None
     input_count = len(mechanism.inputs)
     if is_at_inputs and options.range:
-        raise AnalysisError("--at and --range are two questions; give one of them")
+        raise AnalysisError("--at and --range exclude each other; give only one of them")
     if options.poles and not is_at_inputs:
         raise AnalysisError(
-            "--poles asks for the poles of assembly modes at given input values; give "
-            "the values too, with --at Q"
+            "--poles encloses the poles at given input values, but no values are given; "
+            "add --at Q"
         )
     if options.clear_of and (is_at_inputs or input_count > 1):
-        raise AnalysisError("--clear-of is for the range of one input, and not for --at")
+        raise AnalysisError(
+            "--clear-of needs the range of a single input; leave it out with --at or "
+            "several inputs"
+        )
     is_map = input_count > 1 and not is_at_inputs
     if not is_map and (options.cell is not None or options.figure):
         contradiction = f"{mechanism.name} has {counted(input_count, 'input')}"
         if is_at_inputs:
-            contradiction = "not for --at"
+            contradiction = "--at gives single values"
         raise AnalysisError(
-            f"--cell and --figure are for ranges of several inputs, and {contradiction}; "
+            f"--cell and --figure need ranges of several inputs, but {contradiction}; "
             "leave --cell and --figure out"
         )
     for target in (options.out, options.figure):

@@ -117,7 +117,7 @@ def execute(options: Namespace) -> int:
         name = path.stem
     _check_name(options.what, name)
     if path.exists():
-        raise OutputError(f"{path}: is there already; choose another name, or remove it")
+        raise OutputError(f"{path}: exists already; choose another name, or remove it")
     if is_analysis:
         make_folder(path)
         for file, text in distribution_files(name).items():  # of the package
@@ -210,5 +210,5 @@ def _text_of_mechanism(name: str) -> str:
     from spherekit.files.mechanism_reader import load
 
     mechanism = load(name)
-    comment = f"# Made from {mechanism.name}; what [source] says is of that one.\n"
+    comment = f"# Made from {mechanism.name}, which the table [source] describes.\n"
     return (comment if mechanism.source else "") + find(name).read_text("utf-8")

@@ -310,7 +310,10 @@ def _run_and_report(
         if options.serve is not None:
             # Ctrl-C may come as soon as the message is printed, before the wait begins.
             with suppress(KeyboardInterrupt):
-                note(options, "the run is done and still served; stop with Ctrl-C")
+                note(
+                    options,
+                    "the run is done, and its recording is still served; stop with Ctrl-C",
+                )
                 recorder.serve_until_interrupted()
     return result, exceeded_bounds
 
@@ -509,8 +512,8 @@ def _setting_for_tolerance(
         )
     if options.trade and is_simulation and options.engine != "auto":
         raise AnalysisError(
-            f"--engine {options.engine}: the trade chooses it; leave one of --engine and "
-            "--trade out"
+            f"--engine {options.engine}: --trade already chooses the engine; leave one "
+            "of the two options out"
         )
     if options.tol is None or (is_simulation and not options.trade):
         return {}

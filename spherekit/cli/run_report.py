@@ -480,9 +480,9 @@ def _files(summary: Any, output: RunOutput) -> str:
     recording = summary.get("recording", {"one_of": 1, "from_sample": 0})
     if recording["one_of"] > 1 or recording["from_sample"] > 0:
         parts.append(
-            f"the recording has one of {counted(recording['one_of'], 'sample')} of each "
-            f"assembly mode, from sample {recording['from_sample']} on (--log-every K for "
-            "another number)"
+            "the recording has only one of every "
+            f"{counted(recording['one_of'], 'sample')} of each assembly mode, from "
+            f"sample {recording['from_sample']} on; --log-every K changes this"
         )
     return "; ".join(parts)
 
@@ -621,11 +621,12 @@ def accuracy_line(choice: Any) -> str:
     unmet = "" if choice["met"] else ": THE TOLERANCE IS NOT MET"
     if achieved_error is not None:
         return (
-            f"{line}; {achieved_error:.1e} reached at {choice['check_rows']} check rows "
+            f"{line}; largest error {achieved_error:.1e} at {choice['check_rows']} "
+            "check rows "
             f"({choice['worst_column']}){unmet}"
         )
     if predicted_error is not None:
-        return f"{line} by that trade{unmet}"
+        return f"{line}, from this measurement{unmet}"
     # Neither a trade nor check rows: no analysis computes anything whose error depends on
     # the setting.
-    return f"{line}; nothing that depends on samples was asked for"
+    return f"{line}; no requested result depends on samples"

@@ -357,8 +357,9 @@ def torque_of(torque_texts: Sequence[str], study: "Study") -> "str | dict[str, s
         pair, equals, torque = text.partition("=")
         if not equals or pair in torques:
             raise AnalysisError(
-                f'--torque: "{text}" does not say at which input it acts, or repeats it; '
-                f"write PAIR=EXPR once for each ({listing(study.mechanism.input_pairs)})"
+                f'--torque: "{text}" names no input, or an input that already has a '
+                "torque; write PAIR=EXPR once for each input "
+                f"({listing(study.mechanism.input_pairs)})"
             )
         torques[pair] = torque
     return torques

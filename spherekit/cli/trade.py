@@ -104,7 +104,7 @@ def execute(options: Namespace) -> int:
     )
     if len(analyses) > 1:
         raise AnalysisError(
-            f"{options.file}: names several analyses; say which with -a NAME"
+            f"{options.file}: the study has several analyses; choose one with -a NAME"
         )
     _check_destinations(options)
     result = trade(study, analyses[0], rounds=options.rounds)

@@ -81,11 +81,12 @@ def execute(options: Namespace) -> int:
 
     if options.file.endswith(STUDY_SUFFIX):
         raise OutputError(
-            f"{options.file}: a study asks for a run: `spherekit run {options.file} "
+            f"{options.file}: a study cannot be shown before it is run: `spherekit run "
+            f"{options.file} "
             "--view`; its mechanism alone is shown by `spherekit view MECHANISM.toml`"
         )
     if options.web and options.png:
-        raise OutputError("--web and --png: say one of them")
+        raise OutputError("--web and --png exclude each other; give only one of them")
     if options.png:
         from spherekit.display.rerun.screenshot import check_picture
 
@@ -178,7 +179,9 @@ def _size(text: str) -> tuple[int, int]:
     try:
         width, height = map(int, text.lower().split("x"))
     except ValueError:
-        raise OutputError(f"--size {text!r}: write WIDTHxHEIGHT, as 1600x1000") from None
+        raise OutputError(
+            f"--size {text!r}: write WIDTHxHEIGHT, such as 1600x1000"
+        ) from None
     return width, height
 
 

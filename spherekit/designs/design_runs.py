@@ -529,8 +529,8 @@ class DesignRuns:
             q = rows[present_columns].to_numpy(dtype=float)
         if merit.point and len(merit.point) != q.shape[1]:
             raise DesignError(
-                f"{merit.name}: at(EXPRESSION, Q): Q needs "
-                f"{counted(q.shape[1], 'input')}, found {len(merit.point)}"
+                f"{merit.name}: at(EXPRESSION, Q) needs {counted(q.shape[1], 'input')} "
+                f"Q, found {len(merit.point)}"
             )
         # "argmin" and "argmax" return the value of an input where the expression is
         # smallest or largest. With several inputs the user names the pair of one input,

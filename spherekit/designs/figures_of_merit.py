@@ -406,8 +406,8 @@ class KernelFigures:
             fault = ""
             if merit.point and len(merit.point) != count:
                 fault = (
-                    f"at needs {counted(count, 'input')} ({listing(self.inputs)}), not "
-                    f"{len(merit.point)}"
+                    f"the reduction at needs {counted(count, 'input')} "
+                    f"({listing(self.inputs)}), found {len(merit.point)}"
                 )
             elif (
                 REDUCTION_BY_NAME[merit.reduction].returns_input
@@ -419,7 +419,7 @@ class KernelFigures:
                     f"wanted, {merit.reduction}({merit.expression}, {self.inputs[0]})"
                 )
             elif merit.place not in ("", *self.inputs):
-                fault = f"{merit.place} is not driven; driven are {listing(self.inputs)}"
+                fault = f"{merit.place} is not driven; driven pairs: {listing(self.inputs)}"
             # A swing adds up the changes of an angle from sample to sample, beyond a full
             # turn. In a grid no sample follows another one.
             if merit.reduction == "swing" and len(self.samples.shape) > 1:

@@ -200,9 +200,9 @@ def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
         rates = np.abs(directions[:, 0] @ motion.rates[0])
         pairs = [name for name, v in mechanism.angles.items() if rates[v] > MIN_NAMED_RATE]
         raise SolveError(
-            f"{mechanism.name}: at the start pairs {listing(pairs)} can turn together so "
-            "that no link with mass moves, so a load would cause an infinite acceleration; "
-            "give mass to links that move then, or lock a pair"
+            f"{mechanism.name}: at the start, pairs {listing(pairs)} can turn together "
+            "without moving any link that has mass, so a load would cause an infinite "
+            "acceleration; give mass to the links that they move, or lock a pair"
         )
     # Some link with mass has to move in every motion. Its speed counts as zero if it is
     # below `MIN_RELATIVE_SPEED` times that of the fastest link, because of rounding. All
@@ -215,8 +215,9 @@ def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
     least_inertia = MIN_RELATIVE_SPEED**2 * total_inertia * largest_speed_square
     if not least_inertia < smallest:
         raise SolveError(
-            f"{mechanism.name}: at the start no link with mass moves (less than "
-            f"{MIN_RELATIVE_SPEED:g} of the fastest), so a load would cause an infinite "
+            f"{mechanism.name}: at the start no link with mass moves (its speed is "
+            f"below {MIN_RELATIVE_SPEED:g} of that of the fastest link), so a load "
+            "would cause an infinite "
             "acceleration; give mass to links that move, or start elsewhere"
         )
 

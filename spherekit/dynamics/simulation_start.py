@@ -511,7 +511,8 @@ def _compute_configuration(
     if status not in (Status.OK, Status.AT_SINGULARITY):
         where = listing(f"{x:.6g}" for x in q)
         raise SolveError(
-            f"{name}: no configuration of assembly mode {assembly_mode} at q = {where} rad "
+            f"{name}: assembly mode {assembly_mode} has no configuration at q = {where} "
+            "rad "
             f"({status.name}): {STATUS_MEANING[status]}"
         )
     number = motion.assembly_modes[row].number

@@ -219,7 +219,7 @@ def _find_passive_variables(mechanism: Mechanism, pairs: Sequence[str] | None) -
     for name in requested_pairs:
         if mechanism.pair(name).name in driven_pairs:
             raise SolveError(
-                f"{mechanism.name}: pairs: {name} is an input; passive are "
+                f"{mechanism.name}: pairs: {name} is an input; passive pairs: "
                 f"{listing(passive_pairs)}"
             )
     if not requested_pairs:

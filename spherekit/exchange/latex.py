@@ -179,8 +179,8 @@ def _select_expressions(
             suggestion = nearest(name, quantities)
             separator = suggestion if suggestion else ";"
             raise EngineError(
-                f'{mechanism.name}: "{name}" is not written as LaTeX'
-                f"{separator} there are {listing(quantities)}"
+                f'{mechanism.name}: "{name}" cannot be exported as LaTeX'
+                f"{separator} available: {listing(quantities)}"
             )
         for matching_name in matching_names:
             expressions += quantities[matching_name]

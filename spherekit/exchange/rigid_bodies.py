@@ -144,7 +144,7 @@ def construct_rigid_bodies(
     variable_count = len(mechanism.variable_names)
     if values.shape != (variable_count,) or not all_finite(values):
         raise ModelError(
-            f"{mechanism.name}: a configuration has {variable_count} finite variables "
+            f"{mechanism.name}: a configuration needs {variable_count} finite variables "
             f"({listing(mechanism.variable_names)}), not {values.tolist()}"
         )
     # The configuration: orientations of links, and frames of pairs (z is the pair axis).

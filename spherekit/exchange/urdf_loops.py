@@ -66,7 +66,9 @@ def add_loop_joint(
     name = loop_joint.get("name", "loop")
     where = f"{path}: loop joint {name}"
     if joint_type not in LOOP_TYPES:
-        raise FileError(f'{where}: type "{joint_type}"; allowed: {listing(LOOP_TYPES)}')
+        raise FileError(
+            f'{where}: found type "{joint_type}", allowed: {listing(LOOP_TYPES)}'
+        )
     ends = [(tag, end) for tag in END_TAGS for end in loop_joint.findall(tag)]
     if len(ends) != 2:
         raise FileError(

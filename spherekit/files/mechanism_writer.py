@@ -69,8 +69,9 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
     for line, line_read_back in zip_longest(lines, lines_read_back):
         if line != line_read_back:
             raise OutputError(
-                f"{mechanism.name}: {line or line_read_back} would not be read back as the "
-                "same; the format stores unit vectors, and for a profile only the keys of "
+                f"{mechanism.name}: {line or line_read_back} would change when the file "
+                "is read back; the format stores unit vectors, and for a profile only "
+                "the keys of "
                 "its kind"
             )
     return text

@@ -157,7 +157,7 @@ def number_path(document: Document, key: str) -> KeyPath:
         other_key for other_key in reversed(path_by_key) if other_key.startswith(prefix)
     ]
     raise FileError(
-        f"{document.name}: {problem} there are "
+        f"{document.name}: {problem} available: "
         f"{listing(alternatives or [*value]) or 'none'}"
     )
 

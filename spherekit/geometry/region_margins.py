@@ -87,8 +87,9 @@ class MarginEvaluator:
             self.rounding_errors = estimate_rounding(values)
         if values.shape[1] != len(self.rounding_errors):
             raise RegionError(
-                f"margins have {values.shape[1]} columns, and had "
-                f"{len(self.rounding_errors)} before; return the same margins at every call"
+                f"the function returned {values.shape[1]} margins for each point, but "
+                f"{len(self.rounding_errors)} in an earlier call; return the same "
+                "margins at every call"
             )
         return values
 

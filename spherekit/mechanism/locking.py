@@ -303,7 +303,8 @@ def _is_at_reference_value(
         raise ModelError(
             f"{where} is locked at {value:.6g} rad, but is at {reference_value:.6g} rad in "
             f"the reference pose. The file does not determine how far {rolling[0]} has "
-            "rolled between both; lock the pair at its angle in the reference pose, or "
+            "rolled between these two angles; lock the pair at its angle in the "
+            "reference pose, or "
             "define the mechanism by arcs and angles"
         )
     return False

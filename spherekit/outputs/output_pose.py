@@ -407,8 +407,9 @@ class PoseFinder:
                 )
                 if distance[0] < SAME_ORIENTATION_RAD:
                     raise SolveError(
-                        f"{architecture.mechanism.name}: outputs.{self.output.name} points "
-                        "there in every mid-plane through this direction; give inputs, an "
+                        f"{architecture.mechanism.name}: outputs.{self.output.name} "
+                        "points in this direction for every mid-plane that contains it; "
+                        "give inputs, an "
                         "orientation, or phi and gamma"
                     )
                 # Of the two opposite normals, the one with n_z >= 0.

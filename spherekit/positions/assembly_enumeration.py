@@ -146,7 +146,7 @@ def enumerate_assemblies(solver: PositionSolver, q: Floats) -> ConfigurationsAtI
     modes = modes[:MAX_CONFIGURATIONS]
     if is_truncated:
         description = (
-            f"the first {MAX_CONFIGURATIONS} configurations are kept, there are more"
+            f"the first {MAX_CONFIGURATIONS} configurations are kept, and there are more"
         )
         # The doubt, from 0 to 1, tells how likely it is that a configuration is missing.
         # The result as a whole counts as its least complete method. It is enough to replace

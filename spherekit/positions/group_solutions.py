@@ -121,7 +121,7 @@ def find_group_configurations(
     description = f"{description}: {statistics.describe('modes')}"
     # The search ends when `MAX_MODES` configurations are stored, even if none was left out.
     if distinct.is_truncated or len(distinct.values) >= MAX_MODES:
-        description += f"; the first {len(distinct.values)} are kept, there may be more"
+        description += f"; the first {len(distinct.values)} are kept, and there may be more"
     configurations = sorted(distinct.values, key=mode_sort_key)
     # A missed configuration is one to which few random starts lead. The doubt is the
     # largest share of starts that may lead to it.

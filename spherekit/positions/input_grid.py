@@ -146,8 +146,8 @@ def check_sample_counts(mechanism: Mechanism, samples: int | Sequence[int]) -> N
         raise SolveError(
             f"{mechanism.name}: samples: {text} is for {counted(len(samples), 'input')}, "
             f"but the mechanism has {counted(len(inputs), 'input')} "
-            f"({listing(i.pair for i in inputs)}); give one number for each, as 361 or "
-            "41x21"
+            f"({listing(i.pair for i in inputs)}); give one number for each, such as "
+            "361 or 41x21"
         )
     if math.prod(counts) > MAX_SAMPLES:
         raise SolveError(

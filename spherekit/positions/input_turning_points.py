@@ -158,9 +158,12 @@ class InputTurningPoints(NamedTuple):
                 intervals = f"between the {count} inputs of the range at which they meet"
             reason = f"all modes, {intervals}{self._crossing_remark}"
             return Completeness(Guarantee.COMPLETE, reason)
-        reason = f"all modes at {counted(len(self.probes(step)), 'input')}"
+        reason = f"all modes at {counted(len(self.probes(step)), 'value')} of the input"
         if count:
-            reason += f", and between {count} at which they are known to meet"
+            reason += (
+                f", which include each interval between the {count} known values at "
+                "which modes meet"
+            )
             reason += self._crossing_remark
         # Every mode that exists over an interval of the input wider than `gap` is known.
         sentence = (

@@ -86,8 +86,8 @@ RANDOM_STARTS_FOLLOWED_TOGETHER = 6
 """The same for configurations from random starts, several of which may be on one mode."""
 AS_ASSEMBLED = Completeness(
     Guarantee.COMPONENT,
-    "the mode of the reference pose, and where it ends the modes that continue; other ways "
-    "to mesh the wheels were not searched",
+    "the mode of the reference pose and the modes that continue it where it ends; other "
+    "ways to mesh the wheels were not searched",
 )
 
 

@@ -454,7 +454,7 @@ class SampledModes:
             self._search_sample(len(self.input_grid) // 2)
         reason = statistics.describe("modes")
         if self._is_sheet_limit_reached:
-            reason += f"; stopped at {self._solution_count} modes, there may be more"
+            reason += f"; stopped at {self._solution_count} modes, and there may be more"
         return Completeness(
             Guarantee.SAMPLED,
             reason,
@@ -540,8 +540,8 @@ class SampledModes:
         max_modes = self._mode_limit
         if len(modes) > max_modes:
             reason = (
-                f"{self.claim.reason}; the {max_modes} assembly modes with most samples "
-                f"are kept of {len(modes)}"
+                f"{self.claim.reason}; of {len(modes)} assembly modes, the {max_modes} "
+                "with most samples are kept"
             )
             self.claim = Completeness(Guarantee.SAMPLED, reason)
 

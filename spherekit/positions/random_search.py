@@ -196,13 +196,13 @@ class SearchStatistics:
                 rare_count = sum(count <= 1 for count in counts)
                 new_probability = counts.count(1) / self.closed_starts
                 result += (
-                    f"{rare_count} of them at most once, so that "
-                    f"about {new_probability:.1%} of further ones would close "
-                    "on another"
+                    f"{rare_count} of them at most once, so that about "
+                    f"{new_probability:.1%} of further starts that close would lead to "
+                    "a new one"
                 )
         return (
-            f"{result}; any that {self.missed_share:.2%} of starts lead to would have been "
-            f"met with {1.0 - MISS_PROBABILITY:.0%} probability"
+            f"{result}; one to which {self.missed_share:.2%} of all starts lead would "
+            f"have been found with a probability of {1.0 - MISS_PROBABILITY:.0%}"
         )
 
 

@@ -579,9 +579,9 @@ def certify_curves(
         is_full_cycle = decimal_mechanism.in_degrees and last - first == 360 * cycle_turns
         if centre_float(high - low) > TURN and not is_full_cycle:
             raise PlanError(
-                f"{decimal_mechanism.mechanism.name}: {first} to {last} is more than "
-                f"{counted(cycle_turns, 'turn')}, after which everything returns; give at "
-                "most that"
+                f"{decimal_mechanism.mechanism.name}: {first} to {last} is longer than "
+                f"{counted(cycle_turns, 'turn')}, after which the motion repeats; give "
+                "a range that is not longer"
             )
         search, box_count, undecided_boxes = _search_curves(
             equations, low, high, is_full_cycle

@@ -88,9 +88,9 @@ def resume_or_start(
             '--restart (unfinished="discard")'
         )
     raise OutputError(
-        f"{str(run_folder.path)!r}: this run was stopped there after {samples_done} of "
-        f'{len(run_plan.sampling)} samples; continue with --resume (unfinished="resume"), '
-        'or start again with --restart (unfinished="discard")'
+        f"{str(run_folder.path)!r}: the folder contains this run, stopped after "
+        f"{samples_done} of {len(run_plan.sampling)} samples; continue it with --resume "
+        '(unfinished="resume"), or start again with --restart (unfinished="discard")'
     )
 
 

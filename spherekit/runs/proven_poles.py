@@ -84,13 +84,13 @@ COPIED_COLUMNS = (
 
 PROVEN_TABLE = Table(
     "proven_poles",
-    "the poles of the run enclosed by proof: one row per row of poles",
+    "proven enclosures of the poles of the run: one row per row of the table poles",
     (
         SAMPLE,
         ASSEMBLY_MODE,
-        Column("link", "", "the link that moves", "text"),
-        Column("relative_to", "", "the link it is seen from", "text"),
-        Column("moving", "", "the moving input, the others locked", "text"),
+        Column("link", "", "link that moves", "text"),
+        Column("relative_to", "", "link relative to which it moves", "text"),
+        Column("moving", "", "input that moves; the other inputs are locked", "text"),
         *(
             Column(
                 f"proven_u{axis}",
@@ -101,19 +101,51 @@ PROVEN_TABLE = Table(
             )
             for axis in "xyz"
         ),
-        Column("proven_u_off", "", "by how much each is off at most", scale="none"),
-        Column("proven_velocity_coefficient", "", "velocity coefficient, its size"),
-        Column("proven_velocity_coefficient_off", "", "off at most", scale="none"),
-        Column("u_error", "", "error of the run's axis, at most", scale="none"),
-        Column("error_bound", "rad", "bound that the run gives", scale="none"),
-        Column("error_bound_is", "", "holds, exceeded, or open: not told apart", "text"),
         Column(
-            "velocity_coefficient_error", "", "error of the run's, at most", scale="none"
+            "proven_u_off",
+            "",
+            "upper bound of the error of each component of this axis",
+            scale="none",
         ),
         Column(
-            "velocity_coefficient_error_bound", "", "bound that the run gives", scale="none"
+            "proven_velocity_coefficient",
+            "",
+            "magnitude of the velocity coefficient, proven",
         ),
-        Column("velocity_coefficient_error_bound_is", "", "holds, exceeded, open", "text"),
+        Column(
+            "proven_velocity_coefficient_off", "", "upper bound of its error", scale="none"
+        ),
+        Column(
+            "u_error",
+            "",
+            "proven upper bound of the angular error of the axis in the table poles",
+            scale="none",
+        ),
+        Column("error_bound", "rad", "error bound in the table poles", scale="none"),
+        Column(
+            "error_bound_is",
+            "",
+            "whether this error bound holds: holds, exceeded, or open (undecided)",
+            "text",
+        ),
+        Column(
+            "velocity_coefficient_error",
+            "",
+            "proven upper bound of the error of the coefficient in the table poles",
+            scale="none",
+        ),
+        Column(
+            "velocity_coefficient_error_bound",
+            "",
+            "error bound in the table poles",
+            scale="none",
+        ),
+        Column(
+            "velocity_coefficient_error_bound_is",
+            "",
+            "whether this error bound holds: holds, exceeded, or open (undecided)",
+            "text",
+        ),
         STATUS,
     ),
 )

@@ -48,11 +48,21 @@ Larger: a recording of evenly spread axes is seen from its default side more oft
 
 EVENTS = Table(
     "events",
-    "what happened in the course of a simulation, in order of time",
+    "events of a simulation, in order of time: one row per event",
     (
         Column("t", "s", "time"),
-        Column("kind", "", "dead_centre, type_2, rest, joint_limit or switch", "text"),
-        Column("pair", "", "the pair concerned, if it is one", "text"),
+        Column(
+            "kind",
+            "",
+            "kind of the event: dead_centre, type_2, rest, joint_limit or switch",
+            "text",
+        ),
+        Column(
+            "pair",
+            "",
+            "the pair that the event concerns; empty if it concerns no pair",
+            "text",
+        ),
         INPUTS,
     ),
 )

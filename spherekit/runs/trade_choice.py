@@ -112,7 +112,10 @@ def choose(
     if trades:
         choice = _choose_from_trades(trades, tolerance, "stored" if stored else "short")
     else:
-        reason = f"fewer than {MIN_SAMPLES_FOR_TRADE} samples: no trade was made"
+        reason = (
+            f"nothing was measured, since there are fewer than {MIN_SAMPLES_FOR_TRADE} "
+            "samples"
+        )
         choice = SettingChoice(ORDINARY, np.nan, reason)
 
     # The error that the chosen setting reaches at some rows of the run.
@@ -176,8 +179,9 @@ def read_stored_trades(
         ]
         if not analyses_of_trade:
             raise AnalysisError(
-                f"{path}: the trade is of analysis {stored_trade.analysis}, which is not "
-                f"run; the run has {listing(item.name for item in analyses)}: leave this "
+                f"{path}: the trade was measured for analysis {stored_trade.analysis}, "
+                "which is not part of this run; the run has "
+                f"{listing(item.name for item in analyses)}: leave this "
                 "--trade out"
             )
         run_description = describe_run(study, analyses_of_trade[0])
@@ -194,9 +198,9 @@ def read_stored_trades(
         )
         if not has_settings:
             raise AnalysisError(
-                f"{path}: the trade is of parameters of {stored_trade.analysis}, not of "
-                "ways to run it; give the parameter with -a NAME:key=value, and leave "
-                "--trade out"
+                f"{path}: the trade compares values of a parameter of "
+                f"{stored_trade.analysis}, not settings of a run; give the parameter "
+                "with -a NAME:key=value, and leave --trade out"
             )
         trades[stored_trade.analysis] = stored_trade
     lacking = [analysis.name for analysis in analyses if analysis.name not in trades]
@@ -271,7 +275,7 @@ def _choose_from_trades(
     origin = f"of a {kind} trade of {listing(item.analysis for item in trades)}"
     if not costs:
         # The default setting needs no measurement.
-        return SettingChoice(ORDINARY, np.nan, f"no setting {origin} gives all rows")
+        return SettingChoice(ORDINARY, np.nan, f"no setting {origin} computes all rows")
     # Errors were measured at some samples only, so they need a margin.
     sufficient_costs = {
         setting: cost for setting, cost in costs.items() if MARGIN * cost.error <= tolerance

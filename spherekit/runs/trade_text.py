@@ -48,8 +48,9 @@ def as_text(trade: Trade, tolerance: float | None = None) -> str:
         lines.append("  ".join(cells).rstrip())
     # Each setting was run several times, in rounds.
     lines.append(
-        "*: no other is quicker and as accurate. Times are processor times of the whole "
-        "run, the best of the rounds and their median; compiling comes once."
+        "*: no other setting is both faster and as accurate. Times are processor times "
+        "of the whole run: the best of all rounds, and their median. Time for compiling "
+        "is needed only once."
     )
     lines += [
         f"  {measured.name}: the analysis's own estimate of its error "
@@ -78,11 +79,11 @@ def _make_heading(trade: Trade) -> str:
     """Return the first line of the text: what was measured, and against what."""
     subject = f"{trade.mechanism}, {trade.analysis}"
     if trade.derivatives is None:
-        return f"{subject}: parameters of its own, against {trade.reference}"
+        return f"{subject}: values of its parameters, compared with {trade.reference}"
     orders = "rates and derivatives" if trade.derivatives else "rates, no derivatives"
     return (
-        f"{subject}: {trade.samples} samples, {orders}; times by {trade.checked} of them, "
-        f"errors at {trade.rows} rows against {trade.reference}"
+        f"{subject}: {trade.samples} samples, {orders}; {trade.checked} samples were "
+        f"timed, and {trade.rows} rows were compared with {trade.reference}"
     )
 
 
@@ -96,12 +97,11 @@ def advise(trade: Trade, tolerance: float) -> str:
     best = trade.cheapest(tolerance)
     if best is not None:
         return (
-            f"for {tolerance:g}: {best.name}, error {best.error:.1e} (taken where "
-            f"{MARGIN:g} times that is within), {format_seconds(best.total)} with "
-            "compiling"
+            f"for {tolerance:g}: {best.name}, error {best.error:.1e} ({MARGIN:g} times "
+            f"this is within the tolerance), {format_seconds(best.total)} with compiling"
         )
     if not trade.pareto:
-        return f"for {tolerance:g}: no setting gives all numbers"
+        return f"for {tolerance:g}: no setting computes all numbers"
     # The front is sorted by time, so that its last setting is the most accurate.
     most_accurate = trade.pareto[-1]
     return (

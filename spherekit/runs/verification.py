@@ -321,8 +321,8 @@ class Verifier:
             try:
                 if analysis.name in failed or reads_no_rows:
                     raise AnalysisError(
-                        "the analysis failed, or its rows are not the rows that are "
-                        "verified"
+                        "the analysis failed, or its tables do not follow from the "
+                        "verified rows"
                     )
                 pairs += self._table_pairs(analysis, selected, reference_rows)
             except SpherekitError:

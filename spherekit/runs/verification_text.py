@@ -52,7 +52,7 @@ def format_verification(verification: Facts) -> list[str]:
     if "problem" in verification:
         return [f"not verified: {verification['problem']}"]
     if not verification["rows"]:
-        return ["verified: no row has a configuration and finite rates"]
+        return ["verified: nothing, because no row has a configuration and finite rates"]
     lines = [
         f"verified {verification['rows']} rows in {verification['digits']} digits "
         f"({verification['seconds']:.1f} s): configurations within "
@@ -73,8 +73,8 @@ def format_verification(verification: Facts) -> list[str]:
         if facts["count"]:
             lines.append(
                 f"  {facts['within_bound']} of {facts['count']} {quantity.title} "
-                f"lie within their error bound; the error that is largest beside its bound "
-                f"is {facts['error']:.1e}, {facts['over_bound']:.2g} of the bound, at "
+                "are within their error bound; the error nearest to its bound is "
+                f"{facts['error']:.1e}, {facts['over_bound']:.2g} times the bound, at "
                 f"{_describe_row(facts)}"
             )
     lines += [
@@ -90,7 +90,7 @@ def format_verification(verification: Facts) -> list[str]:
     # of the run. Only rows at configurations of the run are computed again.
     if verification["not_verified"]:
         lines.append(
-            "  not verified, as they failed or find configurations of their own: "
+            "  not verified, because they failed or search for configurations themselves: "
             + ", ".join(verification["not_verified"])
         )
     return lines
@@ -129,14 +129,16 @@ def verification_failures(verification: Facts) -> list[str]:
         if facts and facts["within_bound"] < facts["count"]:
             sentences.append(
                 f"verify: {facts['count'] - facts['within_bound']} of {facts['count']} "
-                f"{quantity.title} are off by more than their error bound"
+                f"{quantity.title} have an error above their error bound"
             )
     if verification.get("without_reference"):
         rows = listing(
             f"{_describe_row(row)} ({row['status']})"
             for row in verification["without_reference"]
         )
-        sentences.append(f"verify: no solution in many digits belongs to {rows}")
+        sentences.append(
+            f"verify: the computation with many digits found no solution for {rows}"
+        )
     return sentences
 
 

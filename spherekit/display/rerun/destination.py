@@ -194,8 +194,8 @@ class FileOutput:
             self._finish_copy()
             self.part.unlink(missing_ok=True)
             raise OutputError(
-                f"{self.path} could not be written whole: {self._error.strerror}; make "
-                "room or choose another disk. The part written was removed"
+                f"{self.path} could not be written completely: {self._error.strerror}; "
+                "free some space or choose another disk. The incomplete file was removed"
             ) from self._error
 
 

@@ -118,14 +118,14 @@ def check_tables(case: ConformanceCase) -> str:
         # An empty table (no `counts`) is allowed, unless it is the main table, see below.
         if counts and (set(counts) != required_rows or not has_equal_counts):
             raise PluginError(
-                f"table {table.name} has not the same number of rows for every sample of "
-                "every assembly mode; a row that fails is kept, with NaN"
+                f"table {table.name} does not have the same number of rows for every "
+                "sample of every assembly mode; keep rows that fail, with NaN in them"
             )
     main_table = tables[0]
     if row_count(computed[main_table.name]) == 0:
         raise NotApplicableError(
-            f"the main table {main_table.name} was empty, so that its rows are not "
-            "checked; try a mechanism for which it has some"
+            f"the main table {main_table.name} is empty, so its rows cannot be checked; "
+            "try a mechanism for which it has rows"
         )
     return ""
 

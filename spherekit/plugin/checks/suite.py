@@ -82,7 +82,9 @@ class ConformanceSuite:
             verdict: Verdict = "holds"
             try:
                 if failed_requirement:
-                    raise NotApplicableError(f"after {failed_requirement}")
+                    raise NotApplicableError(
+                        f'it needs the check "{failed_requirement}", which failed'
+                    )
                 note = check()
             except NotApplicableError as reason:
                 verdict = "not checked"

@@ -85,7 +85,10 @@ def rotate_mechanism(mechanism: Mechanism, rotation: Floats) -> Mechanism:
 def _rotate_profile(profile: Profile, rotation: Floats, pair: Pair) -> Profile:
     """Return a rotated profile through points; other kinds cannot be compared."""
     if not profile.points:
-        raise NotApplicableError(f"a {profile.kind} counts its arc length from the axes")
+        raise NotApplicableError(
+            f"the arc length of a {profile.kind} is measured from the coordinate axes, so "
+            "a rotated mechanism has other arc lengths"
+        )
     return rotate_profile(profile, rotation, pair)
 
 
