@@ -102,12 +102,15 @@ class ArcLength:
         """
 
         def deviation(s: Floats) -> Floats:
-            """Return u minus s times the mean slope, (n, 1), at arc lengths s (n,).
+            """Return the curve parameter u minus its linear part, at arc lengths s (n,).
 
-            A panel is a range of u on which the speed is a Legendre series. `edges` are the
-            parameters, and `starts` the arc lengths, at the ends of panels.
+            The linear part, s times the mean of du/ds, is known without interpolation. Only
+            the difference, returned as (n, 1), is interpolated.
+
+            A panel is a range of u on which the speed ds/du is a series. `edges` are the
+            parameters at the ends of the panels, and `starts` the arc lengths there.
             """
-            # On the panel that contains s, find the position x from -1 to 1 at which the
+            # In the panel that contains s, find the position x from -1 to 1 at which the
             # arc length from the start of the panel has the target value.
             panel = np.searchsorted(self.starts[1:-1], s, side="right")
             target = s - self.starts[panel]
@@ -125,6 +128,7 @@ class ArcLength:
                 values_at_high=np.diff(self.starts)[panel] - target,
                 tolerance=EPS,
             )
+            # Convert the position in the panel to the curve parameter.
             u = self.edges[panel] + 0.5 * np.diff(self.edges)[panel] * (1.0 + x)
             return (u - s * self._mean_slope)[:, None]
 

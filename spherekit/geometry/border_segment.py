@@ -179,6 +179,27 @@ class BorderSegments(ArrayRows):
     error: Floats
 
     @staticmethod
+    def empty() -> "BorderSegments":
+        """Return a record without segments, to which others can be joined."""
+        no_index = np.zeros(0, np.intp)
+        no_number = np.zeros(0)
+        no_flag = np.zeros(0, dtype=bool)
+        return BorderSegments(
+            frames=np.zeros((0, 3, 3)),
+            length=no_number,
+            margin=no_index,
+            triangle=no_index,
+            start=no_index,
+            stop=no_index,
+            is_leading=no_flag,
+            is_sound=no_flag,
+            order=no_index,
+            height=np.zeros((0, ORDERS[-1] + 1)),
+            area=no_number,
+            error=no_number,
+        )
+
+    @staticmethod
     def find(
         evaluate: MarginEvaluator,
         ends: tuple[Floats, Floats],

@@ -109,90 +109,84 @@ class RegionRefinement:
     """
 
     def __init__(self, evaluate: MarginEvaluator, spacing: float) -> None:
-        """Make the first mesh, with margins at its vertices and without border.
+        """Make the first triangle mesh, in which the border of the region is not known yet.
+
+        The region consists of the directions in which all margins are at least 0. A margin
+        is a function of the direction.
 
         Parameters
         ----------
         evaluate
-            Function that evaluates the margins of directions. The margins are the functions
-            of the direction that are at least 0 in the region.
+            Function that evaluates the margins of directions.
         spacing
             Longest edge (rad) of the first triangles.
         """
         self.evaluate = evaluate
         self.points, self.triangles = icosahedron(spacing)
-        self.values = evaluate(self.points)
-        # For each triangle: its class, which says whether the border crosses it; its
-        # longest edge (rad); and whether the signs of several margins are uncertain in it.
-        # The border may then have a corner, where two margins are zero.
+        self.values = evaluate(self.points)  # margins at the vertices
+        # `_classify` computes these for each triangle: its class, which says whether the
+        # border crosses it; its longest edge (rad); and whether several margins may have
+        # either sign in it.
         count = len(self.triangles)
         self.classes = np.full(count, UNCLASSIFIED)
         self.longest_edges = np.zeros(count)
         self.has_several_uncertain = np.zeros(count, dtype=bool)
 
-        # Crossings of edges with the border: key, number of the margin that is zero there,
-        # and point. A key has the number of the vertex inside the region in its upper 32
+        # `_find_border` finds the points at which edges cross the border, and the segments
+        # of the border between them, one or two in each triangle that it crosses.
+        #
+        # A crossing has a key, the number of the margin that is zero there, and a point.
+        # The key has the number of the edge's vertex inside the region in its upper 32
         # bits, and that of the vertex outside in its lower ones.
-        no_index = np.zeros(0, np.intp)
-        no_point = np.zeros((0, 3))
-        no_flag = np.zeros(0, dtype=bool)
-        self._crossing_keys = no_index
-        self._crossing_margins = no_index
-        self._crossing_points = no_point
-        # The border, as segments in triangles. There are none yet, so all arrays are empty.
-        # `_find_border` adds segments later. `is_leading` is False for the second segment
-        # of a triangle, behind a corner. `is_searched` is False for segments that are taken
-        # to be straight.
-        self.segments = BorderSegments.find(
-            evaluate,
-            ends=(no_point, no_point),
-            margin=no_index,
-            triangle=no_index,
-            crossings=(no_index, no_index),
-            is_leading=no_flag,
-            is_searched=no_flag,
-        )
+        self._crossing_keys = np.zeros(0, np.intp)
+        self._crossing_margins = np.zeros(0, np.intp)
+        self._crossing_points = np.zeros((0, 3))
+        self.segments = BorderSegments.empty()
 
     def refine(self, tolerance: float, feature: float, max_evaluations: int) -> None:
-        """Refine until the error of the area is small enough, or nothing more helps.
+        """Cut triangles of the mesh until the area of the region is accurate enough.
 
-        Each triangle of the mesh has a class. It is *open* if a part of the region, or a
-        hole, may be hidden in it. It is *broken* if the margins, the functions that are at
-        least 0 in the region, are defined in a part of it only. A round cuts triangles for
-        the first of these reasons that applies to any of them:
+        Each triangle has a class. It is *open* if a part of the region, or a hole, may be
+        hidden in it. It is *broken* if the margins, the functions that are at least 0 in
+        the region, are defined in a part of it only. Each round takes the first of these
+        steps that finds triangles to cut:
 
-        1. They are open or broken, and too large.
-        2. They became open and are too large: no border was found between their edges.
-        3. The error of the area exceeds the tolerance.
+        1. Classify the new triangles. Cut the large triangles that are open or broken.
+        2. Search the border in the triangles that it crosses. A triangle in which it is not
+           found becomes open. Cut the large ones.
+        3. If the error of the area exceeds the tolerance, cut the triangles that cause it.
 
         Parameters
         ----------
         tolerance
             Error of the area (sr) at which the refinement ends.
         feature
-            Smallest size (rad) of parts and holes of the region that are to be found. Open
-            triangles are too large if they have longer edges. Smaller ones are cut for the
-            third reason only.
+            Smallest size (rad) of parts and holes of the region that are to be found. An
+            open triangle is large if it has a longer edge. Smaller ones are cut in the
+            third step only.
         max_evaluations
-            Number of points at which the margins are evaluated before the refinement ends.
+            Number of points at which the margins may be evaluated. The refinement ends
+            before a cut that would exceed it.
         """
         while True:
+            # Step 1.
             self._classify()
             is_cut = self.classes == TriangleClass.BROKEN
             is_cut &= self.longest_edges > MAX_BROKEN_EDGE_RAD
             is_cut |= self.is_open & (self.longest_edges > feature)
             if not is_cut.any():
+                # Step 2. This call can make triangles open.
                 self._find_border()
-                # This call made triangles open in which it did not find a border.
                 is_cut = self.is_open & (self.longest_edges > feature)
             if not is_cut.any():
+                # Step 3.
                 is_cut = self._reduce_error(tolerance)
             cost = EVALUATIONS_PER_CUT * np.count_nonzero(is_cut)
             if not cost or self.evaluate.evaluations + cost > max_evaluations:
                 break
             self._cut(is_cut)
-        # A round that cuts for the first reason does not search the border. If the loop
-        # ends in such a round, it is searched now. Otherwise no triangle is left to search.
+        # If the limit of evaluations ends the loop after step 1, the border in the newest
+        # triangles has not been searched yet. In all other cases this call does nothing.
         self._find_border()
 
     @property

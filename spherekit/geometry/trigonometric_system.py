@@ -139,34 +139,37 @@ class EliminantRoots:
 
 @dataclass(frozen=True)
 class RemainingForms:
-    """Equations in one angle that remain after values of the first angle were inserted.
+    """Equations in one angle that remain of a system at given values of its first angle x.
 
-    A system has two equations in the angles x and z, or three in x, y and z. They are
-    linear in the cosine and sine of each angle. If all angles but one have values, a form
-    (c0, c1, c2) remains: the equation c0 + c1 cos + c2 sin = 0. It has two zeros, which may
-    be complex, so all numbers are complex.
+    A form (c0, c1, c2) is the equation c0 + c1 cos + c2 sin = 0 in one angle. It has two
+    zeros, which may be complex, so all numbers are complex.
 
-    In a system of three, the first equation contains x and y only. At a value of x it is a
-    form in y with two zeros. At each of them the other two equations are forms in z. A
-    system of two has no angle y: it has forms in z only, and the arrays ``second_...`` are
-    filled with 1.
+    - A system of three equations has the angles x, y and z. Its first equation contains x
+      and y only, so at a value of x it is a form in y, with the zeros y1 and y2. At each of
+      these, the other two equations are forms in z.
+    - A system of two equations has the angles x and z. At a value of x, both are forms in
+      z. There is no angle y, so the arrays ``second_...`` are filled with 1.
 
-    From the forms follows the eliminant: the polynomial in x that remains when the other
-    angles are eliminated. It is zero at the first angles of solutions. It is the product of
-    the resultants of the forms in z, at each zero of y, and of a power of `second_weights`,
-    their common denominator.
+    The forms are needed for the eliminant: the polynomial in x that is zero at the first
+    angles of solutions. For three equations it is
+
+        R(y1) R(y2) second_weights^p
+
+    R is the resultant of the two forms in z, a polynomial in their coefficients that is
+    zero if both have a common zero. It has degree p in cos y and sin y. At y1 and y2 these
+    are fractions with the denominator `second_weights`, which the last factor removes.
 
     Attributes
     ----------
     last_forms
-        (n, r, s, 2, 3) forms of the last two equations in z, for n systems and r values of
-        x. The third axis has the s = 2 zeros of y, or one entry if there is no angle y.
+        (n, r, s, 2, 3) both forms in z, for n systems and r values of x. The third axis has
+        the s = 2 zeros of y, or one entry if there is no angle y.
     second_zeros
         (n, r, s, 3) values (1, cos y, sin y) at the zeros of y.
     second_forms
         (n, r, 3) form in y of the first equation.
     second_weights
-        (n, r) c1^2 + c2^2 of that form: the denominator of cos y and sin y at its zeros.
+        (n, r) c1^2 + c2^2 of the form in y.
     """
 
     last_forms: Complexes
@@ -655,8 +658,8 @@ def _reduce_to_forms(equations: Numbers, first_angles: Numbers) -> RemainingForm
     factors = angle_factors(first_angles).astype(complex)
     remaining = np.einsum("nkx...,nrx->nrk...", equations, factors)
     if equations.shape[1] == 2:
-        # Two equations have no second angle. The results for it are not used, or are
-        # factors, so they are ones.
+        # Two equations have no second angle. The results for it are filled with 1, so that
+        # they change nothing where they are factors.
         ones = np.ones((*first_angles.shape, 1, 3), dtype=complex)
         return RemainingForms(
             last_forms=remaining[:, :, None],

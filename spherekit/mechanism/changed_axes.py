@@ -29,7 +29,7 @@ EMPTY_MAPPING: Mapping[str, Any] = MappingProxyType({})
 
 
 def rotate_profile(profile: Profile, rotation: Floats, pair: Pair) -> Profile:
-    """Return a profile whose centre and points are rotated.
+    """Return a profile of a contact in other link axes: its centre and points are rotated.
 
     Parameters
     ----------
@@ -38,8 +38,8 @@ def rotate_profile(profile: Profile, rotation: Floats, pair: Pair) -> Profile:
     rotation
         (3, 3) rotation from the old to the new link axes.
     pair
-        The pair of the profile. It is not used. `redescribe` calls this function by
-        default, or one with the same parameters that its caller gives and that may use it.
+        The contact. It has no influence here. `redescribe` can be given another function
+        with these three parameters, and such a function may need the pair.
     """
     del pair
     centre = None if profile.centre is None else rotate_vector(rotation, profile.centre)
@@ -58,8 +58,8 @@ def redescribe(
 ) -> dict[str, Any]:
     """Return the pairs, outputs, masses and loads of a mechanism in another description.
 
-    Links can have other names and other axes, and names in the expressions of loads can be
-    replaced. The geometry is left to the caller.
+    Links can get other names and other axes, and names in the expressions of loads can be
+    replaced. The caller changes the geometry (arcs of links or axes of pairs) itself.
 
     Parameters
     ----------
@@ -68,13 +68,15 @@ def redescribe(
     link_names
         New names of links by their old names. Other links keep theirs.
     rotations
-        Rotations of the links that get other axes.
+        Rotations (3, 3) from the old to the new axes of links, by link. Other links keep
+        their axes.
     ground_rotation
         (3, 3) rotation from the old to the new ground axes, if these change.
     expression_names
         Texts that replace names in expressions of loads.
     rotate_pair_profile
-        Function that returns a profile of a pair in rotated axes.
+        Function that returns the profile of a contact in rotated link axes. Its arguments
+        are the profile, the rotation and the contact.
 
     Returns
     -------
@@ -88,12 +90,17 @@ def redescribe(
     }
 
     def replace_names(expression: str) -> str:
+        """Return an expression of a load with other names of variables."""
         return re.sub(
             r"\w+", lambda name: expression_names.get(name[0], name[0]), expression
         )
 
     def redescribe_part(part: Any) -> Any:
-        """Return a pair, output, mass or load with the new names and in the new axes."""
+        """Return a pair, output, mass or load with new names of links and in new axes.
+
+        The new names and the rotations from old to new axes are those that `redescribe` was
+        called with. Vectors, tensors, profiles and expressions are rotated.
+        """
         # Vectors of numbers, such as a centre of mass, are in the axes of the link to which
         # the part belongs. Those of a part without a link, such as the acceleration of
         # gravity, are in ground axes. A rotation is None if the axes stay as they are.
@@ -114,10 +121,11 @@ def redescribe(
                 case "links", links:
                     changes[name] = tuple(link_names.get(link, link) for link in links)
                 case "profiles", (_, _) as profiles:
-                    # A contact pair has a profile on each of its two links, in the axes of
-                    # that link. `rotate_pair_profile` is an argument of `redescribe`. It
-                    # gets the pair too, because some ways to describe a profile in other
-                    # axes depend on it.
+                    # A contact has a profile on each of its two links, in the axes of that
+                    # link. `rotate_pair_profile` is an argument of `redescribe`. Its last
+                    # argument is the contact, because it may refuse some: rotated axes
+                    # change the point of a circle from which its arc length is counted.
+                    # This matters for a rolling contact, but not for a sliding one.
                     changes[name] = tuple(
                         rotate_pair_profile(profile, rotations[link], part)
                         if link in rotations

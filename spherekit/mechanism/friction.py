@@ -238,15 +238,26 @@ class ContactFriction(BearingFriction):
 
     @property
     def friction_coefficient(self) -> float:
-        """The friction (N m) per push (N m)."""
+        """The friction (N m) divided by the push (N m), as `BearingFriction` requires."""
         return self.coefficient
 
     def supported_loads(self, moments: Floats, forces: Floats | None = None) -> Floats:
-        """Return the push (..., 1, 3), N m, from the moments (..., 3) of the contact.
+        """Return the push of the contact, as a vector (N m).
 
-        The force along the normal has a moment about the centre along the tangent, which is
-        the first axis of the pair. The push is this part of the moment. The axis of length
-        1 is there because other pairs have several bearings.
+        The pair axes are the tangent, the normal and the direction to the contact point. A
+        force along the normal at this point has a moment about the tangent: the push.
+
+        Parameters
+        ----------
+        moments
+            (..., 3) moment about the centre (N m) that the contact transmits, in pair axes.
+        forces
+            It has no influence: the push follows from the moment alone.
+
+        Returns
+        -------
+        (..., 1, 3) push (N m) in pair axes. An R pair can have several bearings, and their
+        number is the length of the second axis from the right. Here this length is 1.
         """
         return (moments * [1.0, 0.0, 0.0])[..., None, :]
 

@@ -668,9 +668,9 @@ class _NameReference(NamedTuple):
     Attributes
     ----------
     what
-        What is referred to.
+        Whether it is the name of a link or of a pair.
     key
-        Key of the place in the file of the mechanism.
+        Key of the place in the file of the mechanism, such as "loads.spring.pair".
     name
         The name.
     """
@@ -680,20 +680,20 @@ class _NameReference(NamedTuple):
     name: str
 
 
-_REFERRED_BY_KIND: Mapping[str, Literal["link", "pair"]] = {
+_REFERENCE_OF_FIELD_KIND: Mapping[str, Literal["link", "pair"]] = {
     "link": "link",
     "links": "link",
     "pair": "pair",
     "contact": "pair",
 }
-"""What a field refers to, by its kind (`field_kinds`)."""
+"""Whether fields with names contain those of links or of pairs, by `field_kinds`."""
 
 
 def _name_references(mechanism: Mechanism) -> Iterator[_NameReference]:
     """Yield all places at which a mechanism refers to a link or a pair by its name.
 
-    Each reference has the kind of thing that is meant ("link" or "pair"), the key of the
-    place in the file of the mechanism, and the name.
+    For example, a spring at pair 21 refers to this pair. The key of the place in the
+    mechanism file is "loads.spring.pair" if "spring" is the name of the load.
     """
     yield _NameReference("link", "ground", mechanism.ground)
     for table, parts in (
@@ -705,10 +705,10 @@ def _name_references(mechanism: Mechanism) -> Iterator[_NameReference]:
         ("joint_limits", mechanism.joint_limits),
     ):
         for part in parts:
-            # The kind of a field says what it contains, such as "contact", the name of a
-            # contact pair. Kinds without names, such as numbers, are left out.
-            for field_name, kind in field_kinds(part).items():
-                if kind not in _REFERRED_BY_KIND:
+            # The kind of a field says what it contains. A field of the kind "contact", for
+            # example, has the name of a pair. Fields without names are left out.
+            for field_name, field_kind in field_kinds(part).items():
+                if field_kind not in _REFERENCE_OF_FIELD_KIND:
                     continue
                 # The field contains one name, or the names of both links of a pair.
                 value = getattr(part, field_name)
@@ -720,14 +720,16 @@ def _name_references(mechanism: Mechanism) -> Iterator[_NameReference]:
                         f"{part.name}.{field_name}" if hasattr(part, "name") else name
                     )
                     yield _NameReference(
-                        _REFERRED_BY_KIND[kind], f"{table}.{part_key}", name
+                        what=_REFERENCE_OF_FIELD_KIND[field_kind],
+                        key=f"{table}.{part_key}",
+                        name=name,
                     )
     for mode, values in mechanism.modes.items():
         for pair in values:
             yield _NameReference("pair", f"modes.{mode}", pair)
-    # The geometry is given by arcs and angles of links, with the angle at which the
-    # variable of a pair is zero. Otherwise it is given by axes of pairs in a reference
-    # pose, with the values of their variables there.
+    # The geometry is given in one of two ways: by arcs and angles of links, with the angles
+    # at which the variables of pairs are zero, or by the axes of pairs in a reference pose,
+    # with the values of their variables there.
     geometry = mechanism.geometry
     if isinstance(geometry, SizeGeometry):
         for link in geometry.links:

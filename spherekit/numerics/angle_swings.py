@@ -56,50 +56,30 @@ def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
     appended = np.where(is_appended, angles, np.nan)
     path = np.concatenate([angles, appended]) if is_closed_path else angles
 
-    # (n, path samples) changes of the angles. The first one of each mode is NaN. From here
-    # on, the steps of all modes are one long array, in which each NaN starts a piece:
-    # successive samples at which the angle is known.
-    steps = wrap(np.diff(path, axis=0, prepend=np.nan)).T
-    piece_starts = np.flatnonzero(np.isnan(steps))
-    piece_of_step = np.cumsum(np.isnan(steps)) - 1
+    # (path samples, n) changes of the angles since the sample before, NaN if one of both
+    # angles is unknown. The first change of each mode is NaN.
+    changes = wrap(np.diff(path, axis=0, prepend=np.nan))
     # The angle relative to the first sample. NaN counts as no change.
-    growth = np.cumsum(np.nan_to_num(steps), axis=1).ravel()
+    growth = np.cumsum(np.nan_to_num(changes), axis=0)
 
-    # (pieces,) extremes of each piece, and the mode to which the piece belongs.
-    lowest = np.minimum.reduceat(growth, piece_starts)
-    highest = np.maximum.reduceat(growth, piece_starts)
-    swings = highest - lowest
-    mode_of_piece = piece_starts // len(path)
-    # Sorted by mode, and in each mode by falling swing, the first piece is the widest one.
-    order = np.lexsort((-swings, mode_of_piece))
-    widest = order[np.searchsorted(mode_of_piece, np.arange(angles.shape[1]))]
-
-    def find_extreme_samples(extremes: Floats) -> Indices:
-        """Return for each mode the sample at an end of its widest swing.
-
-        A piece is a row of successive samples at which the angle of a mode is known. The
-        growth is the change of the angle since the first sample, with full revolutions
-        counted. The result is the first sample in the widest piece of the mode at which the
-        growth has its extreme value.
-
-        Parameters
-        ----------
-        extremes
-            (pieces,) the lowest growth in each piece, or the highest growth in each.
-
-        Returns
-        -------
-        (n,) numbers of samples.
-        """
-        extreme_steps = np.flatnonzero(growth == extremes[piece_of_step])
-        # The first such step from the start of the piece on.
-        step = extreme_steps[np.searchsorted(extreme_steps, piece_starts[widest])]
-        # From the long array to the path of the mode, then to samples without repetition.
-        return step % len(path) % len(angles)
-
-    is_known = np.any(np.isfinite(angles), axis=0)
-    return AngleSwings(
-        swing=np.where(is_known, swings[widest], np.nan),
-        low_sample=find_extreme_samples(lowest),
-        high_sample=find_extreme_samples(highest),
-    )
+    mode_count = angles.shape[1]
+    swings = np.full(mode_count, np.nan)
+    low_samples = np.zeros(mode_count, np.intp)
+    high_samples = np.zeros(mode_count, np.intp)
+    for mode in range(mode_count):
+        # Each NaN starts a piece. The extremes of a piece are the ends of its swing.
+        piece_starts = np.flatnonzero(np.isnan(changes[:, mode]))
+        piece_stops = np.append(piece_starts[1:], len(path))
+        lowest = np.minimum.reduceat(growth[:, mode], piece_starts)
+        highest = np.maximum.reduceat(growth[:, mode], piece_starts)
+        widest = np.argmax(highest - lowest)
+        if np.any(np.isfinite(angles[:, mode])):
+            swings[mode] = highest[widest] - lowest[widest]
+        # The first samples at both extremes. Samples that were appended are counted as the
+        # samples that they repeat.
+        piece = slice(piece_starts[widest], piece_stops[widest])
+        low_step = piece.start + np.argmin(growth[piece, mode])
+        high_step = piece.start + np.argmax(growth[piece, mode])
+        low_samples[mode] = low_step % len(angles)
+        high_samples[mode] = high_step % len(angles)
+    return AngleSwings(swings, low_samples, high_samples)

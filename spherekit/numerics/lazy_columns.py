@@ -7,7 +7,6 @@ The functions here therefore collect all columns of a source before they read it
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -16,9 +15,9 @@ from numpy.typing import DTypeLike
 from spherekit.arrays import Array
 
 Reader = Callable[[slice, Sequence[Array]], None]
-"""Takes a slice of rows and the values of several columns in these rows.
+"""Function of a slice of rows, and of the values of several columns in these rows.
 
-The values may be overwritten as soon as the call returns.
+The caller may overwrite the values as soon as the call returns.
 """
 
 
@@ -111,11 +110,23 @@ def remove_repetitions(column: Array | Interleaved) -> tuple[Array, int]:
 
 Column = Array | LazyColumn | Interleaved
 
-Span = tuple[slice, int]
-"""Rows of a column, and the row of an output array at which the first of them belongs.
 
-In a column with several subjects, a span has complete groups of one row for each subject.
-"""
+class Span(NamedTuple):
+    """Successive rows of a column that are to be copied into an output array.
+
+    For example, rows 10 to 19 of a column become the rows 0 to 9 of the output.
+
+    Attributes
+    ----------
+    rows
+        The rows of the column. In a column in which the rows of k subjects alternate, start
+        and stop are multiples of k, so that each subject has equally many rows.
+    first_output_row
+        The row of the output to which the first of them is copied.
+    """
+
+    rows: slice
+    first_output_row: int
 
 
 def read_columns(columns: Iterable[Column]) -> list[Array]:
@@ -137,9 +148,8 @@ def read_columns(columns: Iterable[Column]) -> list[Array]:
         arrays.append(array)
         unread.append((column, array))
         length = max(length, len(array))
-    # All rows are copied. The first one belongs in row 0 of the arrays.
-    first_output_row = 0
-    copy_columns(unread, [(slice(0, length), first_output_row)])
+    all_rows = Span(slice(0, length), first_output_row=0)
+    copy_columns(unread, [all_rows])
     return arrays
 
 
@@ -161,20 +171,25 @@ class _Target(NamedTuple):
 def copy_columns(columns: Iterable[tuple[Column, Array]], spans: Sequence[Span]) -> None:
     """Copy rows of columns into output arrays.
 
-    A column is an array, or a lazy column, which a source computes when it is read. It can
-    also consist of several of these (parts) whose rows alternate. For example, the rows of
-    several poles alternate in a table of poles; each pole is called a subject. All parts of
-    one source are computed in one pass.
+    There are three kinds of columns:
+
+    - an array;
+    - a lazy column, which its source computes when it is read. The columns of one source
+      are computed in one pass, because that takes less time;
+    - an interleaved column. It consists of several parts of the first two kinds, whose rows
+      alternate. In a table of poles, for example, each part has the rows of one pole. What
+      a part belongs to is called its subject.
 
     Parameters
     ----------
     columns
         Columns, with the output array of each.
     spans
-        The rows of a column to copy, as slices. Each has the row of the output to which its
-        first row is copied. They apply to all columns.
+        Which rows of each column are copied, and to which rows of its output. Rows of an
+        interleaved column are counted over all its parts.
     """
-    # Columns to compute, by the identity of their source. A source need not be hashable.
+    # Lazy columns and where their rows are written, by the identity (`id`) of their source.
+    # A source need not be hashable.
     targets_by_source: defaultdict[int, list[tuple[LazyColumn, _Target]]]
     targets_by_source = defaultdict(list)
     for column, output in columns:
@@ -186,40 +201,44 @@ def copy_columns(columns: Iterable[tuple[Column, Array]], spans: Sequence[Span])
             if isinstance(part, LazyColumn):
                 targets_by_source[id(part.source)].append((part, target))
             else:
-                # All rows of an array are available.
                 all_rows = slice(0, len(part))
-                _copy_rows([target], spans, all_rows, [part])
+                _copy_rows([target], spans, available_rows=all_rows, values_of_parts=[part])
     for parts_and_targets in targets_by_source.values():
         keys = [part.key for part, _ in parts_and_targets]
         targets = [target for _, target in parts_and_targets]
         source = parts_and_targets[0][0].source
-        # The source computes the columns with these keys. It calls the reader for slices of
-        # rows, with the values in them.
-        reader: Reader = partial(_copy_rows, targets, spans)
-        source.read(keys, reader)
+
+        def copy_computed_rows(
+            rows: slice, values: Sequence[Array], targets: list[_Target] = targets
+        ) -> None:
+            """Copy the values (one array for each key) that the source has in some rows."""
+            _copy_rows(targets, spans, available_rows=rows, values_of_parts=values)
+
+        # The source computes the columns with these keys, slice by slice of their rows, and
+        # calls the function with each slice.
+        source.read(keys, copy_computed_rows)
 
 
 def _copy_rows(
     targets: Sequence[_Target],
     spans: Sequence[Span],
-    rows: slice,
+    available_rows: slice,
     values_of_parts: Sequence[Array],
 ) -> None:
-    """Copy rows of several parts of columns into output arrays.
+    """Copy the available rows of several parts of columns into output arrays.
 
-    Rows are copied that are both wanted (`spans`) and available (`rows`). In some columns
-    the rows of several subjects, such as poles, alternate. Such a column has a part for
-    each subject. Other columns are one part.
+    In some columns the rows of several subjects, such as poles, alternate. Such a column
+    has a part for each subject. Other columns are one part. Rows that are not in `spans`
+    are left out.
 
     Parameters
     ----------
     targets
         For each part, where its rows are written. The output arrays are changed in place.
     spans
-        The wanted rows of a column, as slices. Each has the row of the output to which its
-        first row is copied.
-    rows
-        The available rows, counted among the rows of a part.
+        Which rows of a column are wanted, and to which rows of the output they are copied.
+    available_rows
+        The rows of which the values are given, counted among the rows of a part.
     values_of_parts
         The values of each part in the available rows.
     """
@@ -229,14 +248,16 @@ def _copy_rows(
     for target in targets:
         subject_count = target.subject_count
         if subject_count not in slices_by_count:
-            slices_by_count[subject_count] = _match_rows(subject_count, spans, rows)
+            slices_by_count[subject_count] = _match_rows(
+                subject_count, spans, available_rows
+            )
     for values, target in zip(values_of_parts, targets, strict=True):
         for output_slice, value_slice in slices_by_count[target.subject_count]:
             target.output[output_slice] = values[value_slice]
 
 
 def _match_rows(
-    subject_count: int, spans: Sequence[Span], rows: slice
+    subject_count: int, spans: Sequence[Span], available_rows: slice
 ) -> list[tuple[slice, slice]]:
     """Return which output rows receive which of the available rows of one subject.
 
@@ -248,10 +269,9 @@ def _match_rows(
     subject_count
         Number of subjects, whose rows alternate in the column and in the output.
     spans
-        The rows of the column to copy, as slices. Each has the row of the output to which
-        its first row is copied. A span has complete groups of one row for each subject, so
-        its ends are multiples of `subject_count`.
-    rows
+        Which rows of the column are copied, and to which rows of the output. The ends of a
+        span are multiples of `subject_count`.
+    available_rows
         The available rows, counted among the rows of the subject.
 
     Returns
@@ -262,20 +282,20 @@ def _match_rows(
     subjects, rows 0 and 1 of a subject go to the rows ``0:6:3`` of ``output[s:]``.
     """
     matches = []
-    for span, first_output_row in spans:
+    for span in spans:
         # Rows of the column are converted to rows of the subject.
-        span_start = span.start // subject_count
-        span_stop = span.stop // subject_count
+        span_start = span.rows.start // subject_count
+        span_stop = span.rows.stop // subject_count
         # The rows that are in the span and available.
-        low = max(rows.start, span_start)
-        high = min(rows.stop, span_stop)
+        low = max(available_rows.start, span_start)
+        high = min(available_rows.stop, span_stop)
         if low < high:
-            output_start = first_output_row + (low - span_start) * subject_count
-            output_stop = first_output_row + (high - span_start) * subject_count
+            output_start = span.first_output_row + (low - span_start) * subject_count
+            output_stop = span.first_output_row + (high - span_start) * subject_count
             matches.append(
                 (
                     slice(output_start, output_stop, subject_count),
-                    slice(low - rows.start, high - rows.start),
+                    slice(low - available_rows.start, high - available_rows.start),
                 )
             )
     return matches

@@ -29,15 +29,20 @@ class ModeAtPoses(Protocol):
 
     A working mode is a choice of one of two positions for each leg. At a singularity of
     type I an input moves while the output rests; at one of type II the output can move
-    although the inputs are locked. Quantities are NaN at poses at which they are not
-    determined. Two of them have values on both sides of the limit of the reach: the cosine
-    between the outer axes of a leg (`LegSpan`), and `type_1_square`.
+    although the inputs are locked.
+
+    Quantities are NaN at poses at which they are not determined. Two of them are also
+    determined at poses that a leg cannot reach: see `cosine` and `type_1_square`. The
+    border of a workspace is the limit of this reach, and its search needs values on both
+    sides.
     """
 
     def cosine(self, first_pair: int, second_pair: int) -> Floats:
         """Return the cosine (n,) of the angle between the axes of two pairs.
 
-        The pairs are numbered as in the mechanism without wheels.
+        The cosine between the first and the last axis of a leg is also known where the leg
+        is too short or too long for the pose. The pairs are numbered as in the mechanism
+        without wheels.
         """
 
     def angle(self, pair: int) -> Floats:
@@ -116,8 +121,8 @@ class AngleLimit:
 
     Two methods return margins, which are positive inside and negative beyond the limit.
     `left()` returns the angle that is left to the limit, for reports. `column()` returns a
-    difference of cosines. It is smooth at the border of a workspace, which is computed from
-    it.
+    difference of cosines, from which the border of a workspace is computed. It is a smooth
+    function of the pose, also where the angle is not: at 0 and pi.
 
     Attributes
     ----------
@@ -130,9 +135,10 @@ class AngleLimit:
     cosine
         Function that returns the cosine (n,) of the angle at n poses in one working mode.
     unit
-        Factor from the limited angle to the reported angle, usually 1.0. It is 0.5 for the
-        distance b from a singularity, with sin b = 0 at the singularity. Reports state b,
-        but the limited angle is 2 b, because cos 2 b is smooth even at b = 0.
+        Factor from the limited angle to the reported one, usually 1.0. It is 0.5 for the
+        distance b from a singularity. Known is sin b, a measure that is 0 at the
+        singularity. Reports state b. The limited angle is 2 b, because its cosine
+        1 - 2 sin^2 b is a polynomial of the measure and therefore smooth.
     """
 
     name: str
@@ -142,9 +148,9 @@ class AngleLimit:
     unit: float = 1.0
 
     def column(self, rows: ModeAtPoses) -> Floats:
-        """Return the margin (n,) as a difference of cosines, smooth across the border.
+        """Return the margin (n,) as a difference of cosines, negative beyond the limit.
 
-        It is negative beyond the limit. A table of margins has a column for each limit.
+        It is one column of a table of margins, which has a column for each limit.
         """
         # The cosine falls as the angle grows. So this difference is positive if the angle
         # is larger than the limit.
@@ -152,7 +158,8 @@ class AngleLimit:
         return margin if self.at_least else -margin
 
     def left(self, rows: ModeAtPoses) -> Floats:
-        """Return how much (n,) rad is left to the limit, negative beyond it."""
+        """Return the reported angle (n,) that is left to the limit, negative beyond it."""
+        # Rounding errors can make a cosine larger than 1.
         angle = np.arccos(np.clip(self.cosine(rows), -1.0, 1.0))
         margin = self.unit * (angle - self.limit)
         return margin if self.at_least else -margin

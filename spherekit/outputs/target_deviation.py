@@ -322,22 +322,19 @@ class TargetDeviation:
         return transpose(tree.signs) @ reactions + moment_along_path
 
     def _vector_rates(self, rates: Floats) -> Floats:
-        """Return the changes (n, variables, 3) of the variables' vectors.
+        """Return the time derivatives (n, variables, 3) of the vectors of all variables.
 
-        The links move at rates (n, variables) of the variables.
+        The vector of a variable is the angular velocity at its pair at unit rate: the unit
+        vector of its axis for an R pair. The variables have the rates (n, variables).
         """
         return self.linearisation.vector_rates(self.linearisation.body_rates(rates))
 
     def _vector_accelerations(self, rates: Floats, vector_rates: Floats) -> Floats:
-        """Return the second derivatives (n, variables, 3) of the variables' axis vectors.
+        """Return the second time derivatives of the axis vectors of all variables.
 
         The axis a of a pair is fixed in a body with the angular velocity w and the angular
         acceleration w': a'' = w' x a + w x a'. For contact pairs this would need a further
         derivative of their profiles, which is not available: the result is NaN.
-
-        The caller multiplies the result by the moments at the pairs. These are zero if the
-        output link is on its target, so that contact pairs have no influence. The result is
-        set to zero there, because a product of zero and NaN would be NaN.
 
         Parameters
         ----------
@@ -345,19 +342,28 @@ class TargetDeviation:
             (n, variables) constant rates of the variables.
         vector_rates
             (n, variables, 3) first derivatives of the vectors at these rates.
+
+        Returns
+        -------
+        (n, variables, 3). Rows are 0 where the output link is on its target.
         """
         tree = self.linearisation.tree
+        vectors = self.linearisation.vectors
         # For each variable the first body of its pair, in which the axis is fixed.
         first_bodies = tree.first_bodies[list(tree.pair_of_variable)]
         # The angular velocity of a body is the sum of rate times vector over the variables
-        # on its path. The rates are constant, so only the vectors change.
-        body_accelerations = tree.body_rates(vector_rates, rates)[:, first_bodies]
-        angular_velocities = self.linearisation.body_rates(rates)[:, first_bodies]
-        result = cross(body_accelerations, self.linearisation.vectors)
+        # on its path. The rates are constant. The derivative therefore is the same sum with
+        # the derivatives of the vectors.
+        angular_velocities = tree.body_rates(vectors, rates)[:, first_bodies]
+        angular_accelerations = tree.body_rates(vector_rates, rates)[:, first_bodies]
+        result = cross(angular_accelerations, vectors)
         result += cross(angular_velocities, vector_rates)
         joints = self.linearisation.joints
         is_contact = [not joints[pair].has_axis for pair in tree.pair_of_variable]
         result[:, is_contact] = np.nan
+        # The caller multiplies the result by `_pair_moments`: the moments at the pairs of
+        # an imagined spring that pulls the output link to its target. They are zero on the
+        # target, and the product has to be zero there, not NaN.
         result[~self._is_off_target] = 0.0
         return result
 

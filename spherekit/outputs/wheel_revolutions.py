@@ -109,13 +109,16 @@ def find_assembled_configuration(
 def _list_possible_lengths(
     held_solver: PositionSolver, gear_phases: GearPhases, lengths: Floats
 ) -> Floats:
-    """Return rolled lengths that differ from given ones by whole revolutions of wheels.
+    """Return rolled lengths with which the wheels may mesh as in the mechanism file.
 
     The rolled length of a contact is the arc (rad) that one wheel has rolled on the other.
-    The given lengths close the loops, but perhaps with wheels that mesh in other teeth than
-    in the mechanism file. They then differ from the right lengths by whole revolutions of
-    wheels. In the assembly of the file, rolled lengths are linear functions of the inputs.
-    Only lengths that these functions can take are returned.
+    The given lengths close the loops, but the wheels may mesh in other teeth than in the
+    file. For example, a wheel of 10 teeth that makes one more revolution on a wheel of 15
+    meets other teeth of that wheel. The right lengths therefore differ from the given ones
+    by whole revolutions of wheels.
+
+    In the assembly of the file, rolled lengths are linear functions of the inputs. Only
+    lengths that these functions can take are returned.
 
     Parameters
     ----------
@@ -128,22 +131,25 @@ def _list_possible_lengths(
 
     Returns
     -------
-    (n, m) rolled lengths (rad), those with the smallest sum of absolute lengths first. The
-    loops have to be closed for each of them. There are therefore at most
-    `MAX_TRIED_ASSEMBLIES`, and those with larger sums are left out.
+    (n, m) rolled lengths (rad), those with the smallest sum of absolute lengths first. At
+    most `MAX_TRIED_ASSEMBLIES` are returned, because the caller closes the loops for each
+    of them, which takes time.
     """
     tree = held_solver.closure.tree
     # The contacts whose rolled lengths these are.
     contacts = [tree.pair_of_variable[v] for v in gear_phases.variables]
     joints = [held_solver.closure.joints[contact] for contact in contacts]
     # For each contact the lengths that differ by whole revolutions, the smallest absolute
-    # values first. Then combinations of one length for each contact. Their number is
-    # limited, so in a mechanism with many contacts the right one may not be among them.
-    choices = [
+    # values first.
+    lengths_of_contacts = [
         list_equivalent_lengths(joint, float(length))
         for joint, length in zip(joints, lengths, strict=True)
     ]
-    combinations = np.array(list(islice(product(*choices), MAX_LENGTH_COMBINATIONS)))
+    # Combinations of one length for each contact. Their number is limited, so in a
+    # mechanism with many contacts the right one may not be among them.
+    combinations = np.array(
+        list(islice(product(*lengths_of_contacts), MAX_LENGTH_COMBINATIONS))
+    )
     # In the configuration of the mechanism file, the wheels have rolled the reference
     # lengths. Inputs change the lengths by ratios @ (change of the inputs). A change is
     # possible if its projection onto the range of the matrix `ratios` does not alter it.
@@ -176,14 +182,16 @@ def _find_input_revolutions(
     (inputs,) rad, with the smallest sum of absolute values. None if no inputs up to
     `MAX_INPUT_REVOLUTIONS` away roll the lengths; inputs farther away are not recognised.
     """
-    # Inputs that roll no wheel remain as they are. After one period of an input (rad), all
-    # wheels are in the same phase again. Half a period in both directions therefore covers
-    # all phases. All whole revolutions within this range are tried.
-    rolls = max_abs(gear_phases.ratios, axis=0) > GEAR_RATIO_TOLERANCE
+    # After one period of an input (rad), all wheels are in the same phase again. All whole
+    # revolutions up to half a period in both directions are tried, which covers all phases.
+    # Inputs that roll no wheel remain as they are.
+    rolls_wheels = max_abs(gear_phases.ratios, axis=0) > GEAR_RATIO_TOLERANCE
     half_period = np.ceil(0.5 * np.asarray(gear_phases.periods) / TURN)
-    limits = np.where(rolls, np.minimum(MAX_INPUT_REVOLUTIONS, half_period), 0)
-    revolutions = [range(-k, k + 1) for k in limits.astype(int).tolist()]
-    inputs = q + TURN * np.array(list(product(*revolutions)), dtype=float)
+    most_revolutions = np.where(
+        rolls_wheels, np.minimum(MAX_INPUT_REVOLUTIONS, half_period), 0
+    )
+    tried_revolutions = [range(-k, k + 1) for k in most_revolutions.astype(int).tolist()]
+    inputs = q + TURN * np.array(list(product(*tried_revolutions)), dtype=float)
     misfit = max_abs(gear_phases.rolled_lengths(inputs) - lengths, axis=1)
     possible_inputs = inputs[misfit < SAME_ROLLED_LENGTH_RAD]
     if not len(possible_inputs):

@@ -111,13 +111,13 @@ def make_margins(
 ) -> Margins:
     """Return a function that computes the margins of poses in one working mode.
 
-    There is a margin for each limit: the cosine of the limited angle is compared with that
-    of the limit. A margin is negative beyond the limit.
+    Each limit of an angle gives a pose a margin: the difference of the cosines of the angle
+    and of its limit, negative beyond the limit.
 
     Parameters
     ----------
     kinematics
-        The output with the closed form of its poses.
+        The output, with formulas that give the configuration of the mechanism at a pose.
     bounds
         The limits of angles that a pose has to keep.
     signs
@@ -126,14 +126,16 @@ def make_margins(
     Returns
     -------
     A function of directions (n, 3) or quaternions xyzw (n, 4) that returns the margins
-    (n, bounds), differences of cosines.
+    (n, bounds).
     """
 
     def margins(poses: Floats) -> Floats:
         """Return the margins (n, bounds), negative beyond a limit."""
+        # Poses that the legs cannot reach have NaN, without warnings.
         with np.errstate(all="ignore"):
             mode = kinematics.at(_convert_poses(kinematics, poses), signs)
-            return np.stack([bound.column(mode) for bound in bounds], axis=1)
+            margin_of_each_limit = [limit.column(mode) for limit in bounds]
+            return np.stack(margin_of_each_limit, axis=1)
 
     return margins
 

@@ -122,7 +122,7 @@ class JoinedBlocks(Mapping[str, Array]):
         first = 0
         # Sorted by mode, then by block.
         for _, number, rows in sorted(mode_spans, key=lambda span: span[:2]):
-            self._spans[number].append((rows, first))
+            self._spans[number].append(Span(rows, first_output_row=first))
             first += rows.stop - rows.start
 
     def __getitem__(self, name: str) -> Array:

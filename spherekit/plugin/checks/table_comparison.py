@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator, Mapping
 import numpy as np
 
 from spherekit.arrays import Array, Floats
+from spherekit.errors import PluginError
 from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.angles import wrap
 from spherekit.tables.table import Column, Table, TableArrays, row_count
@@ -170,14 +171,16 @@ def replace_words(data: TableArrays, replacements: Mapping[str, str]) -> TableAr
 
 def match_rows(
     table: Table, expected: TableArrays, compared: TableArrays, links: Collection[str]
-) -> tuple[TableArrays, TableArrays] | str:
+) -> tuple[TableArrays, TableArrays]:
     """Return the rows that two tables share, in the same order.
 
-    `compared` is the table of the same mechanism with its links renamed and in another
-    order. A row is identified by its texts and whole numbers, its key. If keys occur twice,
-    rows cannot be identified: both tables are returned unchanged, to be compared in their
-    own order. A row about one link relative to another may be missing, because with another
-    order of links it is about the second relative to the first.
+    `compared` is the table of the same mechanism, computed with other names and numbers of
+    links. The old names have been put back into it. A row is identified by its texts and
+    whole numbers, its key. If keys occur twice, rows cannot be identified: both tables are
+    returned unchanged, to be compared in their own order.
+
+    A row about one link relative to another may be missing, because with another order of
+    links it is about the second relative to the first.
 
     Parameters
     ----------
@@ -190,8 +193,12 @@ def match_rows(
 
     Returns
     -------
-    The rows of `expected` and of `compared`, or a text if a row is missing that should be
-    there.
+    The rows of `expected` and of `compared`.
+
+    Raises
+    ------
+    PluginError
+        If a row is missing that should be there.
     """
     key_columns = [
         column.name for column in table.columns if column.kind in ("text", "integer")
@@ -211,7 +218,10 @@ def match_rows(
         texts = [item for item in key if isinstance(item, str)]
         words = re.findall(r"\w+", " ".join(texts))
         if sum(word in links for word in words) < 2:
-            return f"table {table.name} has no row of {', '.join(map(str, key))} any more"
+            raise PluginError(
+                f"with other names or numbers of links, table {table.name} has no row of "
+                f"{', '.join(map(str, key))} any more"
+            )
     expected_rows = [expected_row_of_key[key] for key in shared_keys]
     compared_rows = [compared_row_of_key[key] for key in shared_keys]
     return (
