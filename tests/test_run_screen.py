@@ -377,6 +377,18 @@ def test_a_simulation_says_events_end_error_and_energy(capsys):
     assert "expected" not in printed and "engine" not in printed
 
 
+def test_stops_of_a_damped_motion_are_counted_but_not_listed(capsys):
+    """The crank comes to rest with ever smaller swings, of which the table shows five."""
+    words = ["-a", "eksergian", "--start", "q=20deg", "--duration", 10]
+    printed = print_run(capsys, "four_bar", *words)
+    stops = "all links stop and turn back at t (s) = 1.407, 2.778, 4.14, 5.503 and 1 more"
+    assert f"5 events: {stops}." in printed
+    assert (
+        "2 further stops of all links end swings of the input below 0.00001 deg" in printed
+    )
+    assert re.search(r"1.41, 2.78, 4.14, 5.5 and 1 more\n", printed)
+
+
 def test_a_run_says_which_joint_limits_it_does_not_apply(capsys, tmp_path):
     """Limits of an input that contain its range need no line, as its angles are known."""
     limits = (JointLimit("21", -0.1, 6.4), JointLimit("41", -2.0, 2.0))

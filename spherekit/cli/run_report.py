@@ -22,6 +22,13 @@ MAX_LISTED_MEETINGS = 6
 MAX_LISTED_EVENTS = 4
 """Number of events of a simulation that are printed; the table of events has all."""
 
+LEAST_SWING_RAD = math.radians(1e-5)
+"""Swings of the input that are not larger are not listed among the events, but counted.
+
+The table of outputs leaves out reversals at similarly small speeds. Larger: more stops of a
+damped motion are only counted; smaller: stops appear that no other result shows.
+"""
+
 MAX_LISTED_LIMITS = 4
 """Number of joint limits that are printed; the mechanism file has all."""
 
@@ -300,7 +307,11 @@ def _describe_simulation(simulation: Any) -> Lines:
         )
     if simulation["events"]:
         times_by_event: dict[str, Lines] = {}
+        small_swings = 0
         for event in simulation["event_list"]:
+            if event.get("swing_rad", math.inf) <= LEAST_SWING_RAD:
+                small_swings += 1
+                continue
             text = EVENT_TEXTS.get(event["kind"], event["kind"])
             text = text.format(pair=event["pair"] or "the input")
             times_by_event.setdefault(text, []).append(number_text(event["t"], digits=4))
@@ -308,7 +319,15 @@ def _describe_simulation(simulation: Any) -> Lines:
             f"{text} at t (s) = {listing(times, MAX_LISTED_EVENTS)}"
             for text, times in times_by_event.items()
         ]
-        lines.append(f"{counted(simulation['events'], 'event')}: {'; '.join(texts)}.")
+        if texts:
+            count = simulation["events"] - small_swings
+            lines.append(f"{counted(count, 'event')}: {'; '.join(texts)}.")
+        if small_swings:
+            lines.append(
+                f"{counted(small_swings, 'further stop')} of all links end swings of the "
+                f"input below {math.degrees(LEAST_SWING_RAD):.5f} deg; the table of events "
+                "has them."
+            )
     kinds = {event["kind"] for event in simulation["event_list"]}
     if not kinds & {"dead_centre", "type_2", "crossing"}:
         lines.append(f"The motion meets no {TYPE_2_TEXT.removeprefix('a ')}.")

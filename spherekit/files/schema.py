@@ -160,7 +160,10 @@ def shown(value: object) -> str:
 
 def mismatch(value: object, allowed: str) -> str:
     """Return the message about a value of another type than is allowed."""
-    return f"found {shown(value)} ({_type_name(value)}), needs {allowed}"
+    value_text = shown(value)
+    if not isinstance(value, dict):  # the text of a table says that it is one
+        value_text = f"{value_text} ({_type_name(value)})"
+    return f"found {value_text}, needs {allowed}"
 
 
 @cache

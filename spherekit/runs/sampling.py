@@ -3,7 +3,7 @@
 `make_sampling` finds the assembly modes, or solves the simulation, of a `Study`.
 """
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -13,7 +13,7 @@ import numpy as np
 from spherekit.arrays import Floats, Indices
 from spherekit.conventions import TURN, Names
 from spherekit.dynamics.forward_dynamics import check_engine_and_tolerance, simulate
-from spherekit.dynamics.simulation import Simulation
+from spherekit.dynamics.simulation import Event, Simulation
 from spherekit.dynamics.simulation_start import make_input_torques
 from spherekit.errors import ModelError, SolveError
 from spherekit.files.study import Study
@@ -274,6 +274,23 @@ class Sampling:
             ),
         )
 
+    def _summarize_events(self, events: Sequence[Event]) -> list[dict[str, Any]]:
+        """Return the first events of a simulation for the summary.
+
+        An event at which all links stop has the swing that ends there: the change of the
+        input since the previous stop, or since the start. Swings that a damper has made
+        invisibly small can thus be told from others.
+        """
+        entries: list[dict[str, Any]] = []
+        q_at_last_stop = float(self.inputs[0, 0])
+        for event in events[:MAX_SUMMARIZED_EVENTS]:
+            entry = {"kind": event.kind, "t": event.t, "pair": event.pair}
+            if event.kind == "rest":
+                entry["swing_rad"] = abs(event.q - q_at_last_stop)
+                q_at_last_stop = event.q
+            entries.append(entry)
+        return entries
+
     @property
     def warnings(self) -> Names:
         """Sentences about modes whose names were not found, and a missed tolerance."""
@@ -310,10 +327,7 @@ class Sampling:
             "closure_drift_rad": checks.closure,
             "engine": {"name": simulation.engine.name, "steps": simulation.engine.steps},
             "events": len(simulation.events),
-            "event_list": [
-                {"kind": event.kind, "t": event.t, "pair": event.pair}
-                for event in simulation.events[:MAX_SUMMARIZED_EVENTS]
-            ],
+            "event_list": self._summarize_events(simulation.events),
             "start": {
                 pair: {"q_rad": float(q), "dq_rad_per_s": float(dq)}
                 for pair, q, dq in zip(
