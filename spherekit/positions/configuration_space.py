@@ -76,6 +76,14 @@ MAX_CURVES = 64
 """Curves up to which a random search continues. A chain of many dyads can have more."""
 NEAR_TURN_RAD = 1e-6
 """Inputs nearer to the end of a piece are not checked, because of rounding errors."""
+SAME_CROSSING_RAD = 1e-3
+"""Ends of curves that are nearer to each other are at the same crossing.
+
+The curves that leave a crossing are searched on a sphere about an end, whose radius is
+`curve_crossing.RADIUS_RAD`. Ends much nearer to each other than this radius lead to the
+same curves. Larger: the curves of a second crossing nearby are missed. Smaller: the same
+curves are searched again from each end, which takes time.
+"""
 UNCHECKED_CROSSING_DISTANCE_RAD = 1e-3
 """Distance from a crossing of curves at which nothing is checked.
 
@@ -285,10 +293,7 @@ def configuration_curves(
     is_complete = claim.guarantee is not Guarantee.SAMPLED
     if not is_complete:
         claim = search.search_from_random_starts()
-    # The input may be stationary on curves that cross others, so that no mode leads to
-    # them. Curves that are added here are examined in turn, because the list grows.
-    for end in _crossing_ends(search.curves):
-        search.add_curves(find_outgoing_points(solver.closure, end))
+    search.follow_curves_from_crossings()
     # Divide the curves where the input turns back, and count modes as a check.
     pieces_by_curve = [
         monotone_pieces(curve, solver.input_variable, low, high, period)
@@ -446,6 +451,25 @@ class _CurveSearch:
                 self.surface_count += 1
             else:
                 self.problems.append(message)
+
+    def follow_curves_from_crossings(self) -> None:
+        """Follow the curves that leave the crossings at which known curves end.
+
+        The input may be stationary on such curves, so that no assembly mode leads to them.
+        Several curves end at a crossing; it is searched once.
+        """
+        searched_ends: list[Floats] = []
+        # New curves are appended to the list during this loop, and their ends are searched
+        # too.
+        for curve in self.curves:
+            for end in _crossing_ends([curve]):
+                distances = [
+                    float(max_abs(curve.wrapped(end - other))) for other in searched_ends
+                ]
+                if min(distances, default=np.inf) < SAME_CROSSING_RAD:
+                    continue
+                searched_ends.append(end)
+                self.add_curves(find_outgoing_points(self.solver.closure, end))
 
     def search_between_turning_points(
         self, drive: PositionSolver, turning_points: InputTurningPoints
