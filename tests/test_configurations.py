@@ -1,5 +1,7 @@
 """All components of the configuration curve, against searches that share no equation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mechanism_examples.linkages import (
@@ -16,7 +18,10 @@ import spherekit as sk
 from spherekit.completeness import Guarantee
 from spherekit.numerics.sign_changes import FIRST_EDGES, SAMPLES_PER_CELL, find_sign_changes
 from spherekit.planning.assembly_plan import plan_assembly
+from spherekit.positions import configuration_space
 from spherekit.positions.assembly_enumeration import enumerate_assemblies
+from spherekit.positions.configuration_space import monotone_pieces
+from spherekit.positions.curve_crossing import find_outgoing_points
 from spherekit.positions.driving_pair import choose_driving_pair
 from spherekit.positions.input_turning_points import (
     InputTurningPoints,
@@ -24,6 +29,7 @@ from spherekit.positions.input_turning_points import (
 )
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.positions.position_solver import PositionSolver
+from spherekit.status import Status
 
 TURN = 2.0 * np.pi
 
@@ -214,3 +220,50 @@ def test_curves_of_wheels_on_fixed_axes_are_all_there():
     found = PositionAnalysis(sk.load("bevel_pair")).configurations
     assert found.guarantee is Guarantee.COMPLETE and not found.mismatches
     assert len(found.curves) == 1 and set(found.counts) <= {1}
+
+
+def test_the_curves_that_leave_a_crossing_are_searched_once(monkeypatch):
+    """Both curves of a flat-foldable vertex end at both of its flat states."""
+    searched_ends = []
+
+    def find_and_record(closure, end):
+        searched_ends.append(end)
+        return find_outgoing_points(closure, end)
+
+    monkeypatch.setattr(configuration_space, "find_outgoing_points", find_and_record)
+    found = PositionAnalysis(sk.load("flat_foldable_vertex")).configurations
+    ends = [end for curve, _ in found.curves for end in curve.ends]
+    assert ends == [Status.AT_SINGULARITY] * 4
+    flat, folded = searched_ends
+    assert np.allclose(np.sin(flat), 0.0, rtol=0, atol=1e-3)
+    assert np.allclose(flat, 0.0, rtol=0, atol=1e-3)
+    assert np.allclose(np.abs(folded), np.pi, rtol=0, atol=1e-3)
+
+
+def test_curves_whose_input_is_far_from_the_range_are_not_measured(monkeypatch):
+    """Ranges that a curve does not reach are recognised without its arc length.
+
+    No range that it reaches is lost, wherever the range begins, and with any period.
+    """
+    curve = PositionAnalysis(sk.load("stephenson")).configurations.curves[0].curve
+    random = np.random.default_rng(5)
+    rocking = int(np.flatnonzero(np.ptp(curve.nodes.values, axis=0) < 1.0)[0])
+    lowest = np.min(curve.nodes.values[:, rocking])
+    unmeasured = replace(curve)
+    assert monotone_pieces(unmeasured, rocking, lowest - 1.0, lowest - 0.5, TURN) == []
+    assert "table" not in vars(unmeasured)
+
+    cases = [
+        (float(low), float(low + random.uniform(0.01, 3.0)), period)
+        for low in random.uniform(-20.0, 20.0, 12)
+        for period in (TURN, 3.0 * TURN, np.inf)
+    ]
+
+    def find_piece_starts():
+        found = [monotone_pieces(curve, rocking, *case) for case in cases]
+        return [[(piece.start, piece.shift) for piece in pieces] for pieces in found]
+
+    starts = find_piece_starts()
+    assert 5 < sum(map(bool, starts)) < len(cases) - 5
+    monkeypatch.setattr(configuration_space, "_may_reach_range", lambda *_: True)
+    assert starts == find_piece_starts()

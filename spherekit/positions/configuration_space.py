@@ -151,6 +151,8 @@ def monotone_pieces(
     the input passes it.
     """
     period = curve.returns_after(driven, period)
+    if not _may_reach_range(curve, driven, low, high, period):
+        return []
     # Arc lengths at which the input turns back, or is at an end of its range.
     zeros_of_cuts = (
         curve.dead_points(driven),
@@ -194,6 +196,27 @@ def monotone_pieces(
         )
         for k in range(len(parts))
     ]
+
+
+def _may_reach_range(
+    curve: ArcCurve, driven: int, low: float, high: float, period: float
+) -> bool:
+    """Return whether the input of a curve may be in the range, by the nodes alone.
+
+    Nodes take no time, while the arc length of a curve does. The parameters are those of
+    `monotone_pieces`, and `period` is that of this curve.
+    """
+    # On the curve between two nodes, the input differs from its value at the nearer node
+    # by less than the length of the chord that joins them.
+    margin = float(np.max(curve.chords))
+    lowest = float(np.min(curve.nodes.values[:, driven])) - margin
+    highest = float(np.max(curve.nodes.values[:, driven])) + margin
+    if not np.isfinite(period):
+        return lowest <= high and highest >= low
+    # The largest multiple of the period by which the lowest input can be shifted without
+    # exceeding the range. Smaller shifts lead to lower inputs.
+    shift = np.floor((high - lowest) / period) * period
+    return bool(highest + shift >= low)
 
 
 class ConfigurationCurve(NamedTuple):
