@@ -76,7 +76,7 @@ MAX_CURVES = 64
 """Curves up to which a random search continues. A chain of many dyads can have more."""
 NEAR_TURN_RAD = 1e-6
 """Inputs nearer to the end of a piece are not checked, because of rounding errors."""
-SAME_CROSSING_RAD = 1e-3
+SAME_CROSSING_END_RAD = 1e-3
 """Ends of curves that are nearer to each other are at the same crossing.
 
 The curves that leave a crossing are searched on a sphere about an end, whose radius is
@@ -489,7 +489,7 @@ class _CurveSearch:
                 distances = [
                     float(max_abs(curve.wrapped(end - other))) for other in searched_ends
                 ]
-                if min(distances, default=np.inf) < SAME_CROSSING_RAD:
+                if min(distances, default=np.inf) < SAME_CROSSING_END_RAD:
                     continue
                 searched_ends.append(end)
                 self.add_curves(find_outgoing_points(self.solver.closure, end))
