@@ -68,8 +68,11 @@ def describe_type(annotation: Any, wording: TypeWording = PYTHON_WORDING) -> str
         return "anything"
     origin = get_origin(annotation)
     if origin is Annotated:
-        if (unit := field_unit_of(annotation)) is not None:
-            return unit.dimension.noun.partition(" ")[2]
+        unit = field_unit_of(annotation)
+        if unit is not None:
+            # A noun has an article, such as "an angle", which is left out here.
+            _, _, noun = unit.dimension.noun.partition(" ")
+            return noun
         return describe_type(get_args(annotation)[0], wording)
     arguments = get_args(annotation)
     if annotation is ArrayLike or origin is np.ndarray:
@@ -89,9 +92,10 @@ def describe_type(annotation: Any, wording: TypeWording = PYTHON_WORDING) -> str
         if member is not ...
     ]
     if origin in (Union, UnionType):
-        # Equal words are written once. Empty words are left out: for files, None is a
-        # missing key and has none.
-        return " or ".join(dict.fromkeys(filter(None, descriptions)))
+        # Equal words are written once. None has the empty text in the wording of files,
+        # where it is a key that is missing. Empty texts are left out.
+        distinct_descriptions = dict.fromkeys(filter(None, descriptions))
+        return " or ".join(distinct_descriptions)
     if origin is tuple and arguments[1:] != (...,):
         return wording.write_items(descriptions)
     if origin in (Sequence, Iterable, tuple):

@@ -240,16 +240,14 @@ class OneInput:
             # Empty notes and repetitions are left out.
             "note": "; ".join(dict.fromkeys(filter(None, notes))),
         }
-        # Each occurrence is an input of the range, the assembly modes there, and whether
-        # the input is inside the range.
         return [
             {
                 **columns,
-                "assembly_mode": _join_numbers(modes),
-                "q": q,
-                "inside": "yes" if is_inside else "no",
+                "assembly_mode": _join_numbers(occurrence.modes),
+                "q": occurrence.q,
+                "inside": "yes" if occurrence.is_inside else "no",
             }
-            for q, modes, is_inside in sampled.met(point.places, point.values)
+            for occurrence in sampled.find_occurrences(point.places, point.values)
         ]
 
     @cached_property

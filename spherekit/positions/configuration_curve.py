@@ -104,14 +104,14 @@ class Chords:
     nodes: CurvePoints
 
     @cached_property
-    def chords(self) -> Floats:
+    def chord_lengths(self) -> Floats:
         """(k - 1,) lengths of the chords (rad)."""
         return np.linalg.norm(np.diff(self.nodes.values, axis=0), axis=1)
 
     @cached_property
     def directions(self) -> Floats:
         """(k - 1, variables) unit vectors along the chords."""
-        return np.diff(self.nodes.values, axis=0) / self.chords[:, None]
+        return np.diff(self.nodes.values, axis=0) / self.chord_lengths[:, None]
 
     def predict(self, which: Indices, fractions: Floats) -> Floats:
         """Return interpolated points (n, variables) of the curve (rad).
@@ -163,13 +163,15 @@ class Chords:
             # From here on they are differences from the starts of the chords.
             offsets = less_periods(offsets, periods) + half_chords
             # Components along the chord and across it. `directions` are unit vectors along
-            # the chords, and `chords` their lengths (rad).
+            # the chords.
             distances = np.vecdot(offsets, self.directions)
             across = max_abs(offsets - distances[..., None] * self.directions, axis=2)
             # The curve deviates from its chord by at most `MAX_SAGITTA_RATIO` of the chord.
             # A configuration within `ON_CURVE_DISTANCE_RAD` of the curve is on it.
-            is_near = across < MAX_SAGITTA_RATIO * self.chords + ON_CURVE_DISTANCE_RAD
-            is_near &= np.abs(distances / self.chords - 0.5) < 0.5 + CHORD_OVERHANG
+            is_near = (
+                across < MAX_SAGITTA_RATIO * self.chord_lengths + ON_CURVE_DISTANCE_RAD
+            )
+            is_near &= np.abs(distances / self.chord_lengths - 0.5) < 0.5 + CHORD_OVERHANG
             row, chord = np.nonzero(is_near)
             configurations.append(first + row)
             chords.append(chord)
@@ -181,7 +183,7 @@ class Chords:
             configurations=np.concatenate(configurations),
             chords=chord_indices,
             differences=all_differences,
-            distances=np.clip(distances, 0.0, self.chords[chord_indices]),
+            distances=np.clip(distances, 0.0, self.chord_lengths[chord_indices]),
         )
 
 
@@ -217,11 +219,11 @@ class ArcCurve(Chords):
     @cached_property
     def starts(self) -> Floats:
         """(k,) sum of the chord lengths up to each node (rad), the parameter u."""
-        return np.concatenate([[0.0], np.cumsum(self.chords)])
+        return np.concatenate([[0.0], np.cumsum(self.chord_lengths)])
 
     def _evaluate_parameter(self, u: Floats) -> tuple[CurvePoints, Indices]:
         """Return the points of the curve at parameters u (n,), and their chords (n,)."""
-        which = np.clip(np.searchsorted(self.starts, u) - 1, 0, len(self.chords) - 1)
+        which = np.clip(np.searchsorted(self.starts, u) - 1, 0, len(self.chord_lengths) - 1)
         return self._evaluate_on_chords(which, u - self.starts[which]), which
 
     def _evaluate_on_chords(self, which: Indices, distances: Floats) -> CurvePoints:
@@ -242,7 +244,7 @@ class ArcCurve(Chords):
         -------
         n exact points; NaN if Newton's method fails or ends far from the interpolation.
         """
-        chord_lengths = self.chords[which]
+        chord_lengths = self.chord_lengths[which]
         directions = self.directions[which]
         prediction = self.predict(which, distances / chord_lengths)
         # Newton's method keeps direction . values = target.

@@ -142,14 +142,21 @@ class SingularityMeasure:
 
 @dataclass(frozen=True)
 class LocusPoints(ArrayRows):
-    """n singular configurations: points of a locus of g - 1 dimensions.
+    """n singular configurations: points of the locus of a mechanism.
 
-    The locus of a mechanism with g degrees of freedom is the set of configurations in which
-    unit rates x of the V variables close the loops and satisfy the m equations E x = 0. E x
-    are the rates of the inputs (type II) or of the output (type I). k is the dimension of
-    the space of all possible x. Usually k = g, and this space is that of the changes of the
-    configuration. If only a part of the mechanism can move the output, x moves only this
-    part, and k is smaller. Rows in which Newton's method failed are NaN.
+    A configuration is singular if it has a singular motion x: unit rates of all variables
+    that keep the loops closed while the inputs (type II) or the output (type I) rest. The
+    rates that have to be zero are E x. The locus is the set of these configurations. In the
+    shapes of the arrays,
+
+    - n is the number of points, and V that of the variables,
+    - g is the number of degrees of freedom; the locus has g - 1 dimensions,
+    - m is the number of equations E x = 0,
+    - k is the number of independent rates that keep the loops closed, before E x = 0 is
+      demanded. Usually k = g. It is smaller if only a part of the mechanism can move the
+      output, because x moves only this part.
+
+    Rows in which Newton's method failed are NaN.
 
     Attributes
     ----------
@@ -170,12 +177,11 @@ class LocusPoints(ArrayRows):
         (n,) size of Newton's first step (rad), and of the second step relative to it. Steps
         along a curve are accepted only if both are small.
     equations
-        (n, m + 1, g + k) the linearised equations E x = 0 and |x| = 1. The unknowns are the
-        coordinates in `basis`: g of the change of the configuration, then k of the change
-        of x.
+        (n, m + 1, g + k) the equations E x = 0 and |x| = 1, linearised at the point. The
+        unknowns are coefficients of the columns of `basis`.
     basis
-        (n, V, g + k) two bases side by side: g columns for changes of the configuration
-        that keep the loops closed (the tangent space), then k columns for x.
+        (n, V, g + k) two bases side by side. The first g columns are changes of the
+        configuration that keep the loops closed. The other k columns are changes of x.
     """
 
     values: Floats

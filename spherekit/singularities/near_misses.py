@@ -250,10 +250,11 @@ def _inputs_and_modes(
     -------
     Each input (rad), with the numbers of the assembly modes.
     """
-    # `met` yields the inputs, the modes, and whether the input is inside the range. In a
-    # range of whole periods both ends are the same configuration. Inputs within the margin
-    # of the upper end are moved to the lower end.
-    occurrences = sampled.met([(curve, s)], values, margin=EQUAL_EXTREMUM_INPUT_RAD)
+    # In a range of whole periods both ends are the same configuration. Inputs within the
+    # margin of the upper end are moved to the lower end.
+    occurrences = sampled.find_occurrences(
+        [(curve, s)], values, margin=EQUAL_EXTREMUM_INPUT_RAD
+    )
     return [(q, tuple(modes)) for q, modes, is_inside in occurrences if modes and is_inside]
 
 

@@ -6,6 +6,7 @@ also at dead centres, where rates by the input are infinite.
 
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,6 +43,26 @@ AT_CROSSING_RAD = 1e-8
 """A configuration as near to a crossing is the crossing, as far as it can be known."""
 PIECE_END_TOLERANCE_RAD = 1e-6
 """A piece of a curve includes points beyond its ends by less than this arc length."""
+
+
+class Occurrence(NamedTuple):
+    """An input at which a configuration occurs.
+
+    Attributes
+    ----------
+    q
+        The input (rad).
+    modes
+        Numbers of the assembly modes (ways to assemble the mechanism) that have the
+        configuration at this input.
+    is_inside
+        Whether the input is in the range of the rows. If the rows are a simulation, it also
+        passes the configuration.
+    """
+
+    q: float
+    modes: list[int]
+    is_inside: bool
 
 
 class SampledSingularities:
@@ -197,21 +218,18 @@ class SampledSingularities:
                 modes += self._whole_modes[part_mode]
         return sorted(modes)
 
-    def met(
+    def find_occurrences(
         self, places: Sequence[tuple[int, float]], values: Floats, margin: float = 0.0
-    ) -> Iterator[tuple[float, list[int], bool]]:
-        """Yield the inputs in the range at which a configuration occurs.
+    ) -> Iterator[Occurrence]:
+        """Yield the inputs at which a configuration occurs, with its assembly modes.
 
-        After a period of the input the mechanism is in the same configuration again. There
-        are three cases:
+        After a period of the input the mechanism is in the same configuration again. In a
+        range of two revolutions, for example, a four-bar has each configuration twice. A
+        configuration that does not occur in the range is yielded once, as not inside, with
+        the input that is nearest to the range.
 
-        - The configuration occurs in the range. Its inputs in the range are yielded, which
-          are several if the range has several periods.
-        - It does not occur in the range. The input nearest to the range is yielded, as not
-          inside.
-        - The analysed rows are a simulation, which passes only parts of the configuration
-          curves, and it does not pass the first curve. Only the first input is yielded, as
-          not inside.
+        If the rows are a simulation, only what it passes is inside. A configuration on a
+        curve of which the simulation passes nothing is yielded once.
 
         Parameters
         ----------
@@ -219,29 +237,19 @@ class SampledSingularities:
             The configuration as numbers of curves with arc lengths (rad). There are several
             if curves cross. The period is that of the first one.
         values
-            (variables,) its variables (rad).
+            (variables,) the variables of the configuration (rad).
         margin
             If the range consists of whole periods, an input nearer to its end than this
             (rad) is moved to its start.
-
-        Yields
-        ------
-        q
-            The input (rad).
-        modes
-            Numbers of the assembly modes (ways to assemble the mechanism) that have the
-            configuration.
-        is_inside
-            Whether the input is in the range and, if the rows are a simulation, the
-            configuration is passed.
         """
         first_curve, _ = places[0]
         low, high = self.range
         input_on_curve = values[[self._driven]]
-        # All inputs in the range that differ from it by whole periods.
+        # All inputs in the range that differ from it by whole periods, or else the nearest.
         inputs, _ = turns_in_range(input_on_curve, low, high, self._period(first_curve))
         if self._passed_ranges is not None and first_curve not in self._passed_ranges:
             inputs = inputs[:1]
+        is_passed = any(self._is_passed(curve, s) for curve, s in places)
         for q in inputs.tolist():
             # Both ends of a range of whole periods are the same configuration. For other
             # ranges `whole_range` is 0.
@@ -252,8 +260,7 @@ class SampledSingularities:
             for curve, s in places:
                 pieces += self._pieces_at(curve, s, q)
             is_in_range = bool(in_range(np.array(q), low, high))
-            is_passed = any(self._is_passed(curve, s) for curve, s in places)
-            yield q, self.modes_of(pieces), is_in_range and is_passed
+            yield Occurrence(q, self.modes_of(pieces), is_in_range and is_passed)
 
     def _pieces_at(self, curve: int, s: float, q: float) -> Iterator[Piece]:
         """Yield the pieces of a curve that include an arc length s at an input q.
@@ -421,18 +428,20 @@ class SampledSingularities:
     def measures(self) -> dict[tuple[int, Form], dict[str, Floats]]:
         """Return how near the rows are to singularities, for each output.
 
-        The relation c y' = d q' connects the rates y' of the output and q' of the input. c
-        is 0 at type II (the input rests), d is 0 at type I (the output rests). The relation
-        has up to two forms with different c and d. In form i the output link moves relative
-        to its own reference link, in form ii relative to the reference link of the input.
+        The relation c y' = d q' connects the rate q' of the input and a rate y'. c is 0 at
+        type II (the input rests), d is 0 at type I (the output rests). There are up to two
+        relations. In form i, y' is the rate of the output: of its link relative to its
+        reference link. In form ii, y' is the rate of the same link relative to the
+        reference link of the input.
 
         Returns
         -------
         The keys are the index of an output and a form of its relation. The values are
         columns (n,) by name, NaN in rows on no curve:
 
-        - ``c`` and ``d``: the coefficients,
-        - ``output_rate`` and ``input_rate``: rates by the arc length of all variables,
+        - ``c`` and ``d``: the coefficients of the form,
+        - ``output_rate`` and ``input_rate``: rates of the output and the input as the
+          configuration moves along its curve, by the arc length of the curve,
         - ``distance_I`` and ``distance_II`` (rad): angles that vanish at the type. They
           follow from the configuration of the row alone, see `angle`,
         - ``transmission`` (rad): the transmission angle of the dyad that places the output,
@@ -456,8 +465,8 @@ class SampledSingularities:
                     values[f"input_margin_{kind}"] = self._input_margin(
                         number, output, kind, s
                     )
-                # The forms only differ by c and d. Other columns are the same in both. A
-                # column is NaN until the rows of a curve are filled in.
+                # Only c and d depend on the form. A column is NaN until the rows of a curve
+                # are filled in.
                 for relation in curve_relations.relations:
                     values["c"] = relation.c
                     values["d"] = relation.d

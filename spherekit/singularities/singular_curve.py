@@ -79,7 +79,7 @@ class SingularCurve:
         tangents = self.nodes.tangents[:, None, :, 0]
         start_tangents = tangents[:-1]
         directions = self.chords.directions[:, None]
-        chord_lengths = self.chords.chords
+        chord_lengths = self.chords.chord_lengths
         # The Gauss points are in (-1, 1), and x in (0, 1).
         x = 0.5 * (GAUSS_POINTS[:, None] + 1.0)
         cubic_term = start_tangents + tangents[1:] - 2.0 * directions
@@ -92,10 +92,11 @@ class SingularCurve:
     def points_on_chords(self, chord_numbers: Indices, parts: Floats) -> LocusPoints:
         """Return points of the curve between its nodes.
 
-        Each point is selected by its projection onto the chord from one node to the next.
-        Newton's method brings it onto the curve. Its unknowns are the configuration and its
-        singular motion, a vector of rates of all V variables with unit length, in which the
-        inputs or the output rest. It starts from values between those of the two nodes.
+        A chord is the straight line from one node to the next. Each point is selected by
+        its projection onto a chord. Newton's method brings it onto the curve. The method
+        solves for the configuration and its singular motion: unit rates of all V variables
+        in which the inputs (type II) or the output (type I) rest. It starts from values
+        between those of the two nodes.
 
         Parameters
         ----------
@@ -105,9 +106,8 @@ class SingularCurve:
             (n,) position of the projection on each chord, from 0 to 1.
         """
         nodes = self.nodes
-        # Unit vectors (n, V) along the chords. `chords.chords` has the lengths (n,).
-        directions = self.chords.directions[chord_numbers]
-        lengths = self.chords.chords[chord_numbers]
+        directions = self.chords.directions[chord_numbers]  # unit vectors (n, V)
+        lengths = self.chords.chord_lengths[chord_numbers]
         # Singular motions (n, V) for the start, interpolated between the nodes.
         start_motions = nodes.motions[chord_numbers]
         motion_changes = nodes.motions[chord_numbers + 1] - start_motions
@@ -119,8 +119,9 @@ class SingularCurve:
             motions=start_motions + parts[:, None] * motion_changes,
             borders=directions[:, None],
             targets=(projections + parts * lengths)[:, None],
-            # The results have bases of the rates that keep the loops closed. Each is
-            # aligned with that of the chord's first node: bases change continuously then.
+            # Each point also gets a basis of the rates that keep its loops closed. Callers
+            # compute determinants with it, whose signs must not change by chance. The basis
+            # therefore has nearly the directions of that of the first node of the chord.
             reference_basis=nodes.basis[chord_numbers],
         )
         # A curve has one tangent (index 0). Its sign is arbitrary in the result, and is
@@ -151,7 +152,7 @@ class SingularCurve:
         # configuration from the start of the chord, less whole periods.
         projections = self.chords.project(values, self.periods)
         chord_numbers = projections.chords
-        chord_lengths = self.chords.chords[chord_numbers]
+        chord_lengths = self.chords.chord_lengths[chord_numbers]
         # Projections as parts of the chords, from 0 to 1.
         parts = projections.distances / chord_lengths
         points = self.points_on_chords(chord_numbers, parts)

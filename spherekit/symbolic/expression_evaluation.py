@@ -187,13 +187,13 @@ class _ProgramStep:
     Attributes
     ----------
     operation
-        Operation of an `ExpressionNode`, or ``positive``. This is the unary operator + (and
-        a function of NumPy), which copies its argument. Outputs are copied that are a
-        constant, an input or another output.
+        Operation of an `ExpressionNode`, such as ``sin``, or ``positive``. The function
+        `numpy.positive` (the unary operator +) copies its argument. It gives an output that
+        is only a constant, an input or another output a place of its own.
     arguments
         Names of the values on which it operates.
     result
-        Name of the value that it computes. A name may be that of an earlier value which is
+        Name of the value that it computes. It may be the name of an earlier value that is
         no longer needed.
     """
 

@@ -208,20 +208,22 @@ class CoordinateRates(VelocityEquations):
         """
         orientation = self.placed[link]
         homogeneous_rates = self.tau[input_index]  # of all variables
-        # The sum of all variables on the path from the ground to the link: vector times
-        # rate. The sense is 1 or -1, or 0 if the path does not contain the variable.
+        # Each variable on the path from the ground to the link adds its vector (such as the
+        # axis of an R pair) times its rate. The sense is 1 or -1, or 0 if the path does not
+        # contain the variable.
         parts: list[Exprs] = []
         for variable, sense in enumerate(self.tree.paths[link]):
             if not sense:
                 continue
-            # The vector of the variable in each link in which it is fixed, as the axis of
-            # an R pair is in both of its links.
-            fixed_vectors = self.structure.fixed_vectors(variable)
-            # `fixed_components` takes a vector in link axes, which gives constants.
-            # `components` takes a vector in ground axes, which gives expressions.
-            if link in fixed_vectors:
-                components = orientation.fixed_components(fixed_vectors[link])
+            # `vector_by_link` has an entry for each link in which the vector is fixed: the
+            # vector in the axes of this link. (The axis of an R pair is fixed in two
+            # links.)
+            vector_by_link = self.structure.fixed_vectors(variable)
+            if link in vector_by_link:
+                # The vector is fixed in this link, so its components are constants.
+                components = orientation.fixed_components(vector_by_link[link])
             else:
+                # The vector in ground axes, whose components are expressions.
                 components = orientation.components(self.vectors[variable])
             parts.append(components * (float(sense) * homogeneous_rates[variable]))
         return vector_sum(parts)

@@ -47,7 +47,7 @@ class DyadPlacement:
         The orientation of each link.
     triple_squares
         For each dyad the square of the triple product u_1 . (u_2 x u_3) of the axes of its
-        pairs. It is negative if the arcs of the dyad do not reach each other.
+        pairs, computed from its arcs. It is negative if the arcs do not reach each other.
     """
 
     orientations: list[LinkOrientation]
@@ -298,8 +298,8 @@ class ClosedForm:
         Expressions (rad) of all pair variables. Variables of pairs that are not inputs are
         in (-pi, pi].
     triple_squares
-        For each dyad the square of the triple product of its three axes, which is negative
-        if the dyad does not close.
+        For each dyad the square of the triple product of its three axes, computed from its
+        arcs. It is negative if the dyad does not close.
     """
 
     arguments: list[ExpressionNode]
@@ -368,9 +368,10 @@ def find_out_of_reach(triple_squares: Floats) -> Bools:
     """Return (n,) the configurations in which a dyad certainly does not close.
 
     A dyad (two links in series, each an arc between two axes) does not close if its arcs do
-    not reach each other. The square of the triple product of its axes is then negative. A
-    small square means that the dyad is nearly stretched or folded, so the axes of later
-    dyads, which depend on it, have large errors. These dyads are then not judged.
+    not reach each other. The square of the triple product of its axes, which is computed
+    from the arcs, is then negative. A small square means that the dyad is nearly stretched
+    or folded, so the axes of later dyads, which depend on it, have large errors. These
+    dyads are then not judged.
 
     Parameters
     ----------

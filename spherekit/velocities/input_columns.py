@@ -626,8 +626,8 @@ class InputColumns:
         unit_derivative_error = (derivative_error + transverse) * inverse_length
         # The error of du is limited by `MAX_DIRECTION_DQ_ERROR`, that of u by
         # `MAX_CERTIFIED_ERROR_RAD`. The ratio of both limits converts an error of du to an
-        # equally serious error of u. Twice `derivative_error` is more than both parts of
-        # `unit_derivative_error`.
+        # equally serious error of u. `unit_derivative_error` is at most twice
+        # `derivative_error` times `inverse_length`, which is used here.
         turn_uncertainty = (
             derivative_error
             * inverse_length

@@ -344,25 +344,26 @@ def make_certified_field(
 ) -> PoleField:
     """Return the poles of rows whose float64 results a kernel certifies as accurate.
 
-    The kernel has computed all quantities as columns. Here they are sorted into the fields
-    of a `PoleField`, by pole or link.
+    The kernel has computed all quantities in one array. Here they are sorted into the
+    fields of a `PoleField`, which are mappings from a pole or link to its values.
 
     Parameters
     ----------
     input_columns
-        The expressions of the kernel while one input moves. The mapping `column_indices`
-        has the indices of columns by the name of a field, then by pole or link.
+        The meaning of the columns while one input moves. For example,
+        ``column_indices["direction"][0, 4]`` lists the columns with the three components of
+        the direction of pole (0, 4).
     columns
-        (columns, n) all columns of the kernel. The signs of pole directions have been made
-        continuous along the motion before.
+        (columns, n) the results of the kernel, in which a column is a row of the array. The
+        signs of pole directions have been made continuous along the motion before.
     motion, request
         The n rows, and the requested poles.
     """
     n = len(motion)
-    directions = input_columns.column_indices["direction"]
+    computed_poles = input_columns.column_indices["direction"].keys()
     field = PoleField(
         status=motion.status,
-        pole_status=dict.fromkeys(directions, motion.status),
+        pole_status=dict.fromkeys(computed_poles, motion.status),
         is_quad_precision=np.zeros(n, dtype=bool),
         is_certified=np.ones(n, dtype=bool),
         # Rows near a dead centre can be computed from the decimal numbers of the file
@@ -372,12 +373,13 @@ def make_certified_field(
         relative_error_bound=np.zeros(n),
     )
     for name, indices_by_key in input_columns.column_indices.items():
-        for key, indices in indices_by_key.items():
+        values_by_key = getattr(field, name)
+        for pole_or_link, indices in indices_by_key.items():
             values = columns[indices]
             # Vectors become (n, 3), single numbers (n,).
-            getattr(field, name)[key] = values.T if len(indices) > 1 else values[0]
-    # Poles without columns are those of links that belong to one body.
-    for pole in set(request.poles) - directions.keys():
+            values_by_key[pole_or_link] = values.T if len(indices) > 1 else values[0]
+    # A requested pole without columns is that of two links which the locked inputs join.
+    for pole in set(request.poles) - computed_poles:
         add_locked_pole(field, motion, pole)
     return field
 

@@ -85,12 +85,13 @@ class RowExpressions(VelocityEquations):
     ) -> None:
         """Write loop equations, their inverse and error bounds as expressions.
 
-        The bounds are those of the errors of variables and axes, which arise because the
-        loops of a computed configuration are never closed exactly.
+        The loop equations say that in each loop the sum of the variables' vectors times
+        their rates is 0. The vector of a variable is the relative angular velocity of the
+        links of its pair per unit rate of the variable. For an R pair it is the axis.
 
-        The loop equations say that the sum of the variables' vectors times their rates is 0
-        in each loop. The vector of a variable is the relative angular velocity of the links
-        of its pair per unit rate of the variable.
+        The bounds are those of the errors of variables and axes. These errors have two
+        causes: the loops of a computed configuration are not closed exactly, and the sizes
+        of the links are rounded.
 
         Parameters
         ----------
@@ -108,25 +109,24 @@ class RowExpressions(VelocityEquations):
         # Tangent, point and curvature of a profile that is no circle are symbols.
         pairs = pair_rotations(mechanism, any_profile=True)
         placed = place_by_variables(mechanism, pairs, variables)
-        # Two circles that roll on each other have the vector (k1 - k2) p, with their
-        # curvatures k1 and k2 and the contact point p. It could also be the sum of vectors
-        # about the centres of the circles (`about_centres`), which loses digits if the
-        # circles are small.
+        # The base class sets `vectors` (of the variables), `tree` (the loops) and
+        # `closure_residual_square`. It can compute the vector of two circles that roll on
+        # each other about the centres of the circles. Small circles would lose digits, so
+        # the vector is computed from the contact point here.
         super().__init__(mechanism, pairs, placed, variables, about_centres=False)
         input_variables = [self.pair_variables[pair][0] for pair in inputs]
         self.passive_variables = [
             v for v in range(len(variables)) if v not in input_variables
         ]
-        # (loops, 3, variables) the Jacobian of the loop equations: the vector of each
-        # variable, times 1 or -1 for the direction in which the loop passes its pair, or
-        # times 0 outside of the loop. The inputs are not unknowns, so their columns are set
-        # to zero. The inverse has a row for each variable, which is zero for an input.
+        # (loops, 3, variables) the Jacobian of the loop equations. The column of a variable
+        # is its vector times a sign: 1 or -1 for the direction in which the loop passes its
+        # pair, 0 if the pair is not in the loop. Inputs are not unknowns, so their columns
+        # are set to zero. The inverse has a row for each variable, which is zero for an
+        # input.
         equations = np.stack(self.vectors, axis=1) * self.tree.signs[:, None]
         equations[..., input_variables] = 0.0
         self.inverse = loop_inverse(equations, pivots)
         self.residual = root(self.closure_residual_square)
-        # Bounds of the errors of variables, orientations and axes, which open loops and
-        # rounded sizes cause.
         self._set_error_bounds()
 
     def _set_error_bounds(self) -> None:

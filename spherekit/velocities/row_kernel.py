@@ -394,9 +394,11 @@ class RowKernel:
 
         The quality measures (`_quality_expressions`), such as error bounds, decide whether
         the velocities and poles of a row are certified to be accurate. A dyad (two links in
-        series) can be closed in two ways, between which its sign chooses. The output also
-        has the square of the triple product of the axes of each dyad, which is negative if
-        its arcs do not reach each other.
+        series) can be closed in two ways, between which its sign chooses.
+
+        The function also returns a number for each dyad (``"squares"``): the square of the
+        triple product of its axes. It is computed from the arcs of the dyad, before the
+        dyad is closed. A negative number means that the arcs do not reach each other.
         """
         assert self._closed_form is not None
         closed_form = self._closed_form

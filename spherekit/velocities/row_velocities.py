@@ -271,9 +271,12 @@ class RowVelocities:
 
         A pole is the axis about which two links rotate relative to each other. In a
         certified row the direction of each pole is accurate, or it is certain that its
-        links do not move relative to each other. The direction is that of the relative
-        angular velocity v of the links, so its error is the error of v divided by |v|. dv
-        is the derivative of v with respect to the input.
+        links do not move relative to each other.
+
+        The direction is the unit vector u along the relative angular velocity v of the
+        links. With the derivative dv of v with respect to the input, that of u is
+
+            du = (dv - (dv . u) u) / norm(v).
         """
         is_certified = self._bound("condition_number") <= 1.0 / MIN_RECIPROCAL_CONDITION
         # The curvature uncertainty exceeds 1 if the two profiles of a contact have nearly
@@ -286,17 +289,16 @@ class RowVelocities:
         for pole in self._signed_poles:
             errors = self.pole_errors[pole]
             direction_error = errors["direction_error"]
-            # The coefficients are the components of v and dv along the direction. Their
-            # error bounds also bound the errors of the vectors v and dv.
+            # The coefficients are v . u and dv . u. Their error bounds also bound the
+            # errors of the vectors v and dv.
             v_error = errors["velocity_coefficient_error"]
             dv_error = errors["acceleration_coefficient_error"]
             v_size = norm_columns(self.relative_velocity(pole))
             dv_size = norm_columns(self.relative_velocity_derivative(pole))
-            # The derivative of the direction has two errors: that of dv, and that of the
-            # direction times |dv|, both divided by |v|. `dv_error` is the bound of the
-            # coefficient dv . u, which contains both of these errors. Each is therefore at
-            # most dv_error / |v|, and their sum at most 2 dv_error / |v|.
-            # The ratios of both errors to their limits may add up to 1:
+            # The bound `dv_error` of dv . u is a sum of two: that of the vector dv, and
+            # that of u times |dv|. The error of du consists of the same two, where the
+            # second one counts twice, divided by |v|. It is at most 2 dv_error / |v|.
+            # The errors of u and du, each relative to its limit, may add up to 1:
             #     direction_error / MAX_CERTIFIED_ERROR_RAD
             #     + (2 dv_error / |v|) / MAX_DIRECTION_DQ_ERROR <= 1.
             # `uncertainty` is the left side times `MAX_CERTIFIED_ERROR_RAD`. If v is zero,
