@@ -450,7 +450,7 @@ class TargetDeviation:
         """Return the Newton step (n, variables), in rad, towards the nearest configuration.
 
         The nearest configuration has closed loops and the smallest angle a between the
-        output link and its target.
+        output link and its target: it is a minimum of a^2 / 2.
 
         Parameters
         ----------
@@ -467,12 +467,15 @@ class TargetDeviation:
             return np.matvec(self.system_inverse, right_side)
         # The stiffness is the second derivative of a^2 / 2 by motions that keep the loops
         # closed. Where its smallest eigenvalue is not clearly positive, a^2 / 2 is not
-        # convex, and a full Newton step could increase the angle. The Gauss-Newton matrix
-        # W^T W is used there. The columns of W are the angular velocities of the output
-        # link for a basis of the motions that keep the loops closed. W^T W leaves out the
-        # curvature of the configurations. Its eigenvalues are never negative, so its step
-        # decreases the angle if it is short enough. Both matrices agree on the target, so
-        # the smallest eigenvalue of W^T W is the scale for that of the stiffness.
+        # convex, and a full Newton step could increase the angle.
+        #
+        # The Gauss-Newton matrix W^T W replaces the stiffness there. The columns of W are
+        # the angular velocities of the output link for a basis of the motions that keep the
+        # loops closed. The eigenvalues of W^T W are never negative, so its step decreases
+        # the angle if it is short enough.
+        #
+        # If the output link is on its target (a = 0), both matrices are equal. The smallest
+        # eigenvalue of W^T W is therefore the scale for that of the stiffness.
         gauss_newton = transpose(self.free_output_rates) @ self.free_output_rates
         least_gauss_newton_eigenvalue = self.output_singular_value**2
         is_convex = (

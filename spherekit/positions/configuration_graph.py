@@ -408,25 +408,33 @@ class ConfigurationGraph:
           closure Jacobian has the same sign, which a verified path cannot change, and no
           other path in this direction ends at it. This is not required at a target where
           configurations may be missing, because the path can lead to a new node there.
+
+        Parameters
+        ----------
+        direction
+            Direction in the grid of inputs. The number 2 a stands for the direction to the
+            next sample along axis a, and 2 a + 1 for that to the previous one.
         """
         # `_is_regular` marks nodes that are not singular. The number -1 stands for no
         # sample in `target`, for no node in `ends`, and for no path in `_partner`.
-        # Directions are numbered in pairs, 2 a and 2 a + 1, of opposite directions.
-        opposite_direction = direction + 1 if direction % 2 == 0 else direction - 1
         target = self._neighbours[direction][self.sample]
         is_candidate = (target >= 0) & self._is_regular & ~self._is_tried[direction]
+        # A path in this direction has already ended at these nodes. `_partner` of a node in
+        # the opposite direction is the node at which this path started. No second path can
+        # end at the same node.
+        opposite_direction = direction + 1 if direction % 2 == 0 else direction - 1
+        is_reached = self._partner[opposite_direction] >= 0
+        # The candidates are examined in portions, because the arrays below have an entry
+        # for each candidate and each node at its target.
         for first in range(0, len(target), PATHS_AT_ONCE):
             rows = first + np.flatnonzero(is_candidate[first : first + PATHS_AT_ONCE])
             # All nodes at the target of each row: (rows, nodes of a sample). Where an entry
             # is -1, the arrays below are read at their last entry, and `is_node` is False.
             ends = self._nodes_of_sample[target[rows]]
             is_node = ends >= 0
-            can_be_end = is_node & self._is_regular[ends]
             signs = self._determinant_sign
+            can_be_end = is_node & self._is_regular[ends] & ~is_reached[ends]
             can_be_end &= signs[ends] == signs[rows, None]
-            # `_partner[opposite_direction]` has the node from which a path in this
-            # direction has led to each node, or -1. Two paths cannot end at one node.
-            can_be_end &= self._partner[opposite_direction][ends] < 0
             is_in_piece = is_node & (self._piece[ends] == self._piece[rows, None])
             has_possible_end = np.any(can_be_end, axis=1)
             has_possible_end |= ~self.is_complete[target[rows]]

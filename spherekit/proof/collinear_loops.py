@@ -427,28 +427,39 @@ class Crossings:
     def is_constant(self, pieces: Sequence[CertifiedArc], variable: int) -> bool:
         """Return whether a variable is proven to be constant along a chain of arcs.
 
-        A loop of four pairs has two variables. At two values of `variable`, its planar
-        angles, both links of its pair are in one plane. The equation of the loop is then
-        a + b cos(y) = 0, where y is the other variable, counted from one of its planar
-        angles. If a = b = 0, the loop closes with all y. The configurations are then a
-        curve along which `variable` is constant.
+        An example is a four-bar with arcs a, a, b, b. If both links a are folded onto each
+        other, and both links b likewise, the axes of two pairs coincide. The links a can
+        then turn about this axis together, while the variables of the other two pairs rest.
+
+        A loop of four pairs has two variables x and y. Each has two planar angles, at which
+        both links of its pair are in one plane. If x has a planar angle, the reflection in
+        this plane maps y to -y, with y counted from one of its planar angles. The equation
+        of the loop is linear in cos(y) and sin(y), so it is a + b cos(y) = 0. If the loop
+        closes with y = 0 and with y = pi, then a + b = a - b = 0. It then closes with all
+        y: the configurations are a curve along which x is constant.
 
         The box of an arc contains no other configurations than the arc. If the curve passes
         through the box of one arc, the whole chain is therefore on this curve.
+
+        Parameters
+        ----------
+        pieces
+            The arcs of configurations, with the boxes in which they are unique.
+        variable
+            Number of the variable: x above.
         """
         # Any arc would do; the one in the middle of the chain is tried.
         piece = pieces[len(pieces) // 2]
         for loop in self.loops:
             if variable not in loop.variables:
                 continue
-            # Position of the variable in the loop: 0 or 1.
+            # `closes` (2, 2) says with which planar angles of the first variable (rows) and
+            # of the second (columns) the loop closes. Here the rows are those of x.
             position = loop.variables.index(variable)
             other_variable = loop.variables[1 - position]
-            # `closes` (2, 2) says with which planar angles of the first variable (rows) and
-            # of the second (columns) the loop closes. If it closes with both planar angles
-            # of the other variable, y = 0 and y = pi, then a + b = a - b = 0.
-            closes_with_both = np.all(loop.closes, axis=1 - position)
-            for value in loop.planar_angles[position][closes_with_both]:
+            closes = loop.closes if position == 0 else loop.closes.T
+            closes_with_both_y = np.all(closes, axis=1)
+            for value in loop.planar_angles[position][closes_with_both_y]:
                 # A configuration with this value, near the centre of the arc; None if the
                 # value is not near that of the centre, or no configuration is proven.
                 given = {
@@ -459,8 +470,8 @@ class Crossings:
                     self.equations, loop.equation, given, piece.centre
                 )
                 if balls is not None:
-                    # The two planar angles are half a turn apart, so the other one is not
-                    # near the centre and need not be tried.
+                    # The other planar angle of x is half a turn away from the centre. It
+                    # need not be tried.
                     #
                     # The configuration is in the balls, which bound its distance from their
                     # centres in each variable. The sides of the box have any directions,

@@ -181,11 +181,12 @@ class Harmonics:
 
 
 def _sum_waves(coefficients: Complexes, waves: Complexes) -> Complexes:
-    """Return Fourier sums and their derivatives from an array of coefficients.
+    """Return Fourier sums of several variables, with their derivatives, at n points.
 
-    A Fourier sum of one variable is the sum over j = -m ... m of c_j e^(i j angle). Here
-    the sums are taken over one axis of the coefficients for each variable. Derivatives of
-    the sums follow from derivatives of the harmonics (waves) e^(i j angle).
+    A Fourier sum of one variable is the sum over j = -m ... m of c_j e^(i j angle). In the
+    sums of several variables, the coefficients have an axis for each variable. The sum is
+    taken over one axis after another. The derivatives of the sums follow from those of the
+    waves e^(i j angle).
 
     Parameters
     ----------
@@ -198,21 +199,26 @@ def _sum_waves(coefficients: Complexes, waves: Complexes) -> Complexes:
     Returns
     -------
     (orders ** variables, ..., n). Index a + b orders + c orders^2 ... of the first axis is
-    the a-th derivative by the first variable, the b-th by the second one and so on.
+    the a-th derivative by the first variable, the b-th by the second one and so on. With
+    two variables and two orders (value and first derivative), the rows are the value, the
+    derivatives by the first and by the second variable, and the mixed one.
     """
-    # The first axis has the value and derivatives, the last one the n points. Before the
-    # first sum both have the length 1. The last variable is summed first, so that the index
-    # of the derivative by the first variable changes fastest in the end.
+    # The first axis has the value and the derivatives, the last one the n points. Before
+    # the first sum both have the length 1. Each sum removes the last axis of coefficients,
+    # and multiplies the number of derivatives by that of the orders. The last variable is
+    # summed first, so that the order of the derivative by the first variable changes
+    # fastest in the end.
     sums: Complexes = coefficients[None, ..., None]
     for wave in waves[::-1]:
         # `wave` has the waves -max_degree to max_degree. A variable of a lower degree m
         # needs only those from -m to m, which are in the middle.
         unused = (wave.shape[1] - sums.shape[-2]) // 2
         wave = wave[:, unused : wave.shape[1] - unused]
-        # In the sum over the waves w of this variable, n is the point, o the order of the
-        # derivative by this variable, and p the derivatives by the variables before. In the
-        # first sum axis n of `sums` has the length 1, and is repeated for all points.
+        # Letters: w wave of this variable, n point, o order of the derivative by this
+        # variable, p derivatives by the variables that are summed already. In the first sum
+        # axis n of `sums` has the length 1, and is repeated for all points.
         sums = np.einsum("p...wn,own->po...n", sums, wave)
+        # Join the axes p and o: all derivatives by the variables summed so far.
         sums = sums.reshape(-1, *sums.shape[2:])
     return sums
 

@@ -899,15 +899,18 @@ class ExactSimulation:
         within a limit. A sign change is first noticed between two samples in float64, and
         then located by bisection in all digits.
         """
+        # Intervals of positions, from -1 at the start of the step to 1 at its end. The
+        # start itself is not examined: a condition that has just changed its sign is zero
+        # there, up to rounding.
+        starts = self._samples[:-1]
+        ends = self._samples[1:]
         for switch, condition in step.conditions:
-            is_negative = (
-                _evaluate_series(centre_floats(condition), self._samples[1:]) < 0.0
-            )
+            is_negative = _evaluate_series(centre_floats(condition), ends) < 0.0
             if not np.any(is_negative):
                 continue
-            # The interval before the first negative sample.
-            first = np.argmax(is_negative)
-            low, high = exact_balls(self._samples[first : first + 2])
+            # Bisect the first interval at whose end the condition is negative.
+            interval = np.argmax(is_negative)
+            low, high = exact_balls(np.array([starts[interval], ends[interval]]))
             # Each halving gains one bit, and a decimal digit takes 3.4 of them. Eight more
             # are for safety.
             for _ in range(int(3.4 * self.arithmetic.digits) + 8):
@@ -916,9 +919,9 @@ class ExactSimulation:
                     high = middle
                 else:
                     low = middle
-            # `is_at_start`: the condition is negative at the first sample of the step
-            # already. The caller ends the motion if this switch has just changed.
-            yield _SignChange(x=high, switch=switch, is_at_start=first == 0)
+            # In the first interval, a switch that has changed its sign at the end of the
+            # step before would change back at once. The caller ends the motion there.
+            yield _SignChange(x=high, switch=switch, is_at_start=interval == 0)
 
 
 def _largest(balls: Any) -> float:

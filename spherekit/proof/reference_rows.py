@@ -268,12 +268,16 @@ def _nan_unless(is_good: Bools, balls: Array) -> Array:
 
 
 def _closure_status(motion: Motion, closure: LoopClosure) -> SmallIntegers:
-    """Return the status (n,) of reference rows.
+    """Return the status (n,) of reference rows, OK or the reason why they have no solution.
 
-    Newton's method computes a solution in many digits from each row of the motion. Rows of
-    the motion that had failed keep their status. A solution with open loops is NOT_CLOSED.
-    A solution that may be in another assembly mode than the row is MODE_LOST. There are two
-    reasons for that: it is too far from the row, or another solution may be as near.
+    Newton's method computes a solution in many digits from each row of the motion. The
+    status of a row is that of Newton's method, but for these exceptions:
+
+    - NOT_CLOSED: the loops of the solution are open.
+    - MODE_LOST: the solution may be in another assembly mode than the row. It is too far
+      from the row, or another solution may be as near.
+    - The row of the motion had failed. It keeps the status with the reason. A row that is
+      OK but has values that are not finite is NOT_CONVERGED.
 
     Parameters
     ----------
@@ -293,11 +297,10 @@ def _closure_status(motion: Motion, closure: LoopClosure) -> SmallIntegers:
     )
     is_other_mode = closure.is_ambiguous | (closure.distance > largest_distance)
     status[is_converged & is_other_mode] = Status.MODE_LOST
+    # A row without finite values has no start for Newton's method, whatever its status is.
     had_failed = motion.failed | ~np.all(np.isfinite(motion.values), axis=1)
-    status_of_failed = np.where(
-        motion.status == Status.OK, Status.NOT_CONVERGED, motion.status
-    )
-    return np.where(had_failed, status_of_failed, status).astype(np.int8)
+    reason = np.where(motion.status == Status.OK, Status.NOT_CONVERGED, motion.status)
+    return np.where(had_failed, reason, status).astype(np.int8)
 
 
 def exact_motion(motion: Motion, rows: Bools, reference: ExactRows) -> Motion:

@@ -389,16 +389,16 @@ class TubeTest:
         values, slopes, curvatures = derivatives
         frame = tangent_frame.frame
         inverse = tangent_frame.inverse
-        # C bounds derivatives of every order. Those up to the second are computed, so it is
-        # needed as a bound of the third ones only.
+        # (k,) the constant C of each equation bounds derivatives of every order. Those up
+        # to the second are computed, so it is needed as a bound of the third ones only.
         self.third_bound = equations.derivative_bound
         self.inverse_size = np.abs(inverse)
-        # A computed derivative is wrong by at most this number times the degrees in the
-        # variables of the derivative. The first part is the error of the evaluation
-        # (`harmonics` evaluates the equations as Fourier series). The second part is the
-        # rounding in the matrix products below. Its size is relative to the derivatives,
-        # which are at most C times the degrees. At most three products follow each other.
-        # The factor 4 is a little more.
+        # (k,) error bound of each equation. Its computed derivatives are wrong by at most
+        # this number times the degrees in the variables of the derivative. The first part
+        # is the error of the evaluation (`harmonics` evaluates the equations as Fourier
+        # series). The second part is the rounding in the matrix products below. Its size is
+        # relative to the derivatives, which are at most C times the degrees. At most three
+        # products follow each other. The factor 4 is a little more.
         self.error = equations.harmonics.error + 4.0 * PRODUCT_ROUNDING * self.third_bound
         # (k, v) the degrees for derivatives along the columns of the frame. Such a
         # derivative is a sum of derivatives by the variables, times the elements of the
@@ -407,11 +407,12 @@ class TubeTest:
         self.degrees = equations.degrees @ np.abs(frame) * ROUND_UP
         # (k, v, v) Y F'' along the frame.
         self.second_derivatives = np.tensordot(inverse, frame.T @ curvatures @ frame, 1)
+        self._second_magnitudes = np.abs(self.second_derivatives)
         # Coordinates (v,) of the tangent along the frame: 1, then zeros.
         self._tangent_coordinates = np.eye(1, len(frame))[0]
-        self._second_magnitudes = np.abs(self.second_derivatives)
-        # Largest |Y F| at the centre, with its error.
-        self._residual = np.max(np.abs(inverse @ values) + self.inverse_size @ self.error)
+        # Largest element of |Y F| at the centre, with its error.
+        residual_error = self.inverse_size @ self.error
+        self._residual = np.max(np.abs(inverse @ values) + residual_error)
         # (k, v) |Y F' - (0, 1)| at the centre, with F' along the frame.
         zeros_and_identity = np.eye(len(inverse), len(frame), 1)
         self._slope_error = np.abs(inverse @ (slopes @ frame) - zeros_and_identity)

@@ -314,6 +314,10 @@ class Sampling:
         if simulation is None:
             facts["laws"] = {pair: repr(law) for pair, law in self.laws.items()}
             return {"time": facts}
+        assert self.timing is not None  # a simulation always has times
+        input_names = self.position_analysis.inputs
+        start_inputs = self.inputs[0]
+        start_rates = self.timing.dq[0]
         end = simulation.end
         checks = simulation.checks
         facts |= {
@@ -330,12 +334,7 @@ class Sampling:
             "event_list": self._summarize_events(simulation.events),
             "start": {
                 pair: {"q_rad": float(q), "dq_rad_per_s": float(dq)}
-                for pair, q, dq in zip(
-                    self.position_analysis.inputs,
-                    self.inputs[0],
-                    [] if self.timing is None else self.timing.dq[0],
-                    strict=True,
-                )
+                for pair, q, dq in zip(input_names, start_inputs, start_rates, strict=True)
             },
         }
         return {"simulation": facts}

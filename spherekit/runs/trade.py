@@ -284,21 +284,26 @@ def _choose_sampling(
 def _choose_kernel_sampling(run_plan: RunPlan, study: Study) -> Sampling | None:
     """Return the samples at which the default setting is timed, None for no special ones.
 
-    A setting is one way to compute a run. With the default setting, long runs on a path use
-    a kernel: compiled functions for many rows. A row is a sample in one assembly mode. The
-    samples at which errors are measured are too few for a kernel. For a run with a kernel,
-    the first samples of the run are therefore returned, as many as give some times the
-    least number of rows of a kernel. For other runs the time at the samples at which errors
-    are measured is the right one.
+    A setting is one way to compute a run. With the default setting, a run with at least
+    `MIN_KERNEL_ROWS` rows uses a kernel: compiled functions for many rows. A row is a
+    sample in one assembly mode. The samples at which errors are measured are too few for a
+    kernel, so the setting would be timed without it.
+
+    For a long run along a path, the first samples of the run are therefore returned, with
+    `KERNEL_SAMPLE_FACTOR` times as many rows as a kernel needs. The result is None for a
+    run that is too short for a kernel, and for a grid of several inputs. The setting is
+    then timed at the samples at which errors are measured.
     """
     sampling = run_plan.sampling
-    total = len(sampling)
+    sample_count = len(sampling)
     mode_count = len(sampling.position_analysis.assembly_modes)
     min_rows = batch_runner.MIN_KERNEL_ROWS
-    if sampling.shape != (total,) or total * mode_count < min_rows:
+    is_path = sampling.shape == (sample_count,)
+    is_long = sample_count * mode_count >= min_rows
+    if not (is_path and is_long):
         return None
-    count = min(total, KERNEL_SAMPLE_FACTOR * min_rows // mode_count)
-    return take_samples(sampling, np.arange(count), study.search)
+    timed_count = min(sample_count, KERNEL_SAMPLE_FACTOR * min_rows // mode_count)
+    return take_samples(sampling, np.arange(timed_count), study.search)
 
 
 def _trade_samples(run_plan: RunPlan, study: Study, trade_options: TradeOptions) -> Trade:

@@ -191,24 +191,24 @@ class InputMoments:
     ) -> Expr:
         """Return the moment (N m) at an input for given rates and accelerations of inputs.
 
-        It is the moment that the inertia of the links requires, without loads. Velocities
-        per unit rate of an input are written times the determinant D of the velocity
-        equations, so that they need no division. The elements of `matrix` are sums of
-        products of two such velocities, so the inertia matrix is `matrix` / D^2. The terms
-        of `velocity_moments` are products with one such velocity and the rates of the
-        inputs, so they are divided by D.
+        It is the moment that the inertia of the links requires, without loads:
+
+            moment_i = sum over k of M_ik q''_k + h_i.
+
+        M is the inertia matrix, q'' are the accelerations of the inputs, and h_i is the
+        moment at constant rates. Two other methods return these as expressions without
+        division by D, the determinant of the velocity equations: `matrix` is M D^2, and
+        `velocity_moments` are h D. Both are also divided by a `unit` of inertia.
 
         Parameters
         ----------
         input_index
-            The input whose moment is returned.
+            The input i whose moment is returned.
         speeds, accelerations
             Rates and accelerations of all inputs.
         """
         coordinate_rates = self._coordinate_rates
-        inverse_scale = 1.0 / coordinate_rates.scale  # 1 / D
-        # The velocities at these rates of the inputs. `scaled_speeds` are the rates of the
-        # inputs divided by D.
+        # The motion of all links at constant rates of the inputs.
         motion_rates = coordinate_rates.motion_rates(speeds)
         bias_accelerations = coordinate_rates.bias_accelerations(
             motion_rates.variable_rates, motion_rates.w
@@ -216,8 +216,8 @@ class InputMoments:
         velocity_moments = self.velocity_moments(
             bias_accelerations, motion_rates.scaled_speeds
         )
-        # (`matrix` (accelerations / D) + `velocity_moments`) / D, times the unit of inertia
-        # (kg m2) by which the tensors were divided.
+        # moment_i = (M D^2 (q'' / D) + h D) / D, times the unit of inertia.
+        inverse_scale = 1.0 / coordinate_rates.scale  # 1 / D
         scaled_accelerations = [x * inverse_scale for x in accelerations]
         inertia_moment = dot(self.matrix[input_index], scaled_accelerations)
         total = inertia_moment + velocity_moments[input_index]

@@ -557,13 +557,15 @@ class RowVelocities:
         decimal_rates = DecimalRates.from_motion(self.motion.rows(rows), plan.input)
         if decimal_rates is None:
             return
-        # (k,) which of the rows have rates now. From here on, `rows` are only these.
+        # (k,) which of the rows have rates now. Only these are written.
         has_rates = decimal_rates.is_known & (
             decimal_rates.relative_error_bound <= MAX_RATE_ERROR
         )
-        rows = rows[has_rates]
-        self.is_decimal[rows] = True
-        self.relative_error_bound[rows] = decimal_rates.relative_error_bound[has_rates]
+        written_rows = rows[has_rates]
+        self.is_decimal[written_rows] = True
+        self.relative_error_bound[written_rows] = decimal_rates.relative_error_bound[
+            has_rates
+        ]
 
         def put_columns(name: str, key: Any, values: Floats) -> None:
             """Write the components of a quantity of a pole or link to the columns.
@@ -576,26 +578,28 @@ class RowVelocities:
                 # A column that is the same number in all rows is exact already. Several
                 # quantities can share it, so it must not be changed for one of them.
                 if not kernel.is_constant[index]:
-                    self._columns[index, rows] = column[has_rates]
+                    self._columns[index, written_rows] = column[has_rates]
 
         for link in self._column_indices["w"]:
             put_columns("w", link, decimal_rates.w[:, link].T.astype(float))
             put_columns("dw", link, decimal_rates.dw[:, link].T.astype(float))
-        pairs = axis_pairs(plan)
+
+        # If a pair joins two links, its axis is their pole. It is known even where the
+        # relative angular velocity is zero, so the direction is then taken from the pair.
+        # The plan knows such pairs by the bodies that they join: links that do not move
+        # relative to each other, because all other inputs are locked, are one body.
+        pair_by_body_pole = axis_pairs(plan)
         for pole, errors in self.pole_errors.items():
-            # Links that do not move relative to each other while other inputs are locked
-            # are one body. If the pole of the bodies of these two links is the axis of a
-            # pair, `pairs` has the number of this pair. The axis is known even where the
-            # relative angular velocity is zero, so the direction is taken from the pair.
             body_pole = plan.pole(*pole)
             assert body_pole is not None
-            quantities, bounds = decimal_rates.pole(pole, pairs.get(body_pole))
+            pair = pair_by_body_pole.get(body_pole)
+            quantities, bounds = decimal_rates.pole(pole, pair)
             for quantity in POLE_QUANTITIES:
                 # A quantity that was not computed from decimal sizes becomes NaN.
                 unknown = nans((quantity.components, len(has_rates)))
                 put_columns(quantity.name, pole, quantities.get(quantity.name, unknown))
             for name, error in errors.items():
-                error[rows] = bounds[name][has_rates] if name in bounds else np.nan
+                error[written_rows] = bounds[name][has_rates] if name in bounds else np.nan
 
     def _add_errors_of_common_axes(self) -> None:
         """Increase the errors of poles that are the common axis of several pairs.
