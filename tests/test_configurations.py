@@ -85,7 +85,7 @@ def test_a_doubtful_part_is_sampled_and_said_to_be():
     assert np.allclose(loose.probes(0.11), [0.2, 0.7, 1.05, 1.15, 1.25, 1.5, 1.850005])
     claim = loose.claim(0.11)
     assert claim.guarantee is Guarantee.TO_BOX and claim.box == pytest.approx(0.1)
-    assert str(claim).startswith("complete to a box of 5.73 deg: all modes at 7 inputs")
+    assert str(claim).startswith("complete to a box of 5.73 deg: all modes at 7 values")
 
 
 HIDDEN = [

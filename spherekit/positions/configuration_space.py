@@ -208,7 +208,7 @@ def _may_reach_range(
     """
     # On the curve between two nodes, the input differs from its value at the nearer node
     # by less than the length of the chord that joins them.
-    margin = float(np.max(curve.chords))
+    margin = float(np.max(curve.chord_lengths))
     lowest = float(np.min(curve.nodes.values[:, driven])) - margin
     highest = float(np.max(curve.nodes.values[:, driven])) + margin
     if not np.isfinite(period):
