@@ -156,3 +156,10 @@ def test_certificates_of_locked_mechanisms_state_the_rounding_of_the_joined_link
 @pytest.mark.parametrize("call", TABLES["locks"])
 def test_a_lock_that_is_impossible_is_refused_with_its_reason(call):
     check_call(call, {"sk": sk}, TABLES["locks"][call])
+
+
+def test_a_negative_tolerance_is_refused_although_locked_sizes_have_one(capsys):
+    """Sizes of a locked link have a tolerance of their own, which must not hide a mistake."""
+    words = ["five_bar", "--lock", "51=80", "--at", "60", "--tolerance=-1"]
+    assert main(["certify", *words]) == 1
+    assert "--tolerance -1: found -0.0174533 rad" in capsys.readouterr().err

@@ -171,7 +171,7 @@ def execute(options: Namespace) -> int:
     from spherekit.files.toml_document import parse
     from spherekit.planning.assembly_plan import driven_at
     from spherekit.proof.construction import find_construction
-    from spherekit.proof.decimal_mechanism import read_decimals
+    from spherekit.proof.decimal_mechanism import TOLERANCE_LIMIT_RAD, read_decimals
     from spherekit.storage.atomic_write import check_file, write_text
 
     document = checked_document(options.file)
@@ -179,6 +179,11 @@ def execute(options: Namespace) -> int:
     tolerance = 0.0
     if options.tolerance is not None:
         tolerance = read_angle("--tolerance", options.tolerance, unit)
+        if not 0.0 <= tolerance < TOLERANCE_LIMIT_RAD:
+            raise AnalysisError(
+                f"--tolerance {options.tolerance}: found {tolerance:g} rad, needs an angle "
+                f"of at least 0 and less than {TOLERANCE_LIMIT_RAD:g}rad, such as 1e-9rad"
+            )
     if options.lock:
         # The proof reads decimal numbers, so the mechanism with locked pairs is written as
         # a new document. Its sizes are rounded.

@@ -46,6 +46,9 @@ from spherekit.proof.decimal_geometry import DecimalGeometry
 from spherekit.proof.structure import Structure, extract_structure
 from spherekit.wording import listing
 
+TOLERANCE_LIMIT_RAD = 0.1
+"""Tolerances of sizes of this angle (6 deg) or more are taken for mistakes and refused."""
+
 WHOLE_TURN_TOLERANCE = 1e-6
 """A number of turns counts as whole if a ball of it comes this close to an integer.
 
@@ -417,12 +420,10 @@ def read_decimals(
         follow from the inputs, or if the tolerance is negative or large.
     """
     structure = extract_structure(mechanism)
-    # A tolerance of 0.1 rad (6 deg) or more is taken for a mistake. The limit decides only
-    # about this error.
-    if not 0.0 <= tolerance < 0.1:
+    if not 0.0 <= tolerance < TOLERANCE_LIMIT_RAD:
         raise PlanError(
-            f"tolerance: found {tolerance:g} rad, needs a number of at least 0 and less "
-            "than 0.1, such as 1e-9"
+            f"tolerance: found {tolerance:g} rad, needs at least 0 rad and less than "
+            f"{TOLERANCE_LIMIT_RAD:g} rad, such as 1e-9 rad"
         )
     if document is None:
         document = parse(dumps(mechanism), mechanism.name)
