@@ -1,6 +1,7 @@
 """Locking of R pairs: the two links of a locked pair become one link."""
 
 import math
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
 from spherekit.errors import ModelError
+from spherekit.geometry.parametric_curve import axes_about
 from spherekit.geometry.rotation import about_z
 from spherekit.mechanism.changed_axes import AxisRotations, redescribe, rotate_profile
 from spherekit.mechanism.elements import (
@@ -37,6 +39,9 @@ Larger: a pair is locked at a slightly different value. Smaller: rounded values 
 description by arcs and angles although the reference pose could be kept.
 """
 
+DISPLACEMENT_SHIFT_TOLERANCE_RAD = 1e-12
+"""A smaller change of the zero of a displacement is caused by rounding, and not stated."""
+
 
 @checked(ModelError)
 def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mechanism:
@@ -50,6 +55,10 @@ def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mecha
     A mechanism can be given by the axes of its pairs in a reference pose. If a pair is
     locked at another value than it has there, this pose is impossible afterwards. The
     result is then given by the arcs and angles of its links.
+
+    If both links have contacts, the profiles of one of them get new link axes. These define
+    the point of a circle from which its displacement is counted. If this point changes, a
+    warning (`UserWarning`) states by how much the displacement changes.
 
     Parameters
     ----------
@@ -134,6 +143,8 @@ def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
         define this azimuth, so in rotated axes another point is the start, from which arc
         lengths are counted. That changes the position of a Fourier series, and the rolling
         of a contact (Cr), in which both arc lengths belong together. These two are refused.
+        Of a circle that slides, only the displacement along it gets another zero, which a
+        warning states.
         """
         if contact.type == "Cr" or profile.kind == "fourier":
             raise ModelError(
@@ -142,7 +153,20 @@ def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
                 f"If {contact.name} slides, give the profile by points; or lock another "
                 "pair, or this pair at another angle"
             )
-        return rotate_profile(profile, rotation, contact)
+        rotated_profile = rotate_profile(profile, rotation, contact)
+        shift = _displacement_shift(profile, rotated_profile, rotation)
+        # The second curve of an external contact is measured clockwise about its centre.
+        is_second = contact.links[1] == removed_link
+        if is_second and contact.contact == "external":
+            shift = -shift
+        if abs(shift) > DISPLACEMENT_SHIFT_TOLERANCE_RAD:
+            warnings.warn(
+                f"{where}: the displacement s_{contact.name}_{removed_link} along a circle "
+                f"becomes s_{contact.name}_{kept_link} and is counted from another point "
+                f"of the circle, which adds {shift:.9g} rad",
+                stacklevel=2,
+            )
+        return rotated_profile
 
     # Expressions of loads get the value of the locked pair in place of its name.
     parts = redescribe(
@@ -176,6 +200,36 @@ def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
         joint_limits=tuple(x for x in mechanism.joint_limits if x.pair != pair.name),
         modes={},
     )
+
+
+def _displacement_shift(
+    profile: Profile, rotated_profile: Profile, rotation: Floats
+) -> float:
+    """Return the arc by which rotated link axes move the zero of a circle.
+
+    Parameters
+    ----------
+    profile
+        The profile in the old link axes.
+    rotated_profile
+        The same profile in the new link axes.
+    rotation
+        (3, 3) rotation from the old to the new link axes.
+
+    Returns
+    -------
+    The arc length (rad) from the new zero of the displacement to the old one, positive
+    counter-clockwise about the centre. It is 0 for profiles by points, which have their
+    zero at the first point.
+    """
+    if profile.round_axis is None or rotated_profile.round_axis is None:
+        return 0.0
+    # Unit vectors to azimuth 0, 90 degrees and the centre are the columns of `axes_about`.
+    old_zero = rotation @ axes_about(profile.round_axis)[:, 0]
+    new_axes = axes_about(rotated_profile.round_axis)
+    azimuth = np.arctan2(new_axes[:, 1] @ old_zero, new_axes[:, 0] @ old_zero)
+    radius = 0.5 * np.pi if profile.radius is None else profile.radius
+    return float(np.sin(radius) * azimuth)
 
 
 def _choose_kept_link(mechanism: Mechanism, pair: Pair) -> tuple[str, str]:
