@@ -150,10 +150,19 @@ class Eksergian(AbstractAnalysis):
         if not mechanism.masses or len(mechanism.inputs) != 1:
             return ()
         return (
-            FigureOfMerit("largest_torque", "max", "abs(torque)", meaning="at the input"),
-            FigureOfMerit("rms_torque", "rms", "torque", meaning="at the input"),
-            FigureOfMerit("least_inertia", "min", "B"),
-            FigureOfMerit("largest_inertia", "max", "B"),
+            FigureOfMerit(
+                "largest_torque", "max", "abs(torque)", meaning="largest driving torque"
+            ),
+            FigureOfMerit(
+                "rms_torque",
+                "rms",
+                "torque",
+                meaning="root mean square of the driving torque",
+            ),
+            FigureOfMerit("least_inertia", "min", "B", meaning="least equivalent inertia"),
+            FigureOfMerit(
+                "largest_inertia", "max", "B", meaning="largest equivalent inertia"
+            ),
         )
 
     def needs(self, mechanism: Mechanism) -> Needs:

@@ -225,18 +225,23 @@ class Poles(AbstractAnalysis):
                 (output.link, output.relative_to) for output in mechanism.outputs
             ] or [(link, names[0]) for link in names[1:]]
         inputs = mechanism.input_pairs
-        suffixes = [f"_by_{pair}" for pair in inputs] if len(inputs) > 1 else [""]
+        # The ends of names of figures, and of their meanings. With several inputs, one
+        # input moves while the others are at rest.
+        suffixes = {"": ""}
+        if len(inputs) > 1:
+            suffixes = {f"_by_{pair}": f" by input {pair} alone" for pair in inputs}
         return tuple(
             FigureOfMerit(
                 f"largest_coefficient_{link}_{reference}{suffix}",
                 "max",
                 f"abs(velocity_coefficient_{link}_{reference}{suffix})",
                 meaning=(
-                    f"largest |velocity coefficient| of link {link} seen from {reference}"
+                    f"largest velocity ratio of link {link} relative to link {reference}"
+                    f"{condition}"
                 ),
             )
             for link, reference in relative_motions
-            for suffix in suffixes
+            for suffix, condition in suffixes.items()
         )
 
     def needs(self, mechanism: Mechanism) -> Needs:

@@ -191,7 +191,7 @@ class ReactionAnalysis(AbstractAnalysis):
                 "max",
                 "transverse_moment",
                 table="reactions.reactions",
-                meaning=f"N m, the largest moment across the axis of {pair}",
+                meaning=f"largest moment across the axis of pair {pair}",
                 only=(("pair", pair),),
             )
             for pair in mechanism.angles

@@ -211,7 +211,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
             "max",
             "size",
             table="workspace.areas",
-            meaning="sr, or the volume of orientations",
+            meaning="area of the workspace, or volume of orientations",
             only=(("part", "whole"),),
         )
         return (size,)

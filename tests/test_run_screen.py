@@ -241,7 +241,9 @@ def test_an_overview_is_restored_from_its_journal():
 def test_results_come_first_and_bookkeeping_with_verbose(capsys):
     printed = print_run(capsys, "four_bar")
     lines = printed.splitlines()
-    assert lines[0] == "four_bar: input 21 from 0 to 360 deg, 361 samples"
+    assert lines[0] == (
+        "four_bar: input 21 (link 2 relative to link 1) from 0 to 360 deg, 361 samples"
+    )
     assert lines[1] == "  2 assembly modes, both exist over the whole range: 0 (p1), 1 (p0)"
     row = r"1 \(p0\) +46.52 to 117.82 +71.29 +-0.8084 to 0.5333 .* 27.81, 227.91"
     assert re.search(row, printed)
@@ -365,6 +367,25 @@ def test_over_constrained_mechanisms_say_both_mobilities(capsys):
     printed = print_run(capsys, "planetary_bevel", "--samples", 9)
     assert "Over-constrained: mobility 1 by the rank" in printed
     assert "2 constraints are redundant" in printed
+
+
+def test_a_sweep_has_words_and_says_where_figures_depend_on_samples(capsys):
+    """The arc of the crank changes the type; many modes end at dead centres."""
+    words = ["--vary", "links.2.arc=10:60:6", "-a", "singularities", "-a", "poles"]
+    assert main(["sweep", "four_bar", *words, "--samples", "91"]) == 0
+    printed = capsys.readouterr().out
+    assert "least transmission angle at pair 43 (deg)" in printed
+    assert "largest velocity ratio of link 4 relative to link 1" in printed
+    assert (
+        "columns least_transmission_angle_43, largest_coefficient_4_1 in files" in printed
+    )
+    assert re.search(r"exists at +links.2.arc \(deg\)", printed)
+    assert "Warning: Modes that exist at a part of the samples end, as a rule" in printed
+    assert "Warning: Change-point four-bars (designs 2, 4) have a configuration" in printed
+    whole = ["--where", "closes > 0.999", "--where", "links_2_arc < 25"]
+    assert main(["sweep", "four_bar", *words, "--samples", "91", *whole]) == 0
+    printed = capsys.readouterr().out
+    assert "exists at" not in printed and "Warning" not in printed
 
 
 def test_a_simulation_says_events_end_error_and_energy(capsys):

@@ -172,10 +172,7 @@ class SingularityAnalysis(AbstractAnalysis):
                 f"{NEAREST_TRANSMISSION_WORD}_transmission_angle_{pair}",
                 NEAREST_TRANSMISSION_REDUCTION,
                 f"transmission_angle_{pair}",
-                meaning=(
-                    f"{NEAREST_TRANSMISSION_WORD} angle between the arcs at pair {pair}, "
-                    "0 at type II"
-                ),
+                meaning=f"{NEAREST_TRANSMISSION_WORD} transmission angle at pair {pair}",
             )
             for pair in middle_pairs(mechanism)
         )

@@ -122,15 +122,15 @@ def make_report(summary: Any, output: RunOutput) -> ScreenReport:
 
 def _question(summary: Any) -> str:
     """Return what was asked: mechanism, ranges of the inputs, samples and analyses."""
-    names = [analysis["name"] for analysis in summary["analyses"]]
-    asked = "" if names == DEFAULT_ANALYSES else f"; {', '.join(names)}"
+    analyses = [analysis["name"] for analysis in summary["analyses"]]
+    asked = "" if analyses == DEFAULT_ANALYSES else f"; {', '.join(analyses)}"
     mechanism = summary["mechanism"]
     samples = counted(summary["sampling"], "sample")
     if "simulation" in summary:
         simulation = summary["simulation"]
         start = ", ".join(
-            f"input {pair} at {degrees_text(state['q_rad'])} deg and "
-            f"{number_text(state['dq_rad_per_s'], RATE_ERROR)} rad/s"
+            f"input {_input_words(summary, pair)} at {degrees_text(state['q_rad'])} deg "
+            f"and {number_text(state['dq_rad_per_s'], RATE_ERROR)} rad/s"
             for pair, state in simulation["start"].items()
         )
         return (
@@ -139,14 +139,15 @@ def _question(summary: Any) -> str:
             f"{samples}{asked}"
         )
     if not summary["assembly_modes"]:
-        return f"{mechanism}: {numbered('input', summary['inputs'])}{asked}"
+        names = [_input_words(summary, pair) for pair in summary["inputs"]]
+        return f"{mechanism}: {numbered('input', names)}{asked}"
     ranges = []
     for pair, (low, high) in summary["inputs"].items():
         if low == high:
-            ranges.append(f"{pair} = {degrees_text(low)} deg")
+            ranges.append(f"{_input_words(summary, pair)} = {degrees_text(low)} deg")
         else:
-            low_text, high_text = degree_range_text(low, high).split(" to ")
-            ranges.append(f"{pair} from {low_text} to {high_text} deg")
+            range_text = degree_range_text(low, high)
+            ranges.append(f"{_input_words(summary, pair)} from {range_text} deg")
     word = "input" if len(ranges) == 1 else "inputs"
     how = ""
     if "time" in summary:
@@ -154,6 +155,17 @@ def _question(summary: Any) -> str:
     elif len(ranges) > 1:
         how = " on one path" if summary["overview"]["is_path"] else " on a grid"
     return f"{mechanism}: {word} {' and '.join(ranges)}{how}, {samples}{asked}"
+
+
+def _input_words(summary: Any, pair: str) -> str:
+    """Return the name of an input; for a name without letters also the links it turns.
+
+    All further lines have the name alone, so the first line says what ``21`` is.
+    """
+    if any(character.isalpha() for character in pair):
+        return pair
+    reference, link = summary["input_links"][pair]
+    return f"{pair} (link {link} relative to link {reference})"
 
 
 def _results(summary: Any) -> list[str | ScreenTable]:

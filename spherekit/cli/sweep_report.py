@@ -53,10 +53,13 @@ def sweep_report(result: "SweepResult") -> ScreenReport:
         report.results += _count_texts(result, frame[is_valid])
         if np.any(frame["closes"][is_valid] < 1.0):
             report.warnings.append(
-                "modes that exist at a part of the samples end, as a rule, at dead centres "
-                "(type II singularities), close to which velocity ratios and torques grow "
-                "without bound; their figures of merit are those of the samples"
+                "Modes that exist at a part of the samples end, as a rule, at dead centres "
+                "(type II singularities). There a transmission angle is 0, and velocity "
+                "ratios and torques grow without bound. Their largest and smallest figures "
+                "depend on how near the samples fall to the dead centres, so do not rank "
+                'such designs by them. --where "closes > 0.999" leaves them out.'
             )
+        report.warnings += _warn_of_change_points(frame[is_valid])
         report.warnings += _describe_reasons(frame[~is_valid])
     report.accuracy = "; ".join(
         ["figures of merit are the extremes of the samples of each design", *result.remarks]
@@ -141,6 +144,13 @@ def _best_designs(result: "SweepResult", frame: Any) -> list[str | ScreenTable]:
     ]
     count = DESIGNS_PER_EXTREME if len(figures) <= MANY_FIGURES else 1
     sizes = [variable.name for variable in sweep.variables]
+    # The user knows varied numbers by the keys of the file that the command line has.
+    headings = {
+        variable.name: variation.key
+        for variable, variation in zip(sweep.variables, sweep.space.variations, strict=True)
+    }
+    words = {merit.name: merit.meaning or merit.name for merit in sweep.merits}
+    has_partial_modes = bool((frame["closes"] < 1.0).any())
     largest_by_column = frame[[*sizes, *figures]].abs().max()
 
     def cell(name: str, value: float) -> str:
@@ -168,13 +178,17 @@ def _best_designs(result: "SweepResult", frame: Any) -> list[str | ScreenTable]:
                 is_equal = difference <= EQUAL * max(abs(row[figure]), ROUNDING)
                 modes = ", ".join(same_design[is_equal]["mode"].astype(str))
                 is_first = len(printed_designs) == 1
+                existence = [f"{number_text(100.0 * row['closes'], digits=3)} %"]
                 rows.append(
                     (
-                        _heading(figure, units) if is_first and not ascending else "",
+                        _heading(words[figure], units.get(figure))
+                        if is_first and not ascending
+                        else "",
                         title if is_first else "",
                         cell(figure, row[figure]),
                         str(row["design"]),
                         modes,
+                        *(existence if has_partial_modes else []),
                         *(cell(name, row[name]) for name in sizes),
                     )
                 )
@@ -186,14 +200,51 @@ def _best_designs(result: "SweepResult", frame: Any) -> list[str | ScreenTable]:
         ScreenColumn("value", "right"),
         ScreenColumn("design", "right"),
         ScreenColumn("assembly mode"),
-        *(ScreenColumn(_heading(name, units), "right") for name in sizes),
+        *([ScreenColumn("exists at", "right")] if has_partial_modes else []),
+        *(
+            ScreenColumn(_heading(headings[name], units.get(name)), "right")
+            for name in sizes
+        ),
     )
-    return [ScreenTable(columns, tuple(rows))]
+    table = ScreenTable(columns, tuple(rows))
+    # Conditions and files need the names of the columns, which are not in the table if the
+    # figures have words.
+    if all(words[figure] == figure for figure in figures):
+        return [table]
+    return [
+        table,
+        f"The figures of merit are the columns {', '.join(figures)} in files and in "
+        "conditions (--where).",
+    ]
 
 
-def _heading(name: str, units: Any) -> str:
-    """Return the name of a column with its unit."""
-    return f"{name} ({units[name]})" if units.get(name) else name
+def _heading(text: str, unit: str | None) -> str:
+    """Return the text of a column or of a figure of merit with its unit."""
+    return f"{text} ({unit})" if unit else text
+
+
+def _warn_of_change_points(frame: Any) -> Lines:
+    """Return a warning about four-bars that can pass a change point.
+
+    All four axes of such a four-bar can lie in one plane, where its assembly modes meet.
+    A sample at this configuration, or near it, has figures that no other design reaches.
+
+    Parameters
+    ----------
+    frame
+        The rows with figures of merit.
+    """
+    if "grashof" not in frame.columns:
+        return []
+    rows = frame[frame["grashof"].astype(str) == "change-point"]
+    if rows.empty:
+        return []
+    designs = sorted(set(rows["design"]))
+    return [
+        f"Change-point four-bars ({numbered('design', designs)}) have a configuration in "
+        "which all axes lie in one plane and the assembly modes meet. Their largest and "
+        "smallest figures depend on how near a sample falls to it."
+    ]
 
 
 def _count_texts(result: "SweepResult", frame: Any) -> Lines:
@@ -228,8 +279,11 @@ def _count_texts(result: "SweepResult", frame: Any) -> Lines:
     if list(claims.index) == ["complete"]:
         lines.append("All assembly modes of all designs were found.")
     elif len(claims):
-        texts = ", ".join(f"{text} in {count} rows" for text, count in claims.items())
-        lines.append(f"Assembly modes found: {texts}")
+        # Rows of tables of single runs state no guarantee.
+        texts = ", ".join(
+            f"{text or 'not stated'} in {count} rows" for text, count in claims.items()
+        )
+        lines.append(f"Guarantee that no assembly mode is missing: {texts}.")
     return lines
 
 

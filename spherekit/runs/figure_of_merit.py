@@ -56,7 +56,8 @@ class FigureOfMerit:
     table
         ``ANALYSIS.TABLE`` whose rows are reduced; None for quantities that kernels compute.
     meaning
-        Meaning of the figure in a few words.
+        Meaning of the figure in a few words, such as ``largest driving torque``. The
+        screen prints it in place of the name, with the unit beside it.
     only
         Names and texts of columns of the table. Only rows with these texts are reduced.
     place
