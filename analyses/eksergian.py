@@ -293,14 +293,17 @@ class Eksergian(AbstractAnalysis):
         if not np.any(np.isfinite(batch.residual)):
             return Findings()
         # Driving torques at the only input (number 0). `sure_torques` has 0 in place of
-        # torques that are only rounding errors.
+        # torques that are only rounding errors of the terms in their own row.
         solution = self._inverse_solution(batch)
         input_torque = solution.sure_torques[:, 0].copy()
-        # In a simulation the torque is the difference of large terms, whose errors are
-        # those of the largest terms of all rows.
+        # The driving torque is B ddq + dB/dq dq^2 / 2 - Q, with the equivalent inertia B,
+        # the input q and the force Q of the loads. In a simulation the loads cause the
+        # motion, so the torque is zero, but for rounding errors of the largest terms of all
+        # rows. Torques of this size become 0.
         terms = np.abs(solution.Q).reshape(len(batch)) + np.abs(solution.B * batch.ddq)
         largest_term = np.max(terms, initial=0.0, where=np.isfinite(terms))
-        input_torque[np.abs(input_torque) <= ZERO_TORQUE_RATIO * largest_term] = 0.0
+        is_rounding = np.abs(input_torque) <= ZERO_TORQUE_RATIO * largest_term
+        input_torque[is_rounding] = 0.0
         torque = self._torque_at_pair(batch, input_torque)
         worst_row = int(np.nanargmax(batch.closure_conditioning))
         summary: dict[str, Any] = {

@@ -590,8 +590,10 @@ class WorkspaceModes:
     def _draw_border(self, region: Region) -> list[Primitive]:
         """Return the border of a set of directions, drawn in one colour for each limit.
 
-        The name of a limit is written at the middle of its longest arc. The colours are
-        numbers from 1, because the mark of the direction farthest inside has colour 0.
+        The border consists of arcs, at each of which a limit is reached (such as that of a
+        joint). The name of the limit is written at the middle of its longest arc. The
+        colours are numbers from 1, because the mark of the direction farthest inside has
+        colour 0.
         """
         curves: list[Primitive] = []
         for colour, (limit_number, arcs) in enumerate(arcs_by_limit(region).items(), 1):
@@ -601,8 +603,8 @@ class WorkspaceModes:
             # Details of a limit follow in parentheses, which a mark has no room for.
             short_name, _, _ = name.partition(" (")
             mark = Mark(short_name, middle, colour)
-            # Limits are numbered from 0, and -1 is the border at which none is reached. In
-            # the recording the numbers begin with 0.
+            # The number is -1 for arcs at which no limit is reached, but the output is no
+            # longer determined. In the recording the numbers begin with 0.
             path = f"workspace/border/{limit_number + 1}"
             curves.append(SphereCurves(path, name, arcs, colour, [mark]))
         return curves

@@ -5,7 +5,8 @@ locked inputs do not hold the output.
 """
 
 import math
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 from spherekit.cli.mode_text import modes_text
 from spherekit.cli.motion_screen import (
@@ -25,11 +26,16 @@ a transmission measure, counts as nearly 0. Larger: more is called nearly singul
 
 
 def describe_singularities(summary: Any) -> Lines:
-    """Return sentences on how near the samples come to singularities of both types.
+    """Return sentences on how near the samples come to singularities of types I and II.
 
-    The table of outputs has the singularities of one input and outputs with a fixed axis.
-    The sentences are about all others: of several inputs, of outputs without a fixed axis,
-    and of simulations.
+    The screen also has a table of outputs. It states the singularities of an output with a
+    fixed axis, if the mechanism has one input and the run is no simulation. There are no
+    sentences about these. They are about
+
+    - type II (locked inputs do not hold the output), if there are several inputs and the
+      run is no simulation,
+    - type I (an output loses a direction of motion), for each output that is not in the
+      table.
 
     Parameters
     ----------
@@ -37,19 +43,20 @@ def describe_singularities(summary: Any) -> Lines:
         The content of ``summary.json``.
     """
     overview = summary["overview"]
-    several = len(summary["inputs"]) > 1
+    has_several_inputs = len(summary["inputs"]) > 1
     is_simulation = "simulation" in summary
     if not overview["modes"]:
         return []
     lines = []
-    if several and not is_simulation:
+    if has_several_inputs and not is_simulation:
         lines += _describe_type_2(summary)
     for number, output in enumerate(overview["outputs"]):
-        is_in_table = output["fixed_axis"] and not several and not is_simulation
+        is_in_table = output["fixed_axis"] and not has_several_inputs and not is_simulation
         if not is_in_table:
             lines += _describe_type_1(summary, number)
     names = {analysis["name"] for analysis in summary["analyses"]}
-    if lines and several and not is_simulation and "singularities" not in names:
+    has_exact_places = "singularities" in names
+    if lines and has_several_inputs and not is_simulation and not has_exact_places:
         lines[-1] += (
             " These places are from the samples; -a singularities gives exact ones."
         )
@@ -70,58 +77,97 @@ def _describe_type_2(summary: Any) -> Lines:
     overview = summary["overview"]
     meaning = "type II (locked inputs do not hold the output)"
     extent = _extent(summary)
-    ended, met = [], []
-    # The value, its mode, its name and text, the inputs, and the best value there could be.
-    nearest: tuple[float, str, str, Any, float] | None = None
+    modes_that_end: list[int] = []
+    modes_at_singularity: list[int] = []
+    nearest: _NearestSample | None = None
     for number, entry in overview["modes"].items():
         if entry["closes"] and "OUT_OF_REACH" in entry["statuses"]:
-            ended.append(int(number))
+            modes_that_end.append(int(number))
         if "AT_SINGULARITY" in entry["statuses"]:
-            met.append(int(number))
-        candidates = [
-            (
-                measure[0],
-                f"measure is {number_text(measure[0], MEASURE_ERROR, 2)}",
-                inputs,
-                1.0,
-            )
-            for motion in entry["outputs"]
-            if (measure := motion["least_transmission_measure"])
-            and (inputs := motion["inputs_of_least_measure_rad"])
-        ]
-        transmission = entry["least_transmission"]
-        if not candidates and transmission:
-            angle = math.degrees(transmission["angle_rad"])
-            text = (
-                f"angle at pair {transmission['pair']} is "
-                f"{transmission_text(transmission['angle_rad'])} deg"
-            )
-            candidates = [(angle, text, transmission["inputs_rad"], 90.0)]
-        for value, text, inputs, best in candidates:
-            if nearest is None or value < nearest[0]:
-                nearest = (value, number, text, inputs, best)
+            modes_at_singularity.append(int(number))
+        for sample in _list_nearest_samples(number, entry):
+            if nearest is None or sample.value < nearest.value:
+                nearest = sample
     lines = []
-    if met:
-        lines.append(f"Samples of {modes_text(met)} are at singularities of {meaning}.")
-    if ended:
+    if modes_at_singularity:
         lines.append(
-            f"{modes_text(ended, True)} {'ends' if len(ended) == 1 else 'end'} {extent}, "
-            f"at singularities of {meaning}."
+            f"Samples of {modes_text(modes_at_singularity)} are at singularities of "
+            f"{meaning}."
         )
-    place = ""
-    if nearest is not None:
-        _, number, text, inputs, _ = nearest
-        place = (
-            f"nearest to one is mode {number} at {inputs_text(summary, inputs)}, where "
-            f"the transmission {text}"
+    if modes_that_end:
+        verb = "ends" if len(modes_that_end) == 1 else "end"
+        lines.append(
+            f"{modes_text(modes_that_end, True)} {verb} {extent}, at singularities of "
+            f"{meaning}."
         )
-    if not met and not ended:
-        end = f"; {place}" if place else ""
+    if not modes_at_singularity and not modes_that_end:
         beginning = f"No singularity of {meaning} is met"
-        if nearest is not None and nearest[0] <= NEAR_SHARE * nearest[4]:
-            beginning = f"A singularity of {meaning} is nearly met"
+        end = ""
+        if nearest is not None:
+            if nearest.value <= NEAR_SHARE * nearest.best_value:
+                beginning = f"A singularity of {meaning} is nearly met"
+            place = inputs_text(summary, nearest.inputs)
+            end = (
+                f"; nearest to one is mode {nearest.mode} at {place}, where the "
+                f"transmission {nearest.measure_text}"
+            )
         lines.append(f"{beginning} {extent}{end}.")
     return lines
+
+
+class _NearestSample(NamedTuple):
+    """The sample of an assembly mode that is nearest to a singularity of type II.
+
+    Attributes
+    ----------
+    mode
+        Number of the mode.
+    inputs
+        Inputs of the sample (rad).
+    value, best_value
+        The transmission measure or angle (deg) there, and the best value that it can have.
+        It is 0 at type II.
+    measure_text
+        The value in words, such as ``angle at pair 3 is 41.2 deg``.
+    """
+
+    mode: str
+    inputs: Any
+    value: float
+    best_value: float
+    measure_text: str
+
+
+def _list_nearest_samples(mode: str, entry: Any) -> Iterator[_NearestSample]:
+    """Yield the samples of an assembly mode that are nearest to singularities of type II.
+
+    There is one for each output whose transmission measure is known (how well the locked
+    inputs hold the output, from 0 to 1). If there is none, the sample with the least
+    transmission angle of a dyad (two links in series) is yielded.
+
+    Parameters
+    ----------
+    mode
+        Number of the mode.
+    entry
+        The summary of the mode.
+    """
+    has_measure = False
+    for motion in entry["outputs"]:
+        measure = motion["least_transmission_measure"]
+        inputs = motion["inputs_of_least_measure_rad"]
+        if measure and inputs:
+            has_measure = True
+            value = measure[0]
+            text = f"measure is {number_text(value, MEASURE_ERROR, 2)}"
+            yield _NearestSample(mode, inputs, value, 1.0, text)
+    transmission = entry["least_transmission"]
+    if transmission and not has_measure:
+        angle = transmission["angle_rad"]
+        text = f"angle at pair {transmission['pair']} is {transmission_text(angle)} deg"
+        yield _NearestSample(
+            mode, transmission["inputs_rad"], math.degrees(angle), 90.0, text
+        )
 
 
 def _describe_type_1(summary: Any, number: int) -> Lines:
@@ -137,65 +183,77 @@ def _describe_type_1(summary: Any, number: int) -> Lines:
     overview = summary["overview"]
     outputs = overview["outputs"]
     output = f"output {outputs[number]['label']}" if len(outputs) > 1 else "output"
-    several = len(summary["inputs"]) > 1
-    loses = "loses a direction of motion" if several else "rests while the input moves"
-    if outputs[number]["fixed_axis"]:
-        loses = "rests while the inputs move" if several else loses
-    meaning = f"type I (the {output} {loses})"
+    has_several_inputs = len(summary["inputs"]) > 1
+    if not has_several_inputs:
+        motion = "rests while the input moves"
+    elif outputs[number]["fixed_axis"]:
+        motion = "rests while the inputs move"
+    else:
+        motion = "loses a direction of motion"
+    meaning = f"type I (the {output} {motion})"
     extent = _extent(summary)
-    always: list[int] = []
-    places: dict[str, list[int]] = {}
-    nearest: tuple[float, str, Any] | None = None
-    largest = 0.0  # of the least singular values of the nearest mode
-    further = 0
+
+    # The least singular value of the output's velocity Jacobian is 0 at type I. A mode can
+    # be singular everywhere, or at some places. Otherwise `nearest` is the Jacobian of the
+    # mode and sample that come nearest to a singularity.
+    modes_singular_everywhere: list[int] = []
+    modes_by_place: dict[str, list[int]] = {}
+    unlisted_place_count = 0
+    nearest: Any = None
+    nearest_mode = ""
     for mode, entry in overview["modes"].items():
-        motion = entry["outputs"][number]
-        jacobian = motion["jacobian"]
+        jacobian = entry["outputs"][number]["jacobian"]
         if jacobian is None:
             continue
         if jacobian["largest_least_singular_value"] <= RATIO_ERROR:
-            always.append(int(mode))
+            modes_singular_everywhere.append(int(mode))
             continue
-        texts = [inputs_text(summary, inputs) for inputs in jacobian["type_1_inputs_rad"]]
+        places = [inputs_text(summary, inputs) for inputs in jacobian["type_1_inputs_rad"]]
         if jacobian["least_singular_value"] <= RATIO_ERROR:
-            texts.append(inputs_text(summary, jacobian["inputs_rad"]))
-        further += jacobian["further_type_1_places"]
-        further += max(len(texts) - MAX_LISTED_PLACES, 0)
-        for text in dict.fromkeys(texts[:MAX_LISTED_PLACES]):
-            places.setdefault(text, []).append(int(mode))
-        value = jacobian["least_singular_value"]
-        if nearest is None or value < nearest[0]:
-            nearest = (value, mode, jacobian["inputs_rad"])
-            largest = jacobian["largest_least_singular_value"]
+            places.append(inputs_text(summary, jacobian["inputs_rad"]))
+        unlisted_place_count += jacobian["further_type_1_places"]
+        unlisted_place_count += max(len(places) - MAX_LISTED_PLACES, 0)
+        for place in dict.fromkeys(places[:MAX_LISTED_PLACES]):
+            modes_by_place.setdefault(place, []).append(int(mode))
+        least_value = jacobian["least_singular_value"]
+        if nearest is None or least_value < nearest["least_singular_value"]:
+            nearest = jacobian
+            nearest_mode = mode
+
     lines = []
-    if always:
+    if modes_singular_everywhere:
+        verb = "is" if len(modes_singular_everywhere) == 1 else "are"
         lines.append(
-            f"{modes_text(always, True)} {'is' if len(always) == 1 else 'are'} singular "
-            f"of {meaning} {extent} everywhere."
+            f"{modes_text(modes_singular_everywhere, True)} {verb} singular of {meaning} "
+            f"{extent} everywhere."
         )
-    if places:
-        texts = [f"{modes_text(modes)} near {text}" for text, modes in places.items()]
-        more = f", and at {counted(further, 'further place')}" if further else ""
+    if modes_by_place:
+        texts = [
+            f"{modes_text(modes)} near {place}" for place, modes in modes_by_place.items()
+        ]
+        more = ""
+        if unlisted_place_count:
+            more = f", and at {counted(unlisted_place_count, 'further place')}"
         lines.append(
             f"Singularities of {meaning} are met {extent}: {'; '.join(texts)}{more}."
         )
     elif nearest is not None:
-        value, mode, inputs = nearest
-        quantity = "smallest singular value of the velocity Jacobian"
-        if not several:
-            quantity = "velocity ratio"
-        others = (
-            "other modes have none" if always else f"no singularity of {meaning} is met"
-        )
-        if value <= NEAR_SHARE * largest and not always:
-            others = f"a singularity of {meaning} is nearly met"
-        if "simulation" in summary:
-            lines.append(f"{others[0].upper()}{others[1:]} {extent}.")
+        least_value = nearest["least_singular_value"]
+        if modes_singular_everywhere:
+            beginning = "Other modes have none"
+        elif least_value <= NEAR_SHARE * nearest["largest_least_singular_value"]:
+            beginning = f"A singularity of {meaning} is nearly met"
         else:
-            lines.append(
-                f"{others[0].upper()}{others[1:]} {extent}; nearest to one is mode "
-                f"{mode} at "
-                f"{inputs_text(summary, inputs)}, where the {quantity} is "
-                f"{number_text(value, RATIO_ERROR, 2)}."
+            beginning = f"No singularity of {meaning} is met"
+        end = ""
+        if "simulation" not in summary:
+            quantity = "velocity ratio"
+            if has_several_inputs:
+                quantity = "smallest singular value of the velocity Jacobian"
+            place = inputs_text(summary, nearest["inputs_rad"])
+            end = (
+                f"; nearest to one is mode {nearest_mode} at {place}, where the {quantity} "
+                f"is {number_text(least_value, RATIO_ERROR, 2)}"
             )
+        lines.append(f"{beginning} {extent}{end}.")
     return lines

@@ -220,9 +220,12 @@ def make_joint_limit_events(
     """
     for index, limit in enumerate(mechanism.joint_limits):
         (variable,) = mechanism.variables_of(mechanism.pair_number[limit.pair])
-        # Parameter number v has the whole turns by which variable v is reduced.
+        # The state has each angle reduced by whole turns. Parameter v of the compiled
+        # equation is the number of turns that variable v lacks.
         angle = layout.variables[variable] + TURN * parameter_symbol(variable)
-        low = parameter_symbol(layout.limit_parameters + 2 * index)
-        high = parameter_symbol(layout.limit_parameters + 2 * index + 1)
+        # Further parameters are the lower and the upper value of each joint limit.
+        first_number = layout.limit_parameters + 2 * index
+        low = parameter_symbol(first_number)
+        high = parameter_symbol(first_number + 1)
         yield EventFunction(angle - low, "joint_limit", variable, -1)
         yield EventFunction(angle - high, "joint_limit", variable, 1)

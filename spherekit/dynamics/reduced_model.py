@@ -496,32 +496,33 @@ class StoredModel:
     def dynamics(self) -> tuple[SingleFunction, FloatFunction]:
         """Two functions that evaluate the torques at a point, without arrays.
 
-        The first one returns a list of the stored functions of the configuration on which
-        the torques depend. The inertia (matrix) is first. In a model along a curve of
-        configurations, the derivative dB/dx of the inertia B is next. Simulations read both
-        from the list.
+        The first one returns the values of the stored functions on which the torques
+        depend, as a list. It begins with the inertia (matrix). In a model along a curve of
+        configurations, the derivative dB/dx of the inertia B is next. Simulations read
+        these first values from the list.
 
         The second function returns the torques. Its argument is this list, followed by
         rates, accelerations, time and torques of tables (the values of
         `StoredHeading.motion_symbols`).
         """
         heading = self.heading
-        # Christoffel symbols are the coefficients of products of rates in the torques. The
-        # symbols of coordinate 0 come after the inertia. Along a curve this is the only
-        # coordinate. It has a single symbol, 1/2 dB/dx, which is stored as dB/dx.
-        first_symbols = symbols([*heading.inertia, *heading.christoffel[0]])
-        # The symbols that represent stored functions, each once. `iterate_nodes` visits the
-        # nodes of the expressions in order, so the first symbols remain first.
-        stored_symbols = [
+        # The torques are expressions. Their variables are stored functions, rates and so
+        # on. The list begins with the inertia, then the coefficients of products of rates
+        # in the torque of coordinate 0 (Christoffel symbols). Along a curve there is one
+        # such coefficient, 1/2 dB/dx, which is stored as dB/dx.
+        first_variables = symbols([*heading.inertia, *heading.christoffel[0]])
+        # The variables that are stored functions, each once. `iterate_nodes` visits the
+        # nodes of the expressions in order, so the first variables remain first.
+        stored_variables = [
             node
-            for node in iterate_nodes([*first_symbols, *heading.torques])
+            for node in iterate_nodes([*first_variables, *heading.torques])
             if node.operation == "variable" and node not in heading.motion_symbols
         ]
-        names = (node.arguments[0] for node in stored_symbols)
-        torque_function = float_function(
-            heading.torques, [*stored_symbols, *heading.motion_symbols]
+        names = (node.arguments[0] for node in stored_variables)
+        evaluate_torques = float_function(
+            heading.torques, [*stored_variables, *heading.motion_symbols]
         )
-        return self._single_function(*names), torque_function
+        return self._single_function(*names), evaluate_torques
 
     def torque_at_functions(
         self, functions: list[float], x: Any, dx: Any, ddx: Any, t: Any

@@ -362,56 +362,68 @@ class Simulation:
 
     @cached_property
     def checks(self) -> Checks:
-        """Balances of energy and power, largest closure residual, and the error.
+        """Estimates of the errors of the simulation, see `Checks`.
 
-        The error is the difference from a simulation with a smaller tolerance, if there is
-        one. Balances are evaluated at the end, and at three times within some steps. These
-        steps (`checked_steps`) are evenly chosen, and limited in number to save time. The
-        states contain the momenta p = R u with the rates u of the coordinates and the
-        symmetric root R of the inertia matrix.
+        The states contain the momenta p = R u, with the rates u of the coordinates and the
+        symmetric root R of the inertia matrix. The kinetic energy is therefore p^2 / 2.
+        Three errors are computed at some times:
+
+        - Energy: the change of kinetic energy less the work of the loads.
+        - Momentum: the error of dp/dt, that of the computed path less that by the equation
+          of motion. It is multiplied by the length of the step.
+        - Power: p times the error of dp/dt, since the kinetic energy has the rate p dp/dt.
         """
-        path = self.path
         equation = self.equation
-        starts = path.starts[path.checked_steps]
-        lengths = path.lengths[path.checked_steps]
-        t = np.concatenate([starts + x * lengths for x in BALANCE_FRACTIONS])
-        t = np.append(np.minimum(t, self.end.t), self.end.t)
+        t, step_lengths = self._choose_check_times()
         path_states, dynamics = self._evaluate(t)
         states = path_states.states
         closed = equation.closure.linearise(states[:, : equation.variable_count])
         momenta = states[:, equation.momenta]
-        # u M u / 2 with M = R R.
         kinetic = 0.5 * np.sum(momenta**2, axis=1)
         work = np.sum(states[:, equation.load_work_rows], axis=1)
-        # dp/dt of the computed path, less dp/dt by the equation of motion.
+        balance = kinetic - work
+
         rate_errors = path_states.rates[:, equation.momenta] - dynamics.momentum_rates
         # The error of dp/dt is not computed at the end. There a load may jump, or dp/dt may
         # have no value because the inertia matrix is singular.
         rate_errors[t >= self.end.t] = 0.0
+        power_errors = np.vecdot(momenta, rate_errors)
+        # An error of dp/dt that lasts for a whole step changes the momenta by this much.
+        momentum_errors = np.linalg.norm(rate_errors, axis=1) * step_lengths
         # Errors of momenta are divided by the largest momentum. This would be zero if the
         # mechanism rests all the time. The divisor is therefore at least the largest
-        # eigenvalue of R, which is a momentum at the rate 1 rad/s.
+        # eigenvalue of R, which is a momentum at the rate 1 rad/s. (Eigenvalues are NaN
+        # where an inertia matrix is not positive.)
         momentum_sizes = np.append(
             np.linalg.norm(momenta, axis=1), dynamics.roots.eigenvalues
         )
-        step_lengths = np.append(np.tile(lengths, len(BALANCE_FRACTIONS)), 0.0)
-        # An error of dp/dt that lasts for a whole step changes the momenta by this much.
-        # The power is balanced at each time, so its error has no such factor.
-        momentum_errors = np.linalg.norm(rate_errors, axis=1) * step_lengths
-        # Eigenvalues are NaN where an inertia matrix is not positive.
         largest_momentum = np.nanmax(momentum_sizes)
-        balance = kinetic - work
-        # The kinetic energy p^2 / 2 has the rate p dp/dt. By the equation of motion this is
-        # the power of the loads, so p times the error of dp/dt is the error of the power.
-        power_errors = np.vecdot(momenta, rate_errors)
         return Checks(
             energy=float(max_abs(balance - balance[0])),
             energy_scale=float(max(np.max(kinetic), max_abs(work))),
             power=float(max_abs(power_errors)),
             momentum=float(np.max(momentum_errors) / largest_momentum),
-            closure=max(path.max_closure_residual, float(np.max(closed.closure_residual))),
+            closure=max(
+                self.path.max_closure_residual, float(np.max(closed.closure_residual))
+            ),
             error=self.error,
         )
+
+    def _choose_check_times(self) -> tuple[Floats, Floats]:
+        """Return times (n,) at which errors are computed, and the lengths of their steps.
+
+        They are three times within each of some steps, and the end. The steps
+        (`checked_steps`) are evenly chosen, and limited in number to save computing time.
+        The end gets the step length 0.
+        """
+        starts = self.path.starts[self.path.checked_steps]
+        lengths = self.path.lengths[self.path.checked_steps]
+        # First the first time of every step, then the second, then the third.
+        inner_times = np.concatenate([starts + x * lengths for x in BALANCE_FRACTIONS])
+        # The last step may be longer than the simulation.
+        inner_times = np.minimum(inner_times, self.end.t)
+        step_lengths = np.tile(lengths, len(BALANCE_FRACTIONS))
+        return np.append(inner_times, self.end.t), np.append(step_lengths, 0.0)
 
     def _evaluate(
         self, t: Floats, second: bool = False

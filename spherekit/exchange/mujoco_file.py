@@ -29,16 +29,17 @@ UNNAMED_MODELS = ("", "MuJoCo Model")
 
 
 class ObservedLink(NamedTuple):
-    """A body whose orientation a sensor of the model reads.
+    """A body whose orientation a sensor of the model reads. It becomes an output.
 
     Attributes
     ----------
     name
         Name of the sensor.
     body, reference
-        Numbers of the body, and of the body from which it is observed.
+        Numbers of the body, and of the body relative to which the sensor reads it.
     point
-        (3,) point (m, world axes) of the body whose direction is an output, or None.
+        (3,) a point of the body (m, world axes). The output then also has a direction, from
+        the centre of the sphere to this point. None if the output has no direction.
     """
 
     name: str

@@ -25,7 +25,7 @@ REDUCTION_TAGS = ("mechanicalReduction", "mechanical_reduction")
 
 @dataclass(frozen=True)
 class DrivenJoint:
-    """A joint that a motor turns alone.
+    """A joint that one motor drives, which drives no other joint.
 
     Attributes
     ----------
@@ -185,7 +185,7 @@ def _drive(
     factors: tuple[float, float],
     inner: int,
 ) -> DrivenJoint | DrivenWheel:
-    """Return the joint that an actuator turns alone, or the wheel that turns two joints.
+    """Return what an actuator drives: a single joint, or a wheel that stands for two.
 
     With the angles q_i and q_o of the inner and the outer joint, the angle of the actuator
     is a = f_i q_i + f_o q_o. If one factor is zero, it turns the other joint alone.

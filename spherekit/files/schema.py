@@ -274,13 +274,15 @@ def convert_values(data: Table, converters: Converters, kind: Kind = "mechanism"
             }
 
         # Arrays, then single values.
-        item_part = part.get("items")
+        item_part = part.get("items")  # the part that declares the items of an array
         if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str):
             return tuple(
                 convert(item_part, item, (*path, index)) for index, item in enumerate(value)
             )
         if item_part and "$ref" in item_part and isinstance(value, int | float | str):
-            # The schema allows one number in place of an array of one number.
+            # The schema allows a single number in place of an array, such as q = 40 for one
+            # input. A text is a number with its unit, such as "40deg". The converted number
+            # is returned, not an array.
             return convert(item_part, value, path)
         if isinstance(value, bool | str):
             return value

@@ -230,8 +230,9 @@ class BorderSegments(ArrayRows):
         triangle
             (n,) number of the triangle that contains the segment.
         crossings
-            Two arrays (n,): at which of all crossings of the border with edges of the mesh
-            it enters the triangle of a segment, and at which it leaves it.
+            Two arrays (n,) of numbers of crossings. A crossing is a point at which the
+            border crosses an edge of the mesh. The border enters the triangle of a segment
+            at the first crossing, and leaves it at the second.
         is_leading
             (n,) whether a segment begins at an edge of its triangle. If the border has a
             corner within a triangle, a leading segment ends there and another one begins.
@@ -239,9 +240,10 @@ class BorderSegments(ArrayRows):
             (n,) segments whose border is searched. The others are their chords.
         """
         # Begin with chords, which have order 1, and no height and no area beside them. A
-        # segment is sound if its border was found. This is assumed of all that are
-        # searched, until the search at the nodes of the next order fails. The segment then
-        # stays its chord. `ORDERS` begins with 1 and 4.
+        # segment is sound if its border is found. All that are searched begin as sound.
+        # `raise_order` searches the border beside them. If it fails, it makes the segment
+        # unsound, and its chord takes the place of the border. `ORDERS` begins with 1 and
+        # 4.
         n = len(margin)
         start, stop = crossings
         segments = BorderSegments(

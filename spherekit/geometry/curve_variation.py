@@ -266,11 +266,15 @@ def _differentiate(variation: PathVariation, backwards: bool) -> CurveDerivative
         They are taken at the fixed arc lengths `s` (n,), rad. The rows are the components
         of the tangent and of the point, the geodesic curvature, and its derivative by the
         arc length.
+
+        The path is evaluated with complex numbers: the real part is a quantity, the scaled
+        imaginary part its derivative by the design variable. Its parameter u is complex,
+        too, because u has to change with the design variable to keep the arc length fixed.
         """
         direction = -1.0 if backwards else 1.0
         # `path_length` is the arc length on the path, which has to be from 0 to the whole
-        # length. On a closed curve whole lengths are added to reach that. An open curve
-        # that runs backwards starts at the end of the path, so one length is added.
+        # length. On a closed curve whole lengths (`laps`) are added to reach that. An open
+        # curve that runs backwards starts at the end of the path, so one length is added.
         path_length = direction * s
         whole_length = variation.arc_length.length
         if variation.closed:
@@ -286,8 +290,7 @@ def _differentiate(variation: PathVariation, backwards: bool) -> CurveDerivative
         # is `arc_length_rate`, ds/du = |dp/du| is the speed, and u' is the derivative of
         # the parameter by x.
         u = variation.arc_length.invert(path_length)
-        # The points of the path are complex, with the derivative as imaginary part, and it
-        # takes complex parameters. The speed itself is the real part.
+        # The speed itself is the real part, for which the rate of u does not matter (0.0).
         speed = np.real(path.speed(add_complex_step(u, 0.0)))
         u_rate = (target_rate - variation.arc_length_rate.evaluate(u)) / speed
         frames = path.frames(add_complex_step(u, u_rate))

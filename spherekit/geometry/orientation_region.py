@@ -378,10 +378,11 @@ class _OrientationCells:
 
         - If no other margin is negative there, the orientation cannot be reached. The NaN
           is replaced by -1, which excludes the point.
-        - Otherwise the negative margin excludes the point. The NaN is replaced by the
-          largest value that its own margin has in the cell, or by 1 if it has none. If this
-          margin has the same sign at all other points, it keeps it. Another sign would look
-          like a border of the set in the cell.
+        - Otherwise the negative margin excludes the point. The NaN must not change that,
+          and must not look like a border of the set either: a change of the sign of its own
+          margin in the cell. It is replaced by the largest value of this margin in the
+          cell, which has the sign of the others if they all have the same one. If there is
+          no other value, it is replaced by 1.
 
         The orientation whose smallest margin is the largest so far is stored, too.
 

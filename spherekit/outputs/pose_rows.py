@@ -22,8 +22,8 @@ def turns_of(rates: Floats, directions: Floats | None) -> Floats:
     rates
         (k, inputs, 3) rates of the inputs per unit angular velocity of the output.
     directions
-        (k, 3) directions at which an output of two inputs points. The angular velocities
-        are at right angles to them. None for three inputs.
+        (k, 3) if there are two inputs, the unit vector in which the output link points. The
+        angular velocities are at right angles to it. None for three inputs.
 
     Returns
     -------
@@ -41,18 +41,20 @@ def turns_of(rates: Floats, directions: Floats | None) -> Floats:
 def sense_of(rates: Floats, directions: Floats | None) -> Integers:
     """Return the sign (k,) of the determinant of the rates, 0 if it has no sign.
 
-    The sign changes at singularities only. An aspect is a set of connected poses with the
-    same working mode (choice of one of two positions for each leg) and the same sign. The
-    mechanism can move between all poses of an aspect without passing a singularity.
+    The sign changes at singularities only, so it tells poses on both sides of a singularity
+    apart. Poses with the same sign and working mode (choice of one of two positions for
+    each leg) that are connected form an aspect. The mechanism can move between all poses of
+    an aspect without passing a singularity.
 
     Parameters
     ----------
     rates
         (k, inputs, 3) rates of the inputs per unit angular velocity of the output.
     directions
-        (k, 3) directions at which an output of two inputs points, None for three inputs.
-        The rates of two inputs are at right angles to the direction. With the direction as
-        third row, their determinant is the signed area that they span.
+        (k, 3) if there are two inputs, the unit vector in which the output link points. The
+        rates of the inputs are at right angles to it. The vector becomes the third row of
+        the determinant, which is then the signed area that the rates span. None for three
+        inputs.
     """
     # Where a leg is stretched or folded, rates are infinite, and their determinant is NaN.
     with np.errstate(over="ignore", invalid="ignore"):

@@ -324,9 +324,11 @@ class WorkingMode:
         """
         chain = self.chain
         # The orientations of links are computed one after another. The axis may be needed
-        # before that of its link is known. It is then taken from an earlier link that has a
-        # pair with the same axis line. `source` is this pair and link. Both axes may point
-        # in opposite directions: `source.sense` is then negative.
+        # before the orientation of its link is known. For example, two pairs of the link
+        # have the same axis line, and one of them joins it to an earlier link. The axis is
+        # then taken from this pair in the earlier link. `source` is the pair and link from
+        # which the axis is taken. `source.sense` is negative if both axes point in opposite
+        # directions.
         source = chain.axis_source(pair, link)
         dyad = chain.dyad_of_link.get(source.link)
         # The poses are those of one link, the posed link. `posed_axes` has the axes of this

@@ -342,9 +342,10 @@ def _contact_lengths_at_zero(
 ) -> list[float]:
     """Return where two wheels touch if the variables of all R pairs are zero.
 
-    The variable of a rolling contact is the length by which the wheels have rolled. The
-    mechanism file states the two points of the circles that touch when it is zero (key
-    `start` or `phase`). Arc lengths along each circle are measured from its point.
+    The variable of a rolling contact is the length by which the wheels have rolled. On each
+    wheel, the mechanism file states the point that touches the other wheel when this
+    variable is zero (key `start` or `phase`). Arc lengths along the circle of the wheel are
+    measured from this point.
 
     Parameters
     ----------
@@ -357,11 +358,11 @@ def _contact_lengths_at_zero(
     -------
     (2,) arc lengths (rad) of the point of contact along the circles of both wheels.
     """
-    # Rotations from the axes of each wheel to those of the carrier. A path has the R pairs
-    # from a wheel to the carrier. `near` (0 or 1) says which of the two links of a pair is
-    # nearer to the wheel. In each of its links a pair has a frame, whose axes are columns
-    # in link axes. At the angle zero both frames coincide, so far_frame near_frame^T
-    # rotates from the nearer link to the other one.
+    # Rotations from the axes of each wheel to those of the carrier, the link that carries
+    # both wheels. A path has the R pairs from a wheel to the carrier. `near` (0 or 1) says
+    # which of the two links of a pair is nearer to the wheel. In each of its links a pair
+    # has a frame, whose axes are columns in link axes. At the angle zero both frames
+    # coincide, so far_frame near_frame^T rotates from the nearer link to the other one.
     rotations = []
     for path in contact.mesh.paths:
         rotation = np.eye(3)

@@ -281,16 +281,17 @@ class PageMaker:
     def _make_row_formulas(self) -> Formulas:
         """Return the formulas that are evaluated at every sample of every mode.
 
-        Two kinds of quantities are added to those that are needed or shown:
+        The page is an HTML file that computes the mechanism in the browser. It needs
+        formulas of the quantities that it shows, and of two other kinds:
 
-        - Angular velocities of links, for velocity coefficients of two links that no pair
-          joins. The sign of such a coefficient depends on which direction of their axis of
-          relative rotation counts as positive. The page chooses it so that the relative
-          angular velocity does not jump from one direction to the other between samples.
+        - Angular velocities of links. They decide the sign of a velocity coefficient of two
+          links that no pair joins: the axis of their relative rotation has two directions.
+          The page takes the one that continues that of the sample before.
         - If positions have a closed form, a number for each dyad (two links between two
           known axes) that is negative if its loop does not close.
         """
-        # The page counts the whole revolutions of pairs on whose angle loads depend.
+        # `_wound_pairs` are the pairs on whose angle loads depend, such as springs. The
+        # page counts their whole revolutions.
         needed_names = self._page_quantities.needed_names(self._wound_pairs)
         row_formulas = self._make_formulas_with_torques(needed_names)
         sign_velocities = self._page_quantities.sign_velocities(row_formulas.results)
