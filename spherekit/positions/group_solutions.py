@@ -131,13 +131,16 @@ def find_group_configurations(
 def find_distinct_by_elimination(
     group: Group, closure: Closure
 ) -> tuple[DistinctConfigurations, str]:
-    """Close a group from the solutions of its arc equations, without repetitions.
+    """Find the different closed configurations of a group by elimination.
 
-    The arc equations state that links with two pairs keep the axes of these at a fixed arc.
-    Elimination computes their complex solutions (roots). Newton's method closes the loops
-    from the real part of each root whose imaginary part is small. If it is very small, the
-    root is real for certain. If not, the root may be complex, or real and multiple with an
-    imaginary part by rounding.
+    A group is a set of links that are placed together by closing their loops. If a link has
+    two pairs, the arc between their axes is known. This gives the equations of the group.
+    Elimination computes all their complex solutions (roots). Newton's method then closes
+    the loops, with starts at roots whose imaginary parts are small:
+
+    - If they are very small, the root is real for certain.
+    - Otherwise the root may be complex. It may also be real and multiple, with an imaginary
+      part that rounding has caused.
 
     Parameters
     ----------
@@ -155,6 +158,7 @@ def find_distinct_by_elimination(
     """
     distinct = DistinctConfigurations(closure)
     result = solve_by_elimination(group, closure)
+    # The starts are the real parts of the roots.
     closed = closure.solve(result.angles, max_steps=POLISHING_STEPS)
     is_closed = closed.closure_residual < CLOSURE_TOLERANCE
     correction = max_abs(wrap(closed.values - result.angles), axis=1)

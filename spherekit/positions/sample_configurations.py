@@ -286,23 +286,20 @@ def _eliminate_distinct_rows(
     solutions = _eliminate_samples(group, closure.select_rows(solved_rows))
     if len(solved_rows) == len(sample):
         return solutions
-    # Each row takes the solutions of its source, a solved row.
+    # (solved rows + 1,) index of the first solution of each solved row. For example,
+    # [0, 4, 6] are solutions 0 to 3 of one solved row, and 4 to 5 of the next one.
+    first_solutions = np.searchsorted(solutions.sample, np.arange(len(solved_rows) + 1))
+    # Each row takes the solutions of its source: a solved row with equal equations.
     source_row = np.where(equals_first, first, all_rows)
     source_position = np.searchsorted(solved_rows, source_row)
-    # Index in `solutions` of the first solution of each solved row, and the number of
-    # solutions that each row takes.
-    first_solutions = np.searchsorted(solutions.sample, np.arange(len(solved_rows) + 1))
-    counts = np.diff(first_solutions)[source_position]
-    # One entry for each configuration of the result: its row, and its position among the
-    # configurations of this row.
-    rows = np.repeat(np.arange(len(sample)), counts)
-    first_entry_of_row = np.cumsum(counts) - counts
-    position_in_row = np.arange(len(rows)) - np.repeat(first_entry_of_row, counts)
-    # Index in `solutions` of each configuration.
-    solution_index = first_solutions[source_position[rows]] + position_in_row
+    taken_solutions = [
+        np.arange(first_solutions[position], first_solutions[position + 1])
+        for position in source_position
+    ]
+    counts = [len(indices) for indices in taken_solutions]
     return SampleConfigurations(
-        sample=rows,
-        values=solutions.values[solution_index],
+        sample=np.repeat(all_rows, counts),
+        values=solutions.values[np.concatenate(taken_solutions)],
         is_complete=solutions.is_complete[source_position],
         problem=solutions.problem,
     )

@@ -364,14 +364,14 @@ class _RootSearch:
         known roots to these equations. Up to `HOMOTOPY_SEEDS` homotopies with different
         random numbers are tried. The search ends as soon as one of these is true:
 
-        - As many roots are proven as there can be.
-        - As many finite roots are approximated as there can be. Further homotopies would
-          find no others, but the caller may prove these with more bits.
-        - The real roots are proven to be complete.
+        1. As many roots are proven as there can be.
+        2. As many finite roots are approximated as there can be. Further homotopies would
+           find no others, but the caller may prove these with more bits.
+        3. The real roots are proven to be complete.
 
-        For the last case the equations are divided into small systems, which are solved one
-        after another (`spherekit.proof.modes_over_boxes.count_modes`). If this proves the
-        number of real roots, and as many real roots are proven here, none is missing.
+        For the third case the equations are divided into small systems, which are solved
+        one after another (`spherekit.proof.modes_over_boxes.count_modes`). If this proves
+        the number of real roots, and as many real roots are proven here, none is missing.
 
         Parameters
         ----------
@@ -387,7 +387,7 @@ class _RootSearch:
         bound = self.equations.construction.mode_bound
         for seed in range(HOMOTOPY_SEEDS):
             # (roots, unknowns) complex angles (rad). `circle_points` are the cosines and
-            # sines of the angles that are not unknown.
+            # sines of the known angles.
             roots = approximate_modes(self.equations, self.circle_points, seed)
             # The conjugate of a root is a root.
             candidates = [
@@ -399,26 +399,28 @@ class _RootSearch:
             # At a root at infinity e^(i angle) is 0 or infinite, so the imaginary part of
             # the angle is infinite. It is above this limit in approximations of such roots.
             is_finite = np.all(np.abs(roots.imag) < FINITE_ROOT_IMAGINARY_RAD, axis=1)
-            if max(len(self.roots), np.sum(is_finite)) >= bound:
-                break
-            # After a homotopy without any result, only the next seed is tried.
+            # Cases 1 and 2.
+            if len(self.roots) >= bound or np.sum(is_finite) >= bound:
+                return ()
+            # Case 3. It is left out after a homotopy that has failed, because the systems
+            # take time. They are computed at the first access only.
             if len(roots):
-                # The number of real roots that the systems prove, or -1, which differs from
-                # any number of roots. The systems are computed at the first access.
                 real_count, systems = self.real_roots_by_systems
                 if real_count == len(self.real):
                     return systems
         return ()
 
     @cached_property
-    def real_roots_by_systems(self) -> tuple[int, Sequence[EquationSystem]]:
-        """The number of real roots, -1 if not proven, and the systems that prove it."""
+    def real_roots_by_systems(self) -> tuple[int | None, Sequence[EquationSystem]]:
+        """The number of real roots, None if not proven, and the systems that prove it."""
+        # The inputs have one value, so the box of inputs has the half width 0.
         centre = centre_floats(np.array([self.known_angles]))
         systems = list_systems(self.equations)
         is_proven, mode_counts = count_modes(
             systems, centre, self.circle_points[None], half=0.0 * centre
         )
-        return int(mode_counts[0]) if is_proven[0] else -1, systems
+        real_count = int(mode_counts[0]) if is_proven[0] else None
+        return real_count, systems
 
     def add_root(self, approximation: Sequence[complex]) -> None:
         """Add the root near an approximation (rad) if it is proven and new."""

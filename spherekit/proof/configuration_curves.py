@@ -257,11 +257,14 @@ class CertifiedCurves:
     def bound_saddle_doubts(self, variable: int) -> list[float]:
         """Return the distance from each saddle up to which a variable may be stationary.
 
-        A saddle is a place where curves cross or narrowly miss each other. It has four
-        arms, branches of curves in the four quadrants of two coordinates. On an arm the
-        variable is not stationary if the sign of its rate is proven. Otherwise it may be
-        stationary as far as the arm reaches. Curves (chains) along which the variable is
-        constant are left out.
+        A saddle is a place where two curves of configurations cross or narrowly miss each
+        other. Four branches of curves, its arms, leave it. Curves that miss each other bend
+        between the arms, in the central zone of the saddle. The variable may be stationary
+
+        - in the central zone, unless the curves are proven to cross, or the variable is
+          proven to be monotonic on the bends,
+        - on an arm, unless the sign of its rate there is proven. Curves (chains) along
+          which it is constant are left out.
 
         Returns
         -------
@@ -269,7 +272,8 @@ class CertifiedCurves:
         the variable is not stationary near the saddle, except at the crossing itself.
         """
         is_constant = self.find_constant_chains(variable)
-        # The arms at both ends of each chain. An end that is not at a saddle has None.
+        # An arm is a saddle's number and a quadrant of its coordinates u and v. These are
+        # the arms at both ends of each chain. An end that is not at a saddle has None.
         arms_of_moving_chains = [
             arm
             for arms, constant in zip(self.chain_arms, is_constant, strict=True)
@@ -279,18 +283,15 @@ class CertifiedCurves:
         ]
         stationary_distances = []
         for number, saddle in enumerate(self.saddles):
-            # If curves miss each other, they bend in a central zone between the arms. Signs
-            # of rates on arms do not apply there. There is no such zone if the curves are
-            # proven to cross, which is marked by `level_sign` 0. `is_monotonic` says that
-            # the variable is proven to have no stationary point on the bends.
-            is_crossing = saddle.level_sign == 0
-            centre_is_decided = is_crossing or saddle.is_monotonic[variable]
-            distances = [0.0 if centre_is_decided else saddle.central_zone[variable]]
+            distances = [0.0]
+            is_proven_crossing = saddle.level_sign == 0
+            if not (is_proven_crossing or saddle.is_monotonic[variable]):
+                distances.append(saddle.central_zone[variable])
             # Arms on which the rate of the variable has no proven sign.
             distances += [
                 saddle.reach[quadrant][variable]
                 for saddle_number, quadrant in arms_of_moving_chains
-                if saddle_number == number and not saddle.outward_signs[quadrant][variable]
+                if saddle_number == number and saddle.outward_signs[quadrant][variable] == 0
             ]
             stationary_distances.append(max(distances))
         return stationary_distances

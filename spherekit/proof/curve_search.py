@@ -330,11 +330,14 @@ class CurveSearch:
             for arm in self.crossings.chain_ends(chain.pieces, chain.closed)
         )
         for number, saddle in enumerate(self.crossings.saddles):
-            for quadrant, signs in sorted(saddle.outward_signs.items(), reverse=True):
+            # The quadrants (1, 1), (1, -1), (-1, 1), (-1, -1) in this order. A fixed order
+            # makes results repeatable, because the caller may add a chain for each arm.
+            for quadrant in sorted(saddle.outward_signs, reverse=True):
+                arm = number, quadrant
                 # The signs of the rates of all variables along the arm, away from the
                 # saddle. The input's variable is the last one.
-                arm = number, quadrant
-                yield ArmUse(arm, end_counts[arm], signs[-1])
+                rate_signs = saddle.outward_signs[quadrant]
+                yield ArmUse(arm, end_counts[arm], input_sign=rate_signs[-1])
 
     def _has_unmatched_arm(self) -> bool:
         """Return whether arms and ends of chains may fail to match one to one.

@@ -203,10 +203,9 @@ class _Step:
     """A step of the motion, described by two series in a position x from -1 to 1.
 
     The position x is proportional to the time. The coordinate c is a pair variable, and
-    p = sqrt(B) dc/dt with the equivalent inertia B. The equation of motion is then dp/dt =
-    Q / sqrt(B) with the force Q, without a derivative of B. Both c and p are Legendre
-    series, computed from values at Gauss nodes by Picard's iteration, which integrates the
-    equation of motion again and again.
+    p = sqrt(B) dc/dt with the equivalent inertia B. With the force Q, the equation of
+    motion is dp/dt = Q / sqrt(B), without a derivative of B. Picard's iteration, which
+    integrates it again and again, gives c and p as Legendre series.
 
     Loads may contain `abs`, `sign`, `min` or `max`. Each is a switch, whose value depends
     on the sign of one condition. Within a step this sign, +1 or -1, is constant: the side.
@@ -243,11 +242,10 @@ class _Step:
     sweeps: int
 
     def evaluate(self, x: Array) -> Array:
-        """Return the coordinate and its momentum p, (2, n), at positions in the step.
+        """Return the coordinate c and p = sqrt(B) dc/dt, (2, n), at positions x (n,).
 
-        The coordinate is the pair variable c by which the motion is described. Its momentum
-        is p = sqrt(B) dc/dt with the equivalent inertia B. The positions x (n,) are from -1
-        at the start of the step to 1 at its end.
+        Positions are from -1 at the start of the step to 1 at its end. B is the equivalent
+        inertia.
         """
         # The radii of the balls would bound the rounding of this sum only, not the error of
         # the series, so they are dropped.

@@ -164,13 +164,16 @@ def _evaluate(
 def _certify_root(
     equations: ArcEquations, known_angles: Sequence[Ball], x: Array, real: bool
 ) -> CertifiedRoot | None:
-    """Return the solution in a ball about x, None if it is not proven.
+    """Return the solution near an approximation x, None if it is not proven.
 
-    The radius is chosen so small that the derivatives F' of the equations should change by
-    at most a fifth in the ball: |F'(x)^-1 (F'(z) - F'(x))| <= 1/5. The proof does not rely
-    on this choice. It computes F' in the whole ball, which bounds the distance of a
-    solution from x. If this bound is less than the radius, the ball contains exactly one
-    solution.
+    F are the equations and F' their derivatives by the unknown angles. The proof has three
+    steps:
+
+    1. Choose the radius ``unique`` of a ball about x, so small that F' should change by at
+       most a fifth in it: |F'(x)^-1 (F'(z) - F'(x))| <= 1/5. The proof does not rely on
+       this.
+    2. Evaluate F' in the whole ball. This bounds the ``distance`` of a solution from x.
+    3. If the distance is less than ``unique``, the ball contains exactly one solution.
 
     Parameters
     ----------
@@ -187,24 +190,22 @@ def _certify_root(
         of the ball.
     """
     values, slopes = _evaluate(equations, x, known_angles)
+    # 1. An equation is a trigonometric polynomial with a degree in each angle. At real
+    # angles, its second derivative by the angles i and j is at most C d_i d_j, with the
+    # degrees d and a constant C, the derivative bound. The sum of all second derivatives is
+    # at most C (sum of d)^2. Imaginary parts of x increase it exponentially.
     degrees = equations.degrees[:, : equations.unknown_count]
-    # Second derivatives of an equation, a trigonometric polynomial with a degree in each
-    # angle. By two real angles they are at most the derivative bound C times both degrees,
-    # so that all together are at most C (sum of degrees)^2. Imaginary parts of x increase
-    # them exponentially.
     growth = np.exp(degrees @ [upper_magnitude(ball.imag) for ball in x])
     second_bound = equations.derivative_bound * growth * np.sum(degrees, axis=1) ** 2
-    # The radius of the ball in which the solution will be unique, from the second
-    # derivatives and the inverse of F'(x).
     inverse_size = np.vectorize(upper_magnitude)(_approximate_inverse(slopes))
     unique = min(MAX_UNIQUENESS_RADIUS_RAD, 0.2 / np.max(inverse_size @ second_bound))
+    # 2. F' in the whole ball, and the bound of the distance.
     unique_balls = np.array([_widen_angle(angle, unique, real=False) for angle in x])
-    # F' in the whole ball, and a bound of the distance of the solution from x.
     slopes_around = _evaluate(equations, unique_balls, known_angles)[1]
     distance = bound_zero_distance(values, slopes_around)
-    # The radius that is stated for the solution is `SOLUTION_MARGIN` times the bound, so
-    # that a checking program can repeat the proof if its bounds are a little larger. It is
-    # at least 1e-300, not 0.
+    # 3. The radius that is stated for the solution is `SOLUTION_MARGIN` times the distance,
+    # so that a checking program can repeat the proof if its bounds are a little larger. It
+    # is at least 1e-300, not 0.
     radius = min(max(SOLUTION_MARGIN * distance, 1e-300), unique)
     is_decided = real or any(lower_magnitude(ball.imag) > radius for ball in x)
     if not (distance < unique and is_decided):

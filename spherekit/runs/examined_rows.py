@@ -287,6 +287,11 @@ class ExaminedRows:
     ) -> None:
         """Extend the range of an angle along a path, and note where it turns back.
 
+        The rows are those of a block of samples. If the motion does not close in some of
+        them, they are divided into segments. The angle is continued within a segment: whole
+        turns are added so that it has no jumps. A segment at the start of the block
+        continues that at the end of the block before, through `overview.last_row`.
+
         Parameters
         ----------
         overview
@@ -301,25 +306,20 @@ class ExaminedRows:
         inputs, places
             (m, inputs) values of the inputs (rad), and (m,) places of the samples.
         """
-        # A row without a configuration ends a segment of neighbouring rows.
+        if rates is None:
+            rates_or_nan = np.full(len(angles), np.nan)
+        else:
+            rates_or_nan = rates
+        rows = np.column_stack([places, angles, rates_or_nan, inputs, ratios])
+        # Segments of rows with a configuration and segments of rows without alternate.
         is_known = np.isfinite(angles)
-        if not np.all(is_known[:1]):
-            overview.last_row = None
-        ends = np.flatnonzero(np.diff(is_known.astype(np.int8))) + 1
+        ends = np.flatnonzero(is_known[1:] != is_known[:-1]) + 1
         for segment in np.split(np.arange(len(angles)), ends):
-            if not len(segment) or not is_known[segment[0]]:
+            if len(segment) and is_known[segment[0]]:
+                self._add_segment(overview, rows[segment], inputs.shape[1], rates is None)
+            else:
+                # The next segment continues no row before it.
                 overview.last_row = None
-                continue
-            rows = np.column_stack(
-                [
-                    places[segment],
-                    angles[segment],
-                    np.full(len(segment), np.nan) if rates is None else rates[segment],
-                    inputs[segment],
-                    ratios[segment],
-                ]
-            )
-            self._add_segment(overview, rows, inputs.shape[1], rates is None)
 
     def _add_segment(
         self,

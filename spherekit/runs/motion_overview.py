@@ -92,19 +92,24 @@ class MotionOverview:
             self.examine_pending(plan, motion)
 
     def examine_pending(self, plan: OverviewPlan, motion: Motion | None = None) -> None:
-        """Examine the outputs in the rows that wait for it.
+        """Add the rows that `add_block` has put off to the overview of the outputs.
+
+        `add_block` collects the examined rows of several blocks, because it is faster to
+        examine many rows together. This method is called if there are enough, and at the
+        end of the run.
 
         Parameters
         ----------
         plan
             What is examined.
         motion
-            Any motion of the mechanism; by default one is computed.
+            Any motion of the mechanism. What is the same in all rows, such as the joints,
+            is taken from it. By default the motion at the first sample is computed.
         """
         if not self.pending:
             return
-        motion = motion or plan.sampling.motion_at(np.arange(1))
-        part = PendingRows.join(self.pending).to_motion(motion)
+        template = motion or plan.sampling.motion_at(np.arange(1))
+        part = PendingRows.join(self.pending).to_motion(template)
         self.pending = []
         self._examine(plan, part)
 

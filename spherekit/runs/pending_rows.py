@@ -78,30 +78,35 @@ class PendingRows:
     def to_motion(self, motion: Motion) -> Motion:
         """Return the rows as a motion, so that they can be examined.
 
+        A motion has its rows mode after mode, each with k samples.
+
         Parameters
         ----------
         motion
             Any motion of the mechanism in the same assembly modes. All that does not depend
             on the rows is taken from it.
         """
-        modes, k = self.status.shape
-        row_count = modes * k
+        mode_count, k = self.status.shape
+        row_count = mode_count * k
         timing = None
         if self.times is not None:
+            # (rows, inputs) times, rates and accelerations. The time is the same for all
+            # inputs, so that of the first input is taken.
             t, dq, ddq = self.times.reshape(3, row_count, -1)
             timing = Timing(t[:, 0], dq, ddq)
         numbers = [mode.number for mode in motion.assembly_modes]
         return replace(
             motion,
             samples=k,
-            sample=np.tile(self.sample, modes),
+            sample=np.tile(self.sample, mode_count),
             assembly_mode=np.repeat(numbers, k),
             inputs=self.inputs.reshape(row_count, -1),
             values=self.values.reshape(row_count, -1),
             status=self.status.ravel(),
+            timing=timing,
+            # These are not stored, because the examination does not use them.
             residual=np.zeros(row_count),
             placed=None,
-            timing=timing,
             sense=None,
             singular_error=None,
         )

@@ -249,12 +249,17 @@ class PoleKey(NamedTuple):
 def prove_poles(
     mechanism: Mechanism, motion: TableArrays, poles: TableArrays
 ) -> ProvenPoles:
-    """Enclose the poles of a run by proof, and compare the run with them.
+    """Enclose the poles of a run by proof, and check the error bounds of the run with them.
 
-    A pole is the axis about which one link rotates relative to another. It is enclosed in a
-    ball: a number of many digits with a proven error bound. The proof uses the decimal
-    numbers of the mechanism's file, without rounding to float64. Rows of the run that
-    failed, or whose configuration cannot be proven to exist, get no enclosure.
+    A pole is the axis about which one link rotates relative to another. The run states two
+    error bounds for each pole: of its axis, and of its velocity coefficient (the rate of
+    this rotation per unit rate of the input). Here the pole is enclosed in balls: numbers
+    of many digits with proven error bounds. They show how large the errors of the run are,
+    and whether its bounds are right.
+
+    The proof uses the decimal numbers of the mechanism's file, without rounding to float64.
+    Rows of the run that failed, or whose configuration cannot be proven to exist, get no
+    enclosure.
 
     Parameters
     ----------
@@ -288,8 +293,8 @@ def prove_poles(
         if run_row["status"] == Status.OK and enclosed_pole is not None:
             row |= _compare_row(run_row, enclosed_pole)
         rows.append(row)
-    # For both error bounds of a row (axis, coefficient) a column has the finding, such as
-    # that the bound is proven to be exceeded. Count the rows with each finding.
+    # Each of both error bounds has a column with the finding: whether the bound holds, is
+    # exceeded, or could not be decided. Count the rows with each finding.
     counts = {
         bound: Counter(row[column] for row in rows if column in row)
         for bound, column in FINDING_COLUMNS.items()

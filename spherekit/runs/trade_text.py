@@ -91,8 +91,8 @@ def advise(trade: Trade, tolerance: float) -> str:
     """Return a sentence that recommends a setting for a tolerance.
 
     A setting is a way to compute a run. The recommended one is the quickest whose error,
-    with a margin, is within the tolerance. Otherwise the sentence says how accurate the
-    settings are.
+    with a margin, is within the tolerance. Its time is that of the run and of compiling. If
+    there is none, the sentence says how accurate the settings are.
     """
     best = trade.cheapest(tolerance)
     if best is not None:
@@ -100,10 +100,12 @@ def advise(trade: Trade, tolerance: float) -> str:
             f"for {tolerance:g}: {best.name}, error {best.error:.1e} ({MARGIN:g} times "
             f"this is within the tolerance), {format_seconds(best.total)} with compiling"
         )
-    if not trade.pareto:
+    # The front has the settings that no other beats in both time and error, the quickest
+    # first. Settings that do not compute all numbers of the reference are left out of it.
+    front = trade.pareto
+    if not front:
         return f"for {tolerance:g}: no setting computes all numbers"
-    # The front is sorted by time, so that its last setting is the most accurate.
-    most_accurate = trade.pareto[-1]
+    most_accurate = front[-1]
     return (
         f"for {tolerance:g}: no setting meets it with a margin of {MARGIN:g}; the best "
         f"reached is {most_accurate.error:.1e}, by {most_accurate.name}"

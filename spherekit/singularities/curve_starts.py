@@ -213,12 +213,16 @@ class LocusPointSearch:
         If every configuration of the mechanism is singular (`is_everywhere`), there are no
         curves or surfaces.
 
+        An example of the result as text is "complete to a box of 10 deg: but for curves
+        within a box of 10 by 10 deg between slices".
+
         Parameters
         ----------
         item
             The kind of result, in the singular: ``"curve"`` or ``"surface"``.
         """
         if self.is_everywhere:
+            # In this text, "it" is the type of singularity that was searched.
             reason = (
                 f"all configurations that {STARTS_OF_EVERYWHERE_TEST} random starts led to "
                 "are of it"

@@ -258,37 +258,49 @@ class ThirdAxis:
 
 
 def find_third_axis(form: Form, links: FourLinks) -> ThirdAxis:
-    """Return the third axis of a relation if two of its four links are the same link.
+    """Return the third axis of a relation if input and output have a link in common.
 
-    Three links have three pole axes in one plane: those of input and output, and this one.
-    `form` is "i" if the output is the rotation of link o relative to s, and "ii" if it is
-    that relative to r. In both forms the input is the rotation of link i relative to r.
+    The input is the rotation of link i relative to its reference r. The output is the
+    rotation of link o relative to its reference s (form "i"), or relative to r (form "ii").
+    With a common link there are three links, which have three pole axes (axes of relative
+    rotation) in one plane: that of the input, that of the output, and a third one.
 
-    Axes have the names of fields of `SixPoles`: "io" is the pole axis of the links i and o.
-    Where the name is a word of Python, an underscore follows.
+    The rotation about the third axis is the sum or the difference of output and input. For
+    example, if o and i turn relative to the same reference, the difference is the rotation
+    of o relative to i. The third axis then has the name "io" of a field of `SixPoles`.
 
-    The third rotation is the sum or the difference of output and input. The sign of d in
-    the relation c y' = d q' is -1 for the sum, 1 for the difference. The last field is the
-    end of the labels of conditions for singularities, such as ".2" in "II.2". These numbers
-    are those of R. Di Gregorio's lecture on singularities, and only two cases have one.
+    Parameters
+    ----------
+    form
+        The form of the relation, "i" or "ii".
+    links
+        The numbers of the links i, r, o and s. In form i, two of them are the same link.
+
+    Returns
+    -------
+    The name of the axis; the sign of d in the relation c y' = d q' of the rates, -1 for the
+    sum and 1 for the difference; and the number of the case in R. Di Gregorio's lecture on
+    singularities, such as ".2". Only two cases have one.
     """
-    # Form ii: o and i, both relative to r. The difference is o relative to i. If i is also
-    # s, this axis is stored under the name "os".
+    difference = 1.0
+    total = -1.0
     if form == "ii":
-        return ThirdAxis("os" if links.s == links.i else "io", 1.0, "")
-    # The output is o relative to s, the input is s relative to r (i = s). The sum is o
-    # relative to r.
+        # o and i, both relative to r. The difference is o relative to i. If i is also s,
+        # the names "os" and "io" mean the same axis.
+        return ThirdAxis("os" if links.s == links.i else "io", difference, "")
     if links.i == links.s:
-        return ThirdAxis("or_", -1.0, "")
-    # The output is r relative to s (o = r), the input is i relative to r. The sum is i
-    # relative to s.
+        # The output is o relative to i, the input is i relative to r. The sum is o relative
+        # to r.
+        return ThirdAxis("or_", total, "")
     if links.o == links.r:
-        return ThirdAxis("is_", -1.0, "")
-    # The same link relative to s and to r (o = i). The difference is r relative to s.
+        # The output is r relative to s, the input is i relative to r. The sum is i relative
+        # to s.
+        return ThirdAxis("is_", total, "")
     if links.o == links.i:
-        return ThirdAxis("rs", 1.0, ".2")
+        # The same link, relative to s and relative to r. The difference is r relative to s.
+        return ThirdAxis("rs", difference, ".2")
     # o and i, both relative to r = s. The difference is o relative to i.
-    return ThirdAxis("io", 1.0, ".3")
+    return ThirdAxis("io", difference, ".3")
 
 
 def make_relation(

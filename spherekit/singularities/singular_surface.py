@@ -247,23 +247,28 @@ class SingularSurface:
         return _EdgePoints(values, motions, edge_vectors)
 
     def _correct(self, guess: _EdgePoints, equation_rows: Floats) -> LocusPoints:
-        """Return the singular configurations (points of the locus) near points on edges.
+        """Move points on edges of the mesh onto the surface of singular configurations.
 
         A guess is a point on a straight edge of the mesh, with an interpolated singular
         motion. This is a motion in which the inputs or the output rest, given by unit rates
         of all variables. Newton's method moves both onto the surface. A point at more than
-        half the length of the edge from its guess may belong to another part of the locus.
-        Its residual is set to NaN, so that it counts as failed.
+        half the length of the edge from its guess may belong to another part of the
+        surface. Its residual is set to NaN, so that it counts as failed.
 
         Parameters
         ----------
         guess
             Points on k edges.
         equation_rows
-            (k, 2, V) rows of two linear equations in the V variables. The products of the
-            rows with the variables keep their values at the guess. This selects one point
-            of the surface, which has two dimensions.
+            (k, 2, V) for each point two rows, by which the V variables are multiplied. The
+            products stay the same as at the guess. These two conditions fix the point in
+            the two directions along the surface, so that Newton's method moves it across.
+
+        Returns
+        -------
+        The k points, with their residuals.
         """
+        # The right-hand sides of the two conditions: the products at the guess.
         targets = np.matvec(equation_rows, guess.values)
         points = self.view.locus.correct(
             guess.values, guess.motions, equation_rows, targets

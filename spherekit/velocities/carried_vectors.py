@@ -200,19 +200,20 @@ def _contact_frame(
 def _rolling_vector(
     sides: tuple[ProfileSide, ProfileSide], curvature: Expr, contact_line: CarriedVector
 ) -> CarriedVector:
-    """Return the vector (k1 - k2) p of a rolling contact.
+    """Return the vector (k1 - k2) p of a rolling contact, with its changes.
 
-    It is the angular velocity of the second link relative to the first, per unit of arc
-    length s. p is the contact point, t the tangent and n the normal. On the unit sphere
-    dp/ds = t and dt/ds = k n - p, so the vector slides on its link as the contact moves. A
-    prime denotes the derivative by s, and k' is called the slope of a profile:
+    The vector is the angular velocity of the second link relative to the first, per unit of
+    arc length s. k1 and k2 are the curvatures of both profiles. p is the contact point, t
+    the tangent and n the normal. As the contact moves, these change on the link that
+    carries the vector: dp/ds = t and dt/ds = k n - p. The result has, with primes for
+    derivatives by s:
 
-    - The derivative of the vector (``slide``) is (k1 - k2) t + (k1 - k2)' p.
-    - Its second derivative is 2 (k1 - k2)' t + (k1 - k2) (k n - p) + (k1 - k2)'' p.
-
-    Error bounds of velocities need a bound of the length of the second derivative. The sum
-    of the lengths of its first two terms is ``slide_change``. The last term has its largest
-    length along the profile as a bound, which `CarriedVector.slide_change_bound` adds.
+    - ``slide``, the first derivative of the vector: (k1 - k2) t + (k1 - k2)' p.
+    - ``slide_length``, the length of ``slide``.
+    - ``slide_change``, a part of a bound of the length of the second derivative, which is
+      2 (k1 - k2)' t + (k1 - k2) (k n - p) + (k1 - k2)'' p. It is the sum of the lengths of
+      the first two terms. There is no expression of k''. `CarriedVector.slide_change_bound`
+      adds its largest value along the profile.
 
     Parameters
     ----------
@@ -224,8 +225,8 @@ def _rolling_vector(
         The contact point p, which slides on its link along the tangent.
     """
     first, second = sides
-    curvature_difference = first.curvature - second.curvature
-    slope_difference = first.slope - second.slope
+    curvature_difference = first.curvature - second.curvature  # k1 - k2
+    slope_difference = first.slope - second.slope  # (k1 - k2)'
     return CarriedVector(
         vector=contact_line.vector * curvature_difference,
         link=contact_line.link,
