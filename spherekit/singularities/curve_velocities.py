@@ -88,9 +88,8 @@ class LinkMotion:
         The mechanism, with one degree of freedom.
     values, tangents, bends
         (n, variables) variables (rad) and their first and second derivatives by the
-        parameter, for example the arc length of a curve. At a crossing of curves the
-        closure equations are singular, and another method gives values and tangents. Second
-        derivatives are then unknown: NaN.
+        parameter, for example the arc length of a curve. `bends` is None at a crossing of
+        curves.
     """
 
     def __init__(
@@ -98,7 +97,7 @@ class LinkMotion:
         position_analysis: PositionAnalysis,
         values: Floats,
         tangents: Floats,
-        bends: Floats,
+        bends: Floats | None,
     ) -> None:
         """Compute the angular velocities of all links.
 
@@ -106,13 +105,16 @@ class LinkMotion:
         ----------
         position_analysis
             The mechanism, with one degree of freedom.
-        values, tangents, bends
-            (n, variables) pair variables (rad) and their first and second derivatives by
-            the parameter of the motion, for example the arc length of a curve. Second
-            derivatives are NaN if they are unknown. This is so at crossings of curves,
-            where the closure equations are singular, and another method gives values and
-            tangents. Accelerations are then NaN, too.
+        values, tangents
+            (n, variables) pair variables (rad) and their derivatives by the parameter of
+            the motion, for example the arc length of a curve.
+        bends
+            (n, variables) second derivatives. None at a crossing of curves: the closure
+            equations are singular there, and another method gives values and tangents, but
+            no second derivatives. Accelerations are then NaN.
         """
+        if bends is None:
+            bends = np.full_like(tangents, np.nan)
         self.values = values
         self.motion = make_motion(position_analysis.solver, values)
         linearisation = self.motion.linearisation
@@ -129,8 +131,8 @@ class LinkMotion:
         reciprocal_condition = np.maximum(
             bordered_reciprocal_condition(equations, left_inverse(equations)), EPS
         )
-        # At a crossing, which NaN second derivatives mark, values and tangents do not
-        # follow from these equations, so errors are not amplified by their inverse.
+        # At a crossing the second derivatives are NaN. Values and tangents do not follow
+        # from these equations there, so errors are not amplified by their inverse.
         is_crossing = np.isnan(bends[:, 0])
         reciprocal_condition[is_crossing] = 1.0
         # With the reciprocal condition number k, the configuration has an error of about

@@ -596,10 +596,8 @@ class SingleFreedomSingularities:
             values=np.tile(crossing.values, (curve_count, 1)),
             tangents=crossing.tangents,
             # The second derivatives along the curves are not known. They would give the
-            # pole axes of links that rest relative to each other. NaN also tells
-            # `LinkMotion` that the tangents do not follow from the closure equations, which
-            # are singular here, so that it does not multiply errors by their condition.
-            bends=np.full_like(crossing.tangents, np.nan),
+            # pole axes of links that rest relative to each other.
+            bends=None,
         )
         # The input and an output are pairs of links. If the output is the input itself, c
         # and d never vanish, and no note is needed.

@@ -13,6 +13,7 @@ The poles of an irreducible part of the mechanism follow from the null vector of
 velocity equations.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -103,7 +104,7 @@ class PlannedPoles:
                     self.directions[step.pole] = self._pair_axis(step.pair)
                     self.errors[step.pole] = np.full(n, EPS)
                 elif isinstance(step, LinePole):
-                    circles = self._choose_great_circles(step)
+                    circles = self._choose_great_circles(step.pole, step.via, step.contacts)
                     normals = circles.first_normal, circles.second_normal
                     self._circle_normals[step.pole] = normals
                     self.directions[step.pole] = _unit_vectors(cross_columns(*normals))
@@ -116,7 +117,9 @@ class PlannedPoles:
         """Return the unit axis (3, n) of a pair in ground axes."""
         return np.ascontiguousarray(self.motion.axes[:, pair].T)
 
-    def _choose_great_circles(self, step: LinePole) -> CircleIntersection:
+    def _choose_great_circles(
+        self, pole: Pole, third_bodies: Sequence[int], contacts: Sequence[int] = ()
+    ) -> CircleIntersection:
         """Return the two great circles from which a pole is computed.
 
         The pole of bodies i and j lies on the great circle through the poles of i and k and
@@ -133,14 +136,18 @@ class PlannedPoles:
 
         Parameters
         ----------
-        step
-            The pole (two bodies), the third bodies k, and the sliding pairs.
+        pole
+            The bodies i and j.
+        third_bodies
+            The bodies k, whose poles with i and with j are known.
+        contacts
+            Numbers of the sliding pairs between i and j.
         """
-        i, j = step.pole
+        i, j = pole
         n = len(self.motion)
         rows = np.arange(n)
         # Two known poles on each great circle: P_ik and P_jk.
-        known_pole_pairs = [(pole_of(i, k), pole_of(j, k)) for k in step.via]
+        known_pole_pairs = [(pole_of(i, k), pole_of(j, k)) for k in third_bodies]
         normals = [
             cross_columns(self.directions[a], self.directions[b])
             for a, b in known_pole_pairs
@@ -148,9 +155,9 @@ class PlannedPoles:
         # For a sliding pair `_pair_axis` returns the common tangent of the profiles, which
         # is the normal of the contact plane. It is known up to rounding, which is added
         # below.
-        normals += [self._pair_axis(pair) for pair in step.contacts]
+        normals += [self._pair_axis(pair) for pair in contacts]
         normal_errors = [self.errors[a] + self.errors[b] for a, b in known_pole_pairs]
-        normal_errors += [np.zeros(n)] * len(step.contacts)
+        normal_errors += [np.zeros(n)] * len(contacts)
 
         count = 2 if self.route == "first" else len(normals)
         # Normals of the circles (circles, 3, n), and errors of their directions
@@ -273,12 +280,12 @@ class PlannedPoles:
         """Return the unit normals (n, 2, 3) of two great circles that meet in a pole.
 
         A body of the plan is one link, or several links that the locked inputs hold
-        together. The plan computes the pole of two bodies as the intersection of two great
-        circles, as the axis of a pair, or from velocity equations. In the first case the
-        result is these two circles. Otherwise two circles are chosen here, each through the
-        poles that the two bodies have with a third one.
+        together. If the plan has computed the pole of two bodies as the intersection of two
+        great circles, these are returned. If it is the axis of a pair, or follows from
+        velocity equations, two circles are chosen here, each through the poles that both
+        bodies have with a third one.
 
-        The result is NaN if there are fewer than two such bodies, if both links belong to
+        The result is NaN if there are fewer than two third bodies, if both links belong to
         one body, or where the two poles on a circle coincide.
 
         Parameters
@@ -291,6 +298,7 @@ class PlannedPoles:
         if body_pole is None:
             return no_circles
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            # `_circle_normals` has the circles that the plan has used.
             if body_pole not in self._circle_normals:
                 i, j = body_pole
                 # Bodies k whose poles with i and j are both known. `pole_of` gives the key
@@ -304,12 +312,8 @@ class PlannedPoles:
                 ]
                 if len(third_bodies) < 2:
                     return no_circles
-                # If there are more than two third bodies, the two circles with the smallest
-                # error bound of their intersection are chosen. The function for this takes
-                # a step of a plan. Its round, the order of steps, has no effect here.
-                circles = self._choose_great_circles(
-                    LinePole(body_pole, round=0, via=tuple(third_bodies))
-                )
+                # Choose the two circles with the most accurate intersection.
+                circles = self._choose_great_circles(body_pole, third_bodies)
                 both_normals = circles.first_normal, circles.second_normal
                 self._circle_normals[body_pole] = both_normals
             # The axes are: circle (2), component (3), row (n).
