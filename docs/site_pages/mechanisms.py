@@ -113,7 +113,7 @@ recording, and write the moving page above as one file.
 """
 
 
-LINKED = re.compile(r"generated/mechanisms/(\w+?)(?:_card\.png|\.md)|\{moving\} (\w+)")
+LINKED = re.compile(r"generated/mechanisms/(\w+?)(?:_card\.png|>`)|\{moving\} (\w+)")
 
 
 Pages = list[tuple[str, str]]

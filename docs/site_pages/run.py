@@ -34,6 +34,7 @@ class Run(SphinxDirective):
         code = "\n".join(self.content)
         names = self.env.current_document.setdefault("names_of_code", {"__name__": "page"})
         printed = io.StringIO()
+        earlier_figures = _bound_figures(names)
         try:
             with (
                 contextlib.redirect_stdout(printed),
@@ -50,14 +51,17 @@ class Run(SphinxDirective):
             shown.append(
                 nodes.literal_block(text, text, language="text", classes=["printed"])
             )
-        return shown + self._figures(code, last)
+        new_figures = [x for x in _bound_figures(names) if x not in earlier_figures]
+        return shown + self._figures(code, [last, *new_figures])
 
-    def _figures(self, code: str, last: Any) -> list[nodes.Node]:
+    def _figures(self, code: str, candidates: list[Any]) -> list[nodes.Node]:
+        """Return the open figures of pyplot, and the figures among the candidates."""
         import matplotlib.pyplot as plt
 
         figures = [plt.figure(number) for number in plt.get_fignums()]
-        if hasattr(last, "savefig") and last not in figures:
-            figures.append(last)
+        for candidate in candidates:
+            if hasattr(candidate, "savefig") and candidate not in figures:
+                figures.append(candidate)
 
         home = Path(self.env.srcdir) / FIGURES
         home.mkdir(parents=True, exist_ok=True)
@@ -71,6 +75,13 @@ class Run(SphinxDirective):
             images += image_nodes(uris, alt)
         plt.close("all")
         return images
+
+
+def _bound_figures(names: dict[str, Any]) -> list[Any]:
+    """Return the figures of matplotlib to which code gave a name."""
+    from matplotlib.figure import Figure
+
+    return [value for value in names.values() if isinstance(value, Figure)]
 
 
 def _run(code: str, name: str, names: dict[str, Any]) -> Any:
