@@ -80,13 +80,16 @@ class PebbleGame:
         return self.free_pebbles[body]
 
     def _fetch_pebble(self, body: int, visited: set[int]) -> bool:
-        """Move one free pebble to a body along constraints, and reverse these.
+        """Move one free pebble to a body, and return whether this is possible.
 
-        A pebble is a degree of freedom of a body. A constraint takes one of them from a
-        body and points to another body. If that body gives a free pebble instead, the first
-        body gets its pebble back, and the constraint points in the opposite direction. The
-        search is depth first and does not enter bodies in `visited`, which is changed in
-        place. The result is False if no free pebble can be reached.
+        A pebble is a degree of freedom of a body, and free if no constraint has taken it. A
+        new constraint is independent if enough free pebbles can be moved to its bodies, so
+        the moves count the mobility.
+
+        A constraint between bodies A and B that has taken a pebble of A points from A to B.
+        It may take a free pebble of B instead. A then has its pebble back, and the
+        constraint points from B to A. If B has no free pebble, one is moved to B first in
+        the same way. Bodies in `visited` are not tried; the set is changed in place.
         """
         for target in self.constraint_targets[body]:
             if target in visited:

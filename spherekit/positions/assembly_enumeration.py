@@ -214,15 +214,15 @@ def enumerate_modes(
     max_modes
         Largest number of modes that are returned.
     methods
-        If given, the method by which the modes of each group were found is stored in this
-        list, in place. The caller learns from it whether modes may be missing. If a group
-        was solved by several methods, it is the one that may have missed most.
+        If given, a list to which the method of each group is written: closed form,
+        elimination or random search. The caller learns from it whether modes may be
+        missing.
 
     Returns
     -------
     For each mode the signs of the groups, and the placed bodies at all n inputs. The sign
-    of a dyad, +1 or -1, tells which of its two closed forms was used. Other groups have the
-    sign 0, so that their modes differ only in the placed bodies.
+    of a dyad is +1 or -1 in its two modes. Other groups have the sign 0, so that their
+    modes differ only in the placed bodies.
     """
     group_count = len(solver.assembly.groups)
 
@@ -232,16 +232,12 @@ def enumerate_modes(
         """Yield all modes in which the first groups have these signs and this state.
 
         A group is a set of bodies that are placed together. The next group is placed in
-        each of its modes at the inputs `q`, and then the groups after it. The sign of a
-        dyad (two links and three R pairs) tells its two modes apart. The sign of other
-        groups is 0, and each of their modes has a state of its own.
+        each of its modes, and then the groups after it.
         """
         position = len(signs)
         if position == group_count:
             yield signs, state
             return
-        # `method` says how the modes of the group were computed: by a closed form, by
-        # elimination, or by a random search.
         states_by_mode, method = _place_group_modes(solver, state, position, q)
         # This group is solved once for each mode of the groups before. `methods` keeps the
         # method that may have missed most modes of the group.

@@ -293,24 +293,23 @@ class ConfigurationGraph:
             row of a sample that the sheet does not reach is NaN.
         """
         (sample,) = np.nonzero(np.all(np.isfinite(values), axis=1))
-        # `add` returns the present node of a configuration that is one already. New nodes
-        # get the numbers after those of all present nodes (`self.sample` has one entry per
-        # node).
+        # `self.sample` has one entry per node, so this is the number of the next new node.
         first_new_node = len(self.sample)
+        # If a configuration is a node already, `add` returns this node, not a new one.
         nodes = self.add(sample, values[sample])
         # Edges between successive nodes put the whole sheet into one connected component
         # of the graph. A component can have several nodes at a sample, if modes meet.
         self._edges.append((nodes[:-1], nodes[1:]))
         # A piece is a part of a component with at most one node per sample, as an assembly
-        # mode has. All nodes are united with the piece of one of them, unless this piece
-        # would then have two nodes of a sample. The new nodes, pieces of their own so far,
-        # are all of different samples and come first. So they always become one piece. The
-        # pieces of nodes that were present before may have samples in common with it. They
-        # then remain apart.
-        new = nodes[nodes >= first_new_node]
-        order = np.concatenate([new, nodes[nodes < first_new_node]])
-        for node in order[1:].tolist():
-            self._unite_pieces(int(order[0]), node)
+        # mode has. Two pieces with nodes at the same sample are not united. New nodes are
+        # single pieces at different samples. They come first, so that they all become one
+        # piece. The pieces of earlier nodes are united with it if they have no sample in
+        # common.
+        new_nodes = nodes[nodes >= first_new_node]
+        earlier_nodes = nodes[nodes < first_new_node]
+        ordered_nodes = np.concatenate([new_nodes, earlier_nodes]).tolist()
+        for node in ordered_nodes[1:]:
+            self._unite_pieces(ordered_nodes[0], node)
 
     def find_unbalanced(self) -> Bools:
         """Return at which samples a configuration must be missing.

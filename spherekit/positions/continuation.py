@@ -224,8 +224,8 @@ class CurveContinuation(ABC, Generic[Node]):
     def _advance(self, rows: Indices, steps: Floats) -> Floats:
         """Try a step on each curve, and append the new nodes.
 
-        Curves that return to their start, or that a subclass ends at a limit, get an
-        `end_status`.
+        Curves that return to their start end here. A subclass may also end curves that
+        reach a limit, such as the end of a profile. Curves that end get an `end_status`.
 
         Parameters
         ----------
@@ -252,6 +252,8 @@ class CurveContinuation(ABC, Generic[Node]):
         self.append_nodes(rows[closes], end_nodes.rows(closes))
         self.end_status[rows[closes]] = Status.OK
         self.is_closed[rows[closes]] = True
+        # The subclass selects the verified steps that pass no limit. It sets `end_status`
+        # of curves that end at one.
         is_taken = self.select_steps(
             rows,
             steps,
@@ -265,8 +267,8 @@ class CurveContinuation(ABC, Generic[Node]):
         # tiny number prevents a division by zero on straight curves.
         aimed_change = AIMED_CHANGE_RATIO * self.step_tests.change
         growth = np.clip(aimed_change / (tried_steps.changes + 1e-300), 0.5, 2.0)
-        is_unfinished = self.end_status[rows] == UNFINISHED
-        return np.where(is_taken, growth, np.where(is_unfinished, 0.0, 1.0))
+        has_failed = ~is_taken & (self.end_status[rows] == UNFINISHED)
+        return np.where(has_failed, 0.0, np.where(is_taken, growth, 1.0))
 
     def append_nodes(self, rows: Indices, new_nodes: Node) -> None:
         """Append one node to each of some curves (k,)."""

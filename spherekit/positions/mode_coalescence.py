@@ -141,26 +141,27 @@ class ModeCoalescence:
         all_groups = frozenset(range(len(self.groups)))
         # (test inputs, inputs): a different value for each input.
         test_inputs = np.add.outer(TEST_INPUTS_RAD, np.arange(len(solver.driven)))
-        # The elimination order of each group, None for trains of wheels, which have a
-        # single mode and need no elimination. The earlier groups on whose modes the
-        # determinants of each group depend.
+        # For each group its elimination order, None for trains of wheels, which have a
+        # single mode and need no elimination.
         self._orders: list[EliminationOrder | None] = []
+        # For each group the earlier groups on whose modes its determinants depend.
         self._dependences: list[frozenset[int]] = []
         for position, group in enumerate(self.groups):
             is_train = position in solver.wheel_trains
             candidates = (None,) if is_train else find_elimination_orders(group)
-            # `_compute_determinants` reads both lists. It computes the determinants for all
-            # modes of the earlier groups, until the dependence is known.
             self._orders.append(None)
-            self._dependences.append(all_groups)
             for candidate in candidates:
                 self._orders[position] = candidate
-                determinants = self._compute_determinants(position, test_inputs)
+                # On which groups the determinants depend is not known yet. They are
+                # computed in all modes of all earlier groups.
+                determinants = self._compute_determinants(
+                    position, test_inputs, dependence=all_groups
+                )
                 if all_finite(determinants):
                     break
             # The group depends on an earlier one if the determinants at the test inputs are
             # not the same in all modes of that one.
-            self._dependences[position] = self._find_dependence(position, determinants)
+            self._dependences.append(self._find_dependence(position, determinants))
         # Approximate time (s) to compute the products of all groups at one input. Each
         # group is solved once in each mode of the groups on which it depends. `COSTS_S` is
         # the time to solve a group, by its number of loops. A train of wheels with another
@@ -169,10 +170,6 @@ class ModeCoalescence:
             COSTS_S.get(group.loops, COSTS_S[2]) * prod(map(self._count_modes, dependence))
             for group, dependence in zip(self.groups, self._dependences, strict=True)
         )
-        # `_place_links` places all groups before a position, in the modes on which the
-        # group at this position depends. To place all groups in all modes, it is called for
-        # one position more than there are groups.
-        self._dependences.append(all_groups)
 
     def _count_modes(self, position: int) -> int:
         """Return the number of complex modes of a group; a train of wheels has one."""
@@ -211,7 +208,9 @@ class ModeCoalescence:
         or if the product exceeds float64.
         """
         with np.errstate(over="ignore", invalid="ignore"):
-            determinants = self._compute_determinants(position, q[:, None])
+            determinants = self._compute_determinants(
+                position, q[:, None], self._dependences[position]
+            )
             # Complex modes come in conjugate pairs, so that the product is real.
             function = np.prod(determinants, axis=1).real
         return np.where(np.isfinite(function), function, np.nan)
@@ -235,7 +234,8 @@ class ModeCoalescence:
         with np.errstate(all="ignore"):
             # Place the links of all groups in all complex modes, at a single sample.
             group_count = len(self.groups)
-            body_from_link = self._place_links(group_count, q[None])
+            all_groups = frozenset(range(group_count))
+            body_from_link = self._place_links(group_count, q[None], all_groups)
             pairs = range(len(self.solver.joints))
             first_frames, second_frames = self._pair_frames(pairs, body_from_link)
             # (pairs, modes, 3, 3) frames of each pair in common axes. The x axis x2 of the
@@ -246,7 +246,9 @@ class ModeCoalescence:
             exponentials = np.sum(x_and_iy * second_frames[..., 0], axis=-1)
             return -1j * np.log(exponentials).T
 
-    def _compute_determinants(self, position: int, q: Floats) -> Complexes:
+    def _compute_determinants(
+        self, position: int, q: Floats, dependence: frozenset[int]
+    ) -> Complexes:
         """Return the determinants of a group's equations in all complex modes.
 
         A group is a set of bodies that are placed together. A mode is one real or complex
@@ -259,21 +261,24 @@ class ModeCoalescence:
             Position of the group in solving order.
         q
             (n, inputs) values of the inputs (rad).
+        dependence
+            Positions of the earlier groups in all modes of which the determinants are
+            computed. Other groups are placed in one mode only.
 
         Returns
         -------
-        (n, modes) determinants. The number of modes is that of the group times that of the
-        earlier groups on which the group depends. A determinant is zero where two modes
-        meet. A train of wheels has a single mode, which meets no other: its value is 1.
+        (n, modes) determinants. The number of modes is that of the group times those of the
+        groups in `dependence`. A determinant is zero where two modes meet. A train of
+        wheels has a single mode, which meets no other: its value is 1.
         """
         # The order in which the angles are eliminated; None for a train of wheels.
         order = self._orders[position]
         group = self.groups[position]
         # Modes that could not be computed are NaN, which is no reason for a warning.
         with np.errstate(all="ignore"):
-            # Rotations of the links in all modes of the earlier groups: (n, modes, 3, 3)
+            # Rotations of the links in the modes of the earlier groups: (n, modes, 3, 3)
             # for each link.
-            body_from_link = self._place_links(position, q)
+            body_from_link = self._place_links(position, q, dependence)
             if order is None:
                 mode_count = body_from_link[0].shape[1]
                 return np.ones((len(q), mode_count), dtype=complex)
@@ -283,21 +288,25 @@ class ModeCoalescence:
             _, determinants = geometry.solve_equations(order)
             return determinants.reshape(len(q), -1)
 
-    def _place_links(self, group_count: int, q: Floats) -> list[Complexes]:
-        """Place the first groups in all their complex modes.
+    def _place_links(
+        self, group_count: int, q: Floats, dependence: frozenset[int]
+    ) -> list[Complexes]:
+        """Place the first groups in their complex modes.
 
         A complex mode is one of the real or complex solutions of the equations of a group.
         A body is a set of links whose relative orientations are known. `_orders` has the
         elimination order of each group, by which its equations are solved (None for a train
-        of wheels), and `_dependences` the earlier groups on whose modes it depends.
+        of wheels).
 
         Parameters
         ----------
         group_count
-            Number of groups to place. The next group is the one for which they are placed,
-            and modes on which it does not depend are left out.
+            Number of groups to place.
         q
             (n, inputs) values of the inputs (rad).
+        dependence
+            Positions of the groups that are placed in all their modes. The others are
+            placed in their first mode only.
 
         Returns
         -------
@@ -341,9 +350,9 @@ class ModeCoalescence:
             for rotation, links in zip(rotations, group.bodies, strict=True):
                 for link in links:
                     body_from_link[link] = rotation @ body_from_link[link]
-            # The modes of the group follow one another for each earlier mode. If the group
-            # for which the links are placed does not depend on them, the first one is kept.
-            if position not in self._dependences[group_count]:
+            # The modes of the group follow one another for each earlier mode. If only one
+            # is needed, the first one is kept.
+            if position not in dependence:
                 body_from_link = [rotation[:, ::mode_count] for rotation in body_from_link]
         return body_from_link
 

@@ -410,40 +410,25 @@ class SampledModes:
         """Search modes if not all configurations at the samples were computed.
 
         Random starts are made at all samples. Each configuration that closes gives a sheet:
-        the set of configurations that verified steps reach from it.
+        the set of configurations that verified steps reach from it. Each sheet is one of
+        the solutions that are counted in `_solution_count`.
 
-        Wheels are an exception. If the inputs do not determine how far they have rolled,
-        there are infinitely many sheets, and no random starts are made. Only the sheet of
-        the reference pose is used. Without it, all groups of links are solved at the first
-        sample, then at up to `MAX_SEARCHED_SAMPLES` others, until a sample has
-        configurations.
+        Free wheels are an exception: if the inputs do not determine how far wheels have
+        rolled, no random starts are made, see `_search_free_wheels`.
 
         Returns
         -------
         How complete the modes are: only found at some samples (`SAMPLED`), or only that of
         the reference pose.
         """
-        # How far wheels have rolled; None without wheels. With wheels the first sample is
-        # solved in any case, unless there is a sheet of the reference pose.
+        # How far wheels have rolled; None without wheels.
         gear_phases = self.solver.gear_phases
         if gear_phases is not None:
+            # If the reference pose gave no sheet, the first sample is solved.
             if not self._solution_count:
                 self._search_sample(0)
             if not gear_phases.all_known:
-                probed_samples = spread_rows(len(self.input_grid), MAX_SEARCHED_SAMPLES)
-                for sample in probed_samples.tolist():
-                    if self._solution_count:
-                        break
-                    self._search_sample(sample)
-                # `probes` counts the samples at which configurations were searched. It is 0
-                # if the reference pose gave a sheet.
-                if self.probes:
-                    reason = f"modes found at {counted(self.probes, 'input')}"
-                    return Completeness(Guarantee.SAMPLED, reason)
-                as_assembled = "other ways to mesh the wheels were not searched"
-                return replace(
-                    REFERENCE_ONLY, reason=f"{REFERENCE_ONLY.reason}; {as_assembled}"
-                )
+                return self._search_free_wheels()
         self.methods = [
             CLOSED_FORM if group.is_dyad else RANDOM_SEARCH for group in self.groups
         ]
@@ -460,6 +445,27 @@ class SampledModes:
             reason,
             sentence=statistics.sentence("assembly mode", "assembly modes"),
         )
+
+    def _search_free_wheels(self) -> Completeness:
+        """Search modes if the inputs do not determine how far wheels have rolled.
+
+        There are infinitely many modes then. That of the reference pose is used, if its
+        sheet (the configurations that verified steps reach from it) was found before.
+        Otherwise all groups of links are solved at up to `MAX_SEARCHED_SAMPLES` samples,
+        until one has configurations. The result says how complete the modes are.
+        """
+        probed_samples = spread_rows(len(self.input_grid), MAX_SEARCHED_SAMPLES)
+        for sample in probed_samples.tolist():
+            if self._solution_count:
+                break
+            self._search_sample(sample)
+        # `probes` counts the samples at which configurations were searched. It is 0 if the
+        # reference pose gave a sheet.
+        if self.probes:
+            reason = f"modes found at {counted(self.probes, 'input')}"
+            return Completeness(Guarantee.SAMPLED, reason)
+        as_assembled = "other ways to mesh the wheels were not searched"
+        return replace(REFERENCE_ONLY, reason=f"{REFERENCE_ONLY.reason}; {as_assembled}")
 
     def _search_sample(self, sample: int) -> None:
         """Solve all groups of links at one sample, and add the sheets of the solutions.

@@ -622,11 +622,13 @@ class ExactSimulation:
     def _evaluate_coordinate(self, values: Array, coordinate: int) -> _CoordinateState:
         """Return rates, inertia and closing steps at nearly closed configurations.
 
-        With the closure Jacobian J of the free variables, the rates per unit rate of the
-        coordinate are -J^-1 (column of the coordinate). The Newton step that closes the
-        loops while the coordinate is held is -J^-1 (residuals). It is not applied here:
-        each sweep of the iteration for the motion applies one such step. J has more rows
-        than columns if equations are redundant, so J^-1 is a left inverse.
+        All numbers are balls: centres with a bound of their error. One variable is the
+        coordinate of the motion, the others are free. With the closure Jacobian J of the
+        free variables, the rates per unit rate of the coordinate are -J^-1 (column of the
+        coordinate). The Newton step that closes the loops while the coordinate is held is
+        -J^-1 (residuals). It is not applied here: each sweep of the iteration for the
+        motion applies one such step. J has more rows than columns if equations are
+        redundant, so J^-1 is a left inverse.
 
         Parameters
         ----------
@@ -646,6 +648,7 @@ class ExactSimulation:
         vectors = linkage.variable_vectors(values, orientations)
         jacobian = linkage.jacobian(vectors)
         inverse, _ = left_inverses(jacobian[:, :, free])
+        # Arrays of zeros as balls, which are filled in.
         rates = exact_balls(np.zeros(values.shape))
         closing_step = exact_balls(np.zeros(values.shape))
         rates[:, coordinate] = exact_ball(1.0)

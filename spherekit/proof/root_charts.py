@@ -364,22 +364,22 @@ def _bound_rounding(polynomials: Polynomials, rows: Indices) -> Floats:
 class ChangeBounds:
     """Bounds of errors and changes of the k polynomials P of a system near n roots.
 
-    `enclose_roots` proves with them that there is exactly one root for all inputs of a box.
-    The given variables g are the inputs, and unknowns that were solved before. The bounds
-    are valid if the unknowns z are within the argument `radius` of `_bound_changes` about
-    the approximate root, and g within the range that they have over the box. P_z and P_g
-    are the derivatives of P by z and by g.
+    P depends on k unknowns z and on given variables g: the inputs, and unknowns that were
+    solved before. `enclose_roots` proves with the bounds that P has exactly one root near
+    each approximate root, for all inputs of a box. They are valid for all z within a given
+    radius about the approximate root, and for all g over the box. P_z and P_g are the
+    derivatives of P by z and by g, at the approximate root and at the centre of the box.
 
     Attributes
     ----------
     value_error
         (n, k) error bound of the computed values of P.
     slope_change
-        (n, k, k) bound of the change of P_z from its value at the approximate root and at
-        the centre of the box. The axes are root, equation and unknown.
+        (n, k, k) bound of the change of the derivatives of P by z from P_z. The axes are
+        root, equation and unknown.
     drift
-        (n, k) bound of the error of the linear model of P as a function of g, with the
-        slope P_g at the approximate root and at the centre of the box.
+        (n, k) bound of the error of the linear model of P as a function of g, which has the
+        slope P_g.
     """
 
     value_error: Floats

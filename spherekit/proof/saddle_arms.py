@@ -95,15 +95,17 @@ class ArmRates:
 class DirectionRates:
     """Slopes of g and signs of rates for a direction (1, slope) from the saddle.
 
-    Near the saddle the configurations are the curves g(u, v) = 0 in two coordinates u and
-    v. The gradient of g is perpendicular to such a curve, so the curve has the tangent
+    A saddle is a configuration in which two curves of configurations cross. Near it they
+    are the curves g(u, v) = 0 in two coordinates u and v, with u = v = 0 at the saddle. The
+    gradient of g is perpendicular to such a curve, so the curve has the tangent
     (-g_v, g_u). Rates are derivatives of the variables of the mechanism along it.
 
     Attributes
     ----------
     gradient
-        Slopes g_u and g_v of g by u and by v at the point (1, slope): two balls, numbers
-        with a bound of their error.
+        The slopes g_u and g_v of g by u and by v near the saddle, at points in this
+        direction, divided by their coordinate u. Two balls, numbers with a bound of their
+        error.
     signs
         (variables,) signs of the rates along (-g_v, g_u), 0 if not proven.
     """
@@ -170,7 +172,8 @@ def _evaluate_direction(
     balls (intervals with a centre and a radius). A sign is 0 if the ball of the rate
     contains 0, so that nothing is proven.
     """
-    # At (1, slope) the larger coordinate has this size. `widen` adds the error to a radius.
+    # The slopes are divided by u, so they are computed for u = 1 and v = slope, of which
+    # the larger one has this size. `widen` adds the error to the radius of a ball.
     error = slope_error * max(1.0, abs(slope))
     direction = exact_balls([1.0, slope])
     gradient = [widen(entry, error) for entry in form.hessian @ direction]

@@ -624,12 +624,13 @@ class PendingPoles:
         (k,) numbers of rows with a configuration that are not certified. Rows without a
         configuration are not certified either, and are not among them.
     stops
-        For each input, and by the index of the assembly mode: the rows at which the
-        directions of poles are compared (stops, see `find_stops`). A direction is computed
-        up to a sign, which is chosen so that directions are continuous from row to row.
-        Stops are the first and the last row, and all rows before or after which a direction
-        may reverse. The other rows have the signs of the stop before them. Empty if the
-        samples are a grid of inputs, which has no order of rows.
+        The rows at which the directions of poles will be compared (`find_stops`). A
+        direction is computed up to a sign, which is chosen so that directions are
+        continuous from row to row. It can change only before or after some rows. Only
+        these, the first and the last row are compared, and the rows between two stops have
+        the sign of the first of both. There is a mapping for each input. Its keys are the
+        indices of the assembly modes. Empty if the samples are a grid of inputs, which has
+        no order of rows.
     error_maxima
         (inputs, 3) largest error bound in all certified rows: of directions (rad), of
         velocity coefficients and of their derivatives. NaN if no row is certified.

@@ -89,19 +89,27 @@ def examined_outputs(mechanism: Mechanism) -> tuple[ExaminedOutput, ...]:
 
 
 def _examined_output(mechanism: Mechanism, output: Output) -> ExaminedOutput:
-    """Return an output with its text for the screen, and with its numbers of links."""
+    """Return what the overview has to know of an output, such as its text for the screen.
+
+    If a pair joins the link of the output to its reference link, the output is the variable
+    of this pair, up to the sign. An output that is a direction has no such variable.
+    """
     link = mechanism.link_number[output.link]
     reference = mechanism.link_number[output.relative_to]
-    variable = (
-        None if output.direction is not None else mechanism.angle_between(link, reference)
-    )
+    variable = None
+    if output.direction is None:
+        variable = mechanism.angle_between(link, reference)
     sense = 1.0
     if variable is not None:
+        # A pair variable is the angle of the second link of the pair relative to the first.
         _, second_link = mechanism.ends[mechanism.variable_owners[variable]]
         sense = 1.0 if second_link == link else -1.0
     label = f"{output.link}/{output.relative_to}"
     has_name = output.name not in ("", output.link)
-    direction = output.direction
+    direction = None
+    if output.direction is not None:
+        x, y, z = output.direction
+        direction = (float(x), float(y), float(z))
     return ExaminedOutput(
         name=output.name if has_name else "",
         label=f"{output.name} {label}" if has_name else label,
@@ -109,9 +117,7 @@ def _examined_output(mechanism: Mechanism, output: Output) -> ExaminedOutput:
         reference=reference,
         variable=variable,
         sense=sense,
-        direction=None
-        if direction is None
-        else (float(direction[0]), float(direction[1]), float(direction[2])),
+        direction=direction,
     )
 
 

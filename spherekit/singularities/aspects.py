@@ -226,13 +226,14 @@ class _AspectNodes(ArrayRows):
         (n,) number of the sample at which each configuration is.
     is_regular
         (n,) whether the configuration has no singularity of a type that divides aspects.
-    determinant_two, determinant_one
-        (n,) determinants that vanish at types II and I. Both refer to a basis of the rates
-        that close the loops. If the loop equations are redundant, the sense of this basis
-        is arbitrary in each configuration, so that the signs have no meaning. Then
-        `determinant_two`, of which only the sign is used, is set to 0. `determinant_one` is
-        then a Gram determinant, which is not negative and still vanishes at type I, so that
-        its zeros between nodes are found. It is 0 if the mechanism has no output.
+    determinant_two
+        (n,) determinant that vanishes at type II. Its sign separates aspects. It refers to
+        a basis of the rates that close the loops. If the loop equations are redundant, the
+        sense of this basis is arbitrary, and the sign has no meaning. The value is then 0.
+    determinant_one
+        (n,) determinant that vanishes at type I, or 0 if the mechanism has no output. If
+        the loop equations are redundant, it is a Gram determinant. This is never negative,
+        but vanishes at type I, too, so that zeros between nodes are found.
     slope_one
         (n, g) derivatives of `determinant_one` by the inputs, whose number is g. They show
         whether it vanishes between two nodes. They are 0 if only type II divides aspects.

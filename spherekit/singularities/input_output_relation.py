@@ -176,19 +176,20 @@ class Relation:
     """The relation c y' = d q' between the rates of output and input, at n configurations.
 
     The input is the rotation of link i relative to r. The output is the rotation of link o
-    relative to s, or relative to r. The coefficients are triple products of pole axes, in
-    which the rates of all other pairs of links are eliminated. `make_relation` has the
-    formulas.
+    relative to s, or relative to r. Two links rotate relative to each other about their
+    pole axis. Around any closed chain of links, the relative angular velocities add up to
+    zero. If all other rates are eliminated from these equations, the relation remains. Its
+    coefficients are triple products of pole axes, see `make_relation`.
 
     Attributes
     ----------
     form
         "i" if the output is the rotation of link o relative to s, "ii" if it is that
-        relative to r. In form ii, s can be any fourth link. Its pole axes take part in the
-        formulas of c and d.
+        relative to r. In form ii, s is an auxiliary link, by whose pole axes the other
+        rates are eliminated. It can be any fourth link.
     links, poles
-        The four links, and the pole axes (axes of relative rotation) of any two of them,
-        from which c and d are computed.
+        The four links, and the pole axes of any two of them, from which c and d are
+        computed.
     output
         The links whose relative rate is y': (o, s) in form i, (o, r) in form ii.
     c, d

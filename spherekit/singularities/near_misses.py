@@ -74,19 +74,23 @@ class NearMiss:
 def near_misses(sampled: SampledSingularities, near: float) -> list[NearMiss]:
     """Return the points at which outputs come near singularities of types I and II.
 
-    The distance from a type is an angle. At type I the output rests while the input moves.
-    The tangent of the angle is the velocity coefficient, the rate of the output over that
-    of the input. At type II the output can move although the input is locked. The sine of
-    the angle is the transmission measure, which states from 0 to 1 how firmly the locked
-    input holds the output. Configurations that are singular themselves are not included.
+    The distance from a type is an angle, which is at most `near` at a near miss:
 
-    Both limits are relative in mechanisms in which all values are small:
+    - At type I the output rests while the input moves. The tangent of the angle is the
+      velocity coefficient, the rate of the output over that of the input.
+    - At type II the output can move although the input is locked. The sine of the angle is
+      the transmission measure, which states from 0 to 1 how firmly the locked input holds
+      the output.
 
-    - If the velocity coefficient is below 1 on a whole curve, as in a gear reducer, it is
-      compared with its largest value on the curve.
-    - The transmission measure is small if all arcs between the axes of links are small. It
-      is compared with the largest sine of such an arc. If dyads (two links in series) place
-      the output, one of them must also be within `near` of being stretched or folded.
+    Configurations that are singular themselves are not included. Some mechanisms have small
+    angles everywhere. The limit is smaller then:
+
+    - If the velocity coefficient is below 1 on a whole curve, as in a gear reducer, the
+      limit is multiplied by its largest value on the curve.
+    - If all arcs between the axes of links are small, the transmission measure is small,
+      too. Its limit is multiplied by the largest sine of such an arc. If dyads (two links
+      in series) place the output, one of them must also be within `near` of being stretched
+      or folded.
 
     Parameters
     ----------
@@ -143,9 +147,9 @@ def _near_misses_on_curve(
     for s in positions[sines > least_sine]:
         # The configuration, with one row.
         values = curve.at(s).values
-        # The transmission measure may be small because arcs are short, the angle of a dyad
-        # is not. If dyads place the output and none is near its dead centre, the point is
-        # no near miss.
+        # The transmission measure may be small because arcs are short. The angle of a dyad
+        # does not depend on their lengths. If dyads place the output and none is near its
+        # dead centre, the point is no near miss.
         if kind is Type.II and sampled.least_dyad_angle(values, output)[0] > near:
             continue
         (distance,) = sampled.angle(kind, number, s[None], output)

@@ -48,9 +48,10 @@ class RowType(IntEnum):
     inputs and output rest, and the configuration is of no other type. UNKNOWN means that
     the row has no configuration.
 
-    Where surfaces of configurations cross, the closure equations lose rank. Their solutions
-    then include rates that lead nowhere, so it is not decided whether the row is of type I.
-    It is of type II if the output can move while the inputs rest, otherwise a SELF_MOTION.
+    Where surfaces of configurations cross, the closure equations lose rank. They then allow
+    more rates than there are motions, for example sums of rates on two surfaces. Type I is
+    not decided from these rates. The row is of type II if the output can move while the
+    inputs rest, otherwise a SELF_MOTION.
     """
 
     REGULAR = 0
@@ -383,20 +384,19 @@ def _pole_axis(
     Returns
     -------
     (n, 3) unit vectors in ground axes; NaN where the links rest and no plan gives the axis.
-    The sense of an axis by the plan need not be that of the relative angular velocity. The
-    relation of the input holds with either sense of each axis but that of the input, since
-    a reversed axis reverses the rate about it, or both coefficients. The input's axis is
-    that of its pair, which the plan always gives.
+    The axes have any sense, except that of the input, which is the axis of its pair. They
+    serve to compute the relation c y' = d q' between the rates of output and input. It
+    holds with any sense: a reversed axis reverses the rate y' about it, or both c and d.
     """
     if pole == input_pole:
-        relative = input_axis
+        direction = input_axis
     else:
-        relative = angular_velocities[:, pole[0]] - angular_velocities[:, pole[1]]
-    size = np.linalg.norm(relative, axis=1, keepdims=True)
+        direction = angular_velocities[:, pole[0]] - angular_velocities[:, pole[1]]
+    size = np.linalg.norm(direction, axis=1, keepdims=True)
     # In this motion the vector of the rates of all variables has unit length. A relative
     # angular velocity below this limit counts as zero, as it does in the measures of
     # singularities, and has no direction.
-    axis = relative / np.where(size > SINGULAR_TRANSMISSION, size, np.nan)
+    axis = direction / np.where(size > SINGULAR_TRANSMISSION, size, np.nan)
     return np.where(np.isfinite(planned_axes[pole]), planned_axes[pole], axis)
 
 
