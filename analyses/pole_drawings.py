@@ -208,7 +208,7 @@ def draw_construction(batch: Batch, row: int, chart: ChartAxis = "yes") -> Scene
     """
     mechanism = batch.mechanism
     steps = _list_construction_steps(batch)
-    # The plan says in which round each pole of the mechanism is constructed. The keys are
+    # The plan says in which round each pole of the mechanism is constructed. The keys
     # are all poles. The page shows the plan of the first input.
     poles = list(batch.plans[0].rounds)
     # The first axis of both arrays is the step. NaN is not drawn.

@@ -254,22 +254,28 @@ class Poles(AbstractAnalysis):
           velocity coefficient (`rates`) and its derivative by the input;
         - the two great circles (`planes`) that intersect in a pole, for the one pole that
           the user chose with the parameter `circles`, by default the first one that is not
-          the axis of a pair. A drawing of the construction of all poles needs the circles
-          of every pole that is not the axis of a pair;
-        - the rotations of links whose axodes or bodies are drawn. An axode is the path of a
-          pole in the axes of a link.
+          the axis of a pair. The circles of all poles that are not axes of pairs are needed
+          for a drawing of their construction. The chart, a flat map of the sphere, needs
+          them too, because the table then has the circles of each pole in the map;
+        - the rotations of links whose axodes are drawn, or of all links if the construction
+          is drawn. An axode is the path of a pole in the axes of a link.
         """
         axode_poles = self._axode_poles(mechanism)
         poles = frozenset(self.poles(mechanism)) | frozenset(axode_poles)
         pole_with_circles = self.pole_with_circles(mechanism)
+        draws_construction = self._draws_construction(mechanism)
+        has_chart = self.chart != "no"
+
         planes: frozenset[Pole] = frozenset()
         if pole_with_circles is not None:
             planes = frozenset([pole_with_circles])
-        rotations = {mechanism.links[link] for pole in axode_poles for link in pole}
-        if self._draws_construction(mechanism) or self.chart != "no":
+        if draws_construction or has_chart:
             planes |= poles - set(mechanism.pole_pairs)
-        if self._draws_construction(mechanism):
-            rotations = set(mechanism.links)
+
+        rotations = {mechanism.links[link] for pole in axode_poles for link in pole}
+        if draws_construction:
+            rotations = set(mechanism.links)  # the drawing shows all links
+
         return Needs(
             directions=poles,
             rates=poles,
@@ -407,10 +413,10 @@ class Poles(AbstractAnalysis):
             Position of the moving input among the inputs.
         """
         mechanism = batch.mechanism
-        pair = batch.moving_inputs[input_number]
+        moving_input = batch.moving_inputs[input_number]
         has_several_inputs = len(batch.moving_inputs) > 1
-        folder = f"{pair}/" if has_several_inputs else ""
-        by_input = f" by {pair}" if has_several_inputs else ""
+        folder = f"{moving_input}/" if has_several_inputs else ""
+        by_input = f" by {moving_input}" if has_several_inputs else ""
         poles = self.poles(mechanism)
         pole_with_circles = self.pole_with_circles(mechanism)
         has_many_poles = len(poles) > MAX_POLES_SHOWN_FIRST
@@ -440,7 +446,7 @@ class Poles(AbstractAnalysis):
             charted_poles,
             directions,
             normals,
-            moving_input=pair if has_several_inputs else "",
+            moving_input=moving_input if has_several_inputs else "",
             chart=self.chart,
         )
 
@@ -460,8 +466,10 @@ class Poles(AbstractAnalysis):
     ) -> Iterator[Arrow]:
         """Yield the arrow along the axis about which two links turn relative to each other.
 
-        The axis of a pair does not depend on the moving input and has one arrow for all
-        inputs. In mechanisms of many links only some arrows are visible at first.
+        With several inputs there is one arrow for each input that moves while the others
+        are locked. The axis of a pair is the same for all of them, so its arrow is drawn
+        with the first input only. In mechanisms of many links some arrows are hidden until
+        the user selects them.
 
         Parameters
         ----------
@@ -473,39 +481,38 @@ class Poles(AbstractAnalysis):
             The numbers of the two links.
         """
         mechanism = batch.mechanism
-        # Whether the axis is that of the pair that joins both links. Then its arrow is
-        # drawn with the first input only.
-        is_of_pair = pole in mechanism.pole_pairs
-        if input_number > 0 and is_of_pair:
+        # Whether a pair joins the two links. The pole is then the axis of this pair.
+        is_pair_axis = pole in mechanism.pole_pairs
+        if input_number > 0 and is_pair_axis:
             return
         first_link, second_link = pole
         first_name = mechanism.links[first_link]
         second_name = mechanism.links[second_link]
-        pair = batch.moving_inputs[input_number]
+        moving_input = batch.moving_inputs[input_number]
         has_several_inputs = len(batch.moving_inputs) > 1
-        # A mechanism with few poles shows all arrows at first. One with many poles shows
-        # two kinds:
-        # - the axes of pairs;
-        # - for the first input only, the poles of links relative to the ground (link 0),
-        #   and the pole whose great circles are drawn.
-        has_many_poles = len(self.poles(mechanism)) > MAX_POLES_SHOWN_FIRST
-        is_of_interest = first_link == 0 or pole == self.pole_with_circles(mechanism)
-        is_visible = (
-            (input_number == 0 and is_of_interest) or is_of_pair or not has_many_poles
-        )
+        # All arrows are visible at first if there are few of them, and axes of pairs always
+        # are. Among many arrows, those of the first input are visible that belong to a
+        # motion relative to the ground (link 0), or to the pole whose great circles are
+        # drawn.
+        has_few_poles = len(self.poles(mechanism)) <= MAX_POLES_SHOWN_FIRST
+        if has_few_poles or is_pair_axis:
+            is_visible = True
+        else:
+            is_relative_to_ground = first_link == 0
+            has_circles = pole == self.pole_with_circles(mechanism)
+            is_visible = input_number == 0 and (is_relative_to_ground or has_circles)
         has_short_names = all(len(name) == 1 for name in mechanism.links)
-        label = (
-            f"P{short_name(mechanism, pole)}"
-            if has_short_names
-            else f"{second_name}/{first_name}"
-        )
-        if has_several_inputs and not is_of_pair:
-            label += f" by {pair}"
-        folder = f"{pair}/" if has_several_inputs else ""
+        if has_short_names:
+            label = f"P{short_name(mechanism, pole)}"
+        else:
+            label = f"{second_name}/{first_name}"
+        if has_several_inputs and not is_pair_axis:
+            label += f" by {moving_input}"
+        folder = f"{moving_input}/" if has_several_inputs else ""
         # (rows of this mode, 3) unit vectors along the pole axis.
         directions = batch.direction(first_link, second_link, input_number)[rows]
         path = f"pole/{folder}{second_name}_{first_name}"
-        yield Arrow(path, label, directions, primary=is_of_pair, shown=is_visible)
+        yield Arrow(path, label, directions, primary=is_pair_axis, shown=is_visible)
 
     def _plot_coefficients(
         self, batch: Batch, rows: slice, input_number: int, pole: Pole

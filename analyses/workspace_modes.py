@@ -264,6 +264,10 @@ class WorkspaceModes:
 
         The whole set of directions has no sample (NaN), because its parts have theirs. A
         set of orientations is not divided into parts, so its only row has the sample.
+
+        The table of borders names parts by their numbers, which are also in this table: the
+        position of a connected part in `region.components`, and of the outside or of a hole
+        in `region.gaps`.
         """
         # One entry for each row of the table.
         kinds = ["whole"]
@@ -275,12 +279,12 @@ class WorkspaceModes:
             sizes = [region.area]
             samples = [np.full(3, np.nan)]
             kinds_and_parts = [("component", region.components)]
-            # A gap is a connected set of directions that are not reached. The first, the
+            # A gap is a connected set of directions that are not reached. Gap 0, the
             # largest one, is the outside, and the others are holes.
             kinds_and_parts.append(("outside", region.gaps[:1]))
             kinds_and_parts.append(("hole", region.gaps[1:]))
             for kind, parts in kinds_and_parts:
-                first_number = 1 if kind == "hole" else 0
+                first_number = 1 if kind == "hole" else 0  # hole 1 is gap 1
                 for number, part in enumerate(parts, first_number):
                     kinds.append(kind)
                     numbers.append(number)

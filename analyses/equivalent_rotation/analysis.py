@@ -500,7 +500,8 @@ def _warnings(result: RotationResult, has_failed: NDArray[np.bool_]) -> Iterator
     samples = result.samples
     orientation_error = _largest_finite(samples.orientation_error)
     # `rotation.end` is the status at the angle `rotation.reached`, beyond which the
-    # mechanism does not follow. It is OK if the whole rotation is reached.
+    # mechanism does not follow. It is OK if the whole rotation is reached. Another one of
+    # the possible orientations at the end may be reachable, so they are suggested.
     if rotation.end != Status.OK:
         input_at_dead_centre = dead_centre(rotation)
         cause = ""
@@ -518,16 +519,18 @@ def _warnings(result: RotationResult, has_failed: NDArray[np.bool_]) -> Iterator
             f"{np.degrees(samples.theta[first]):.6g} deg: "
             f"{Status(samples.status[first]).name}"
         )
-    # The orientation error is the angle between the orientation of the output link and the
-    # one turned exactly about the fixed axis. `samples.drift` is the angle between the
-    # momentary axis of the link and the fixed axis.
-    if not orientation_error < FIXED_AXIS_TOLERANCE_RAD:
+    # If the mechanism cannot turn the output link exactly about the fixed axis, it is as
+    # near to this rotation as possible. Two angles then say how far the link is from it:
+    # - the orientation error, between the orientation of the link and the exact one;
+    # - the drift, between the instantaneous axis of the link and the fixed axis.
+    if orientation_error >= FIXED_AXIS_TOLERANCE_RAD:
         worst = np.nanargmax(samples.orientation_error)
+        worst_theta_deg = np.degrees(samples.theta[worst])
+        largest_drift_deg = np.degrees(_largest_finite(samples.drift))
         yield (
             "the output link cannot turn exactly about the fixed axis: its orientation "
             f"deviates by up to {np.degrees(orientation_error):.4g} deg, at theta = "
-            f"{np.degrees(samples.theta[worst]):.4g} deg, and its axis by up to "
-            f"{np.degrees(_largest_finite(samples.drift)):.4g} deg"
+            f"{worst_theta_deg:.4g} deg, and its axis by up to {largest_drift_deg:.4g} deg"
         )
     for theta in rotation.crossings:
         location = f"theta = {np.degrees(theta):.4f} deg"

@@ -53,10 +53,18 @@ def plan(
         return planning.plan(loaded_mechanism, requested_poles, input_pair)
     except CountError:
         # The number of links and pairs gives too small a mobility for over-constrained
-        # mechanisms. The position analysis then uses the rank of the velocity equations.
-        # Its positions are not used here, so two samples suffice.
-        only_input = input_pair if len(loaded_mechanism.inputs) <= 1 else None
-        if not PositionAnalysis(loaded_mechanism, only_input, samples=2).by_rank:
+        # mechanisms. The position analysis then uses the rank of the velocity equations,
+        # and `by_rank` says that it did so. If this mobility does not fit the inputs
+        # either, the position analysis raises an error. Its positions are not used here, so
+        # two samples suffice.
+        #
+        # The position analysis takes the names of all driven pairs. Of several inputs all
+        # stay driven, and `input_pair` only chooses which of them moves. A single input is
+        # replaced by `input_pair`, which may be another pair.
+        has_several_inputs = len(loaded_mechanism.inputs) > 1
+        driven_pair = None if has_several_inputs else input_pair
+        position_analysis = PositionAnalysis(loaded_mechanism, driven_pair, samples=2)
+        if not position_analysis.by_rank:
             raise
         return planning.plan(loaded_mechanism, requested_poles, input_pair, by_rank=True)
 

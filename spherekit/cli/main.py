@@ -25,7 +25,7 @@ FAILED_ANALYSIS = 4
 """Exit status of a run in which an analysis failed."""
 
 INTERRUPTED = 128
-"""Exit status of a command that a signal ended, less the number of the signal."""
+"""Number to which that of a signal is added for the exit status after the signal."""
 
 MIN_ADDRESS_SPACE_BYTES = 500_000_000
 """Address space without which numerical libraries end the process while they load."""
@@ -44,8 +44,9 @@ OUTPUT_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status.
 
-    Errors that users can mend are printed as one sentence. An interrupt, a reader that ends
-    and a lack of memory or disk space are handled here.
+    Errors that users can mend are printed as one sentence. That includes an interrupt, and
+    a lack of memory or disk space. If the program that reads the output ends early, as
+    ``head`` does in ``spherekit ... | head``, the command ends without an error.
 
     Parameters
     ----------
@@ -59,13 +60,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 return _run_command(sys.argv[1:] if arguments is None else [*arguments])
             finally:
                 sys.stdout.flush()
-    except BrokenPipeError:  # the reader, such as `head`, has ended
+    except BrokenPipeError:  # the program that reads stdout has ended
         _discard_output()
         return 0
     except KeyboardInterrupt as interrupt:
         say("; ".join(["stopped", *getattr(interrupt, "__notes__", ())]))
         return INTERRUPTED + interrupt_number(interrupt)
     except (MemoryError, ImportError, RuntimeError, OSError) as error:
+        # Libraries report a lack of memory by different errors: an ImportError if a library
+        # cannot be loaded, a RuntimeError if a thread cannot be started. The message is
+        # empty if the error has another cause.
         message = _system_message(error)
         if not message:
             raise

@@ -47,7 +47,17 @@ def modes_text(numbers: Sequence[int], begins_sentence: bool = False) -> str:
 
 
 def describe_modes(summary: Any) -> Lines:
-    """Return lines about the assembly modes: their names, and where they close.
+    """Return lines about the assembly modes: their names, and where they exist.
+
+    If all modes exist everywhere, there is one line, for example::
+
+        2 assembly modes, both exist over the whole range: 0 (+), 1 (-)
+
+    Otherwise further lines say where the modes exist, for example::
+
+        3 assembly modes: 0 (+), 1 (-), 2 (+)
+        Modes 0, 1 exist at 21 = 0 to 137 deg.
+        Mode 2 exists everywhere.
 
     Parameters
     ----------
@@ -55,30 +65,27 @@ def describe_modes(summary: Any) -> Lines:
         The content of ``summary.json``.
     """
     modes = summary["assembly_modes"]
-    overview = summary["overview"]
-    place_text = PlaceText(overview)
-    names = [mode_name(mode) for mode in modes]
-    entries = [overview["modes"].get(str(mode["number"])) for mode in modes]
     if "simulation" in summary:
-        return [f"The simulation starts in assembly mode {names[0]}."]
+        return [f"The simulation starts in assembly mode {mode_name(modes[0])}."]
+    overview = summary["overview"]
+    entries = [overview["modes"].get(str(mode["number"])) for mode in modes]
     count = counted(len(modes), "assembly mode")
-    titles = listing(names, 16)
-    if all(name.isdigit() for name in names):
-        titles = number_list([mode["number"] for mode in modes])
-    closes = [entry is not None and entry["closes_everywhere"] for entry in entries]
-    if len(modes) == 1 and names[0].isdigit():
-        titles = ""
-    if all(closes):
-        which = {1: "which exists", 2: "both exist"}
-        closing = which.get(len(modes), "all exist")
-        place = "over the whole range"
-        if len(summary["inputs"]) > 1:
-            place = "on the whole path"
+    titles = _mode_titles(modes)
+    ending = f": {titles}" if titles else ""
+
+    if all(entry is not None and entry["closes_everywhere"] for entry in entries):
+        which_exist = {1: "which exists", 2: "both exist"}.get(len(modes), "all exist")
         if not overview["is_path"]:
-            place = "at all samples"
-        return [": ".join(filter(None, [f"{count}, {closing} {place}", titles]))]
-    lines = [": ".join(filter(None, [count, titles]))]
-    # Modes that close at the same places share a line.
+            everywhere = "at all samples"
+        elif len(summary["inputs"]) > 1:
+            everywhere = "on the whole path"
+        else:
+            everywhere = "over the whole range"
+        return [f"{count}, {which_exist} {everywhere}{ending}"]
+
+    lines = [f"{count}{ending}"]
+    place_text = PlaceText(overview)
+    # Modes that exist at the same places share a line.
     modes_by_place: dict[str, list[int]] = {}
     for mode, entry in zip(modes, entries, strict=True):
         place = _closing_place(mode, entry, overview, place_text)
@@ -88,6 +95,25 @@ def describe_modes(summary: Any) -> Lines:
         verb = "exists" if len(numbers) == 1 else "exist"
         lines.append(f"{word} {number_list(numbers)} {verb} {place}.")
     return lines
+
+
+def _mode_titles(modes: Sequence[Any]) -> str:
+    """Return the names of modes in one text, such as ``0 (+), 1 (-)``.
+
+    Modes that have neither names nor signs are listed by number, such as ``0-5``. The text
+    is empty for a single mode of this kind, because its number 0 tells nothing.
+
+    Parameters
+    ----------
+    modes
+        The entries of ``assembly_modes`` of the summary.
+    """
+    names = [mode_name(mode) for mode in modes]
+    if not all(name.isdigit() for name in names):
+        return listing(names, 16)
+    if len(modes) == 1:
+        return ""
+    return number_list([mode["number"] for mode in modes])
 
 
 def _closing_place(mode: Any, entry: Any, overview: Any, place_text: PlaceText) -> str:

@@ -109,8 +109,9 @@ def is_mechanism(name: str) -> bool:
 def _show_mechanism(options: Namespace) -> int:
     """Show a mechanism at one value of its inputs in every assembly mode, without a run.
 
-    It is recorded in a temporary folder, and the recording is shown. The folder remains
-    while a viewer reads it. Returns the exit status.
+    The mechanism is recorded in a temporary folder, and the recording is shown. The folder
+    is deleted afterwards, unless a viewer was opened that still reads it. Returns the exit
+    status.
     """
     from spherekit.display.rerun.preview import preview
     from spherekit.display.rerun.viewer import has_display
@@ -127,11 +128,16 @@ def _show_mechanism(options: Namespace) -> int:
     folder = Path(tempfile.mkdtemp(prefix="spherekit-"))
     path = folder / f"{mechanism.name}.rrd"
     try:
-        remark = preview(mechanism, path)  # empty if it is shown at its first inputs
-        note(options, f"{mechanism.name}: {remark}" if remark else "")
+        # A mechanism that cannot be assembled at its first inputs is shown at other ones.
+        # The remark names these and is otherwise empty. `note` prints no empty text.
+        other_inputs_remark = preview(mechanism, path)
+        if other_inputs_remark:
+            other_inputs_remark = f"{mechanism.name}: {other_inputs_remark}"
+        note(options, other_inputs_remark)
         return _show_recording(path, options)
     finally:
-        if options.png or not path.exists():  # a viewer that was opened still reads it
+        is_read_by_viewer = path.exists() and not options.png
+        if not is_read_by_viewer:
             shutil.rmtree(folder)
 
 

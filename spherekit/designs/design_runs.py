@@ -122,7 +122,7 @@ class DesignRuns:
     units
         Name of a figure -> column of its table -> unit.
     names
-        Names of all figures of merit.
+        Names of all figures of merit, and with `tables` the column `assembly_mode`.
 
     Raises
     ------
@@ -181,9 +181,11 @@ class DesignRuns:
             merit.parsed(self.units[merit.name])
         self._kernel_names = kernel_evaluator.figures.names if kernel_evaluator else []
         self.names = [*self._kernel_names, *self.units]
+        # `names` are the columns of numbers in the table of designs, which has a row for
+        # each assembly mode of each design. If the tables of the runs are wanted too, they
+        # have a column with the number of the mode. The same column in the table of designs
+        # then tells which of their rows belong to a design in a mode.
         if tables:
-            # The rows of the designs then have the number of the assembly mode as a further
-            # number, because rows of the tables are identified by it.
             self.names.append(ASSEMBLY)
 
     def grashof_classes(self, values: Floats) -> NDArray[np.str_] | None:

@@ -126,21 +126,20 @@ class DesignSamples:
         # Without a duration, samples are a path or a grid of the inputs, over their ranges
         # or through values that the study lists.
         input_grid = make_input_grid(mechanism, study.samples, study.grid, study.path)
-        # (inputs,) values (rad) at time zero, and 1 or -1 for increase or decrease.
-        start = np.array([driven.start for driven in mechanism.inputs])
-        sense = np.array([driven.sense for driven in mechanism.inputs])
         if study.path is not None:
-            # A path states neither rates nor times, but expressions of figures may contain
-            # them. By convention the rate of every input is 1 rad/s at every sample,
-            # whichever way the path runs, and the time of a sample is the change of the
-            # first input since time zero. A single input has the time zero at its smallest
-            # value, so that no time is negative. With several inputs, the time is zero at
-            # the first sample, and negative where the first input is smaller.
-            has_one_input = len(names) == 1
-            start = np.min(input_grid.q, axis=0) if has_one_input else input_grid.q[0]
+            q_at_time_zero = _inputs_at_time_zero_of_path(input_grid.q)
+            # By convention inputs increase, also at samples where the path runs back.
             sense = np.ones(len(names))
+        else:
+            # Inputs move through their ranges from the start, up (1) or down (-1).
+            q_at_time_zero = np.array([driven.start for driven in mechanism.inputs])
+            sense = np.array([driven.sense for driven in mechanism.inputs])
         samples = DesignSamples.at_unit_speed(
-            names, input_grid.q, start=start, sense=sense, shape=input_grid.shape
+            names,
+            input_grid.q,
+            q_at_time_zero=q_at_time_zero,
+            sense=sense,
+            shape=input_grid.shape,
         )
         # `crossings` says what modes do where curves of configurations cross.
         return replace(samples, crossings=study.crossings)
@@ -149,7 +148,7 @@ class DesignSamples:
     def at_unit_speed(
         inputs: Names,
         q: Floats,
-        start: Floats,
+        q_at_time_zero: Floats,
         sense: Floats,
         shape: tuple[int, ...] | None = None,
     ) -> "DesignSamples":
@@ -166,7 +165,7 @@ class DesignSamples:
             Names of the driven pairs.
         q
             (n, inputs) inputs (rad) at the samples.
-        start
+        q_at_time_zero
             (inputs,) inputs (rad) at time 0.
         sense
             (inputs,) 1 for inputs that increase and -1 for inputs that decrease.
@@ -174,7 +173,7 @@ class DesignSamples:
             Number of samples along each axis of a grid. By default the samples are a path.
         """
         rates = np.broadcast_to(sense, q.shape)
-        time = (q[:, 0] - start[0]) * sense[0]
+        time = (q[:, 0] - q_at_time_zero[0]) * sense[0]
         # A row has the inputs, their rates, their accelerations and the time.
         rows = np.column_stack([q, rates, np.zeros_like(q), time])
         return DesignSamples(inputs, rows, shape or (len(q),))
@@ -288,6 +287,24 @@ class DesignTable(ArrayRows):
         return table.rows(np.argsort(table.design, kind="stable"))
 
 
+def _inputs_at_time_zero_of_path(q: Floats) -> Floats:
+    """Return the inputs (inputs,) at time zero for samples on a path, rad.
+
+    A path states no times, but expressions of figures of merit may contain the time. By
+    convention it is the change of the first input since time zero, at 1 rad/s. A single
+    input has its smallest value at time zero, so that no time is negative. With several
+    inputs time zero is at the first sample, and times are negative where the first input is
+    smaller than there.
+
+    Parameters
+    ----------
+    q
+        (n, inputs) inputs (rad) at the samples.
+    """
+    has_one_input = q.shape[1] == 1
+    return np.asarray(np.min(q, axis=0) if has_one_input else q[0])
+
+
 def failed_design(problem: SpherekitError, names: Sequence[str]) -> DesignTable:
     """Return the row of a design whose evaluation ended in an error.
 
@@ -390,7 +407,7 @@ class KernelFigures:
         self.points = DesignSamples.at_unit_speed(
             self.inputs,
             q=np.reshape(points, (-1, count)),
-            start=start_inputs,
+            q_at_time_zero=start_inputs,
             sense=np.sign(start_rates),
         ).rows
         # (samples + points, 3 inputs + 1) inputs (rad), rates, accelerations, and time.

@@ -70,10 +70,12 @@ def analysis_covering(
 
     In most mechanisms the configuration does not depend on the number of turns of the
     input. The given analysis is then sufficient, because angles are shifted into its range
-    by whole turns. Meshing gear wheels can make the configuration depend on this number. If
-    angles are outside of the range then, also after a shift by whole periods (after which
-    all links are in the same position again), a new analysis over a longer range is
-    returned.
+    by whole turns.
+
+    Meshing gear wheels can make the configuration depend on this number. Angles are then
+    shifted by whole periods only. A period is the number of turns after which all links are
+    in the same position again. If shifted angles are still outside of the range, a new
+    analysis over a longer range is returned.
 
     Parameters
     ----------

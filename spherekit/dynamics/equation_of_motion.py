@@ -369,9 +369,11 @@ class EquationOfMotion:
             constant if no load acts, while u is not.
         frame
             (m, variables) or (n, m, variables) weights of the pair variables in each
-            coordinate; see `compute_motion`. With one degree of freedom and a frame
-            (1, variables) the rows must be in order along the motion, because each row
-            takes its sense of motion from the row before.
+            coordinate. With one degree of freedom the coordinate is the arc length of the
+            configuration curve, and the frame only decides in which direction it grows. A
+            frame (1, variables) decides it for the first row. Each further row continues
+            the direction of the row before, so rows must be in order along the motion. See
+            `compute_motion`.
         whole_turns
             (n, variables) angles (rad) of the whole turns that the states leave out, but on
             which loads may depend.
@@ -386,13 +388,17 @@ class EquationOfMotion:
         motion = self.compute_motion(states[:, : self.variable_count], frame, order)
         momenta = states[:, self.momenta]
         masses = inertia(self.mechanism, motion) if has_second_order else None
-        M = masses.M if masses else inertia_matrix(self.mechanism, motion)
+        M = masses.M if masses is not None else inertia_matrix(self.mechanism, motion)
         roots = InertiaRoots.from_inertia(M)
         # The rates u of the coordinates, from p = R u.
         speed = roots.solve(momenta)
-        # Without `masses` there is one degree of freedom and no friction. The Coriolis
-        # force and the change of R cancel in the rate of p = R u then, so it is not needed.
-        coriolis_forces = coriolis(masses.dM, speed) if masses else np.zeros_like(momenta)
+        if masses is not None:
+            coriolis_forces = coriolis(masses.dM, speed)
+        else:
+            # There is one degree of freedom and no friction of bearings. The Coriolis force
+            # is then not needed: in dp/dt it cancels with (dR/dt) u, and dp/dt = R^-1 Q.
+            # Zeros stand for it.
+            coriolis_forces = np.zeros_like(momenta)
         # Only loads, such as springs, depend on whole turns.
         motion = replace(motion, values=motion.values + whole_turns)
         forces = self.loads.evaluate_forces(motion, speed, t)

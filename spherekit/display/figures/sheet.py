@@ -254,26 +254,34 @@ def name_points(
 
 
 def _points_on_lines(panel: Axes, distance: float) -> Floats:
-    """Return points (m, 2) on all lines within the frame of a panel, in pixels.
+    """Return points (m, 2) on the lines in a panel, in pixels.
+
+    Names are later placed where they cover few of these points, and so few lines. Points
+    are rounded to a square grid, and points that are then equal occur once.
 
     Parameters
     ----------
     panel
         The panel. Its layout must be final.
     distance
-        Largest distance (pixels) of successive points of a line.
+        Largest distance (pixels) of successive points of a line, and mesh of the grid.
     """
+    frame = panel.bbox.padded(distance)
     points_of_lines: list[Floats] = [np.empty((0, 2))]
     for line in panel.lines:
         corners = np.asarray(line.get_transform().transform(line.get_xydata()), float)
         for start, end in pairwise(corners):
             length = np.linalg.norm(end - start)
-            if not np.isfinite(length) or not panel.bbox.padded(distance).contains(*start):
+            has_gap = not np.isfinite(length)  # NaN separates the parts of a line
+            # Only the start of a segment is compared with the frame. Segments between
+            # samples are short, so the part of one that enters the frame can be left out.
+            # Points outside of the frame do no harm, because no name is placed there.
+            if has_gap or not frame.contains(*start):
                 continue
-            parts = np.linspace(0.0, 1.0, int(length / distance) + 2)
-            points_of_lines.append(start + parts[:, None] * (end - start))
+            # Positions along the segment: 0 at its start, 1 at its end.
+            fractions = np.linspace(0.0, 1.0, int(length / distance) + 2)
+            points_of_lines.append(start + fractions[:, None] * (end - start))
     points = np.concatenate(points_of_lines)
-    # Many samples in one place are one point.
     return np.unique(np.round(points / distance), axis=0) * distance
 
 

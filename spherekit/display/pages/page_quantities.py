@@ -109,13 +109,18 @@ class PageQuantities:
     def output_paths(self) -> list[OutputPath]:
         """The paths on the sphere that are drawn for the outputs.
 
-        The page draws directions that have components in ground axes. An output is a link
-        seen from another one, and may declare a direction fixed in it. The components of
-        this direction are in the axes of the other link. If that is the ground, the path of
-        the direction is drawn. Otherwise, or without a direction, the axes of the output
-        link's pairs are drawn. Axes of pairs at the ground do not move and are left out.
+        An output is the motion of a link, the output link, relative to a reference link. It
+        may declare a pointing direction, a unit vector that is fixed on the output link.
 
-        A path has two fields: the name of its vector and the link on which it is fixed.
+        - If there is such a direction and the reference is the ground, the path of the
+          direction is drawn.
+        - Otherwise the paths of the axes of all pairs of the output link are drawn. Axes of
+          pairs at the ground do not move and are left out.
+
+        The reference must be the ground in the first case, because the page draws vectors
+        by their components in ground axes. The components of the direction are computed in
+        the axes of the reference. An output path has the name of its vector and the link on
+        which the vector is fixed.
         """
         mechanism = self._mechanism
         paths: list[OutputPath] = []
@@ -124,9 +129,9 @@ class PageQuantities:
                 paths.append(OutputPath(f"direction_{output.name}", output.link))
                 continue
             for pair in mechanism.pairs:
-                is_moving = mechanism.ground not in pair.links
-                # R and P pairs have an axis, contacts have none.
-                if pair.kind.has_axis and output.link in pair.links and is_moving:
+                # Contact pairs have no axis.
+                has_moving_axis = pair.kind.has_axis and mechanism.ground not in pair.links
+                if has_moving_axis and output.link in pair.links:
                     paths.append(OutputPath(f"axis_{pair.name}", output.link))
         return paths
 

@@ -259,22 +259,25 @@ class Chart:
     def _draw_map(self) -> Stills:
         """Yield the frame of a map, its picture with a scale of colours, and words.
 
-        The map is an image with one pixel per unit of the chart. The scale of colours is
-        part of the same image, to the right of the map.
+        A map shows one quantity over two inputs by colours. It is an image with one pixel
+        per unit of the chart. The scale of colours is part of the same image, to the right
+        of the map.
         """
         (path,) = self.curves  # a map has one series
-        series = self.curves[path][0].series
+        first_block = self.curves[path][0]
+        series = first_block.series  # its unit and resolution are those of all blocks
+        # Values on both axes, and the quantity (x, y), NaN where there is no sample.
         x, y, cells = grid_values(*self.joined_blocks(path))
         x_axis, y_axis = self.axes[:2]
         yield from draw_frame(
             self.width, axis_side(x_axis), axis_side(y_axis), has_grid=False
         )
-        # The least and the greatest value that colours distinguish. Changes below the
-        # resolution, relative to the scale of the quantity, are rounding. The range is wide
-        # enough to hide them.
-        scale_of_values = quantity_scale(cells, series.unit)
+        # Colours extend from the value `low` to the value `high`. If the values differ by
+        # rounding only, this range is so wide that the map has one colour. Differences
+        # below `resolution` times `magnitude` count as rounding.
+        magnitude = quantity_scale(cells, series.unit)
         low, high = choose_plot_range(
-            cells, scale_of_values, series.resolution, shown_by="colours"
+            cells, magnitude, series.resolution, shown_by="colours"
         )
         # Each pixel shows the nearest sample. The rows are reversed, since the top row of
         # the picture is the highest y; the transpose makes y the row index of the image.
@@ -291,15 +294,17 @@ class Chart:
         map_pixels = colours.heat_colours(values, low, high)
         map_pixels[~np.isfinite(values)] = colours.BACKGROUND
         picture[:, :width] = map_pixels
-        scale = colours.heat_colours(np.linspace(1.0, 0.0, height))
-        picture[:, -scale_width:] = scale[:, None]
+        colour_column = colours.heat_colours(np.linspace(1.0, 0.0, height))  # top to bottom
+        picture[:, -scale_width:] = colour_column[:, None]
         yield "map", rr.Image(picture)
-        # Numbers are to the right of the scale. The viewer centres a text at its place and
-        # writes it `LABEL_DROP` below.
+        # Round values between `low` and `high` are written to the right of the scale. A
+        # tick is the height of such a value, as a fraction of the scale, and its text. The
+        # viewer centres a text at its place and writes it `LABEL_DROP` below.
+        scale_ticks = frame_side("", (low, high)).ticks
         x_words = self.width + MAP_SCALE_GAP + MAP_SCALE_WIDTH + MAP_SCALE_TEXT_GAP
         words = [
             (x_words, FRAME_HEIGHT * (1.0 - fraction) - LABEL_DROP, text)
-            for fraction, text in frame_side("", (low, high)).ticks
+            for fraction, text in scale_ticks
         ]
         yield "scale", draw_words(words)
 

@@ -236,7 +236,9 @@ class Names:
         """Return requests for places of the names of a link's pairs.
 
         Pairs that another link names already are left out. Pairs with nearly the same axis
-        share one name, such as "A, B".
+        share one name, such as "A, B". Later one of several possible places is chosen for
+        each name, so that it covers few other names. They are compared in pictures, which
+        show the mechanism in a few configurations.
 
         Parameters
         ----------
@@ -245,7 +247,8 @@ class Names:
         rotations
             (pictures, 3, 3) its orientation in each picture.
         """
-        axes: list[Floats] = []  # one axis and one text per name
+        # Each name has an axis beside which it is written, and a text.
+        axes: list[Floats] = []
         texts: list[str] = []
         for axis, label in zip(body.joints, body.joint_labels, strict=True):
             if not label or label in self._named_pairs:
@@ -263,15 +266,21 @@ class Names:
                 texts.append(label)
         requests = []
         for text, axis in zip(texts, axes, strict=True):
+            # Possible places (k, 3) in the axes of the link, and where the middle of the
+            # name would be (pictures, k, 2) in the pictures.
             places = PAIR_NAME_RADIUS * _places_around(axis, body.joints)
             centres = self._centres(rotations, places)
-            requests.append(_NameRequest(body.path, text, True, places, centres))
+            requests.append(
+                _NameRequest(body.path, text, is_pair=True, places=places, centres=centres)
+            )
         return requests
 
     def _link_name_requests(self, body: Body, rotations: Floats) -> list[_NameRequest]:
         """Return a request for a place of the name of a link, at its longest arc.
 
-        The list is empty if the link has no name or no arc.
+        The list is empty if the link has no name or no arc. Later one of several possible
+        places is chosen, so that the name covers few others. They are compared in pictures,
+        which show the mechanism in a few configurations.
 
         Parameters
         ----------
@@ -282,11 +291,18 @@ class Names:
         """
         if not len(body.curves) or not body.label:
             return []
-        longest = np.asarray(max(body.curves, key=_curve_length))
-        points = np.round(LINK_NAME_FRACTIONS * (len(longest) - 1)).astype(int)
-        places = LINK_NAME_RADIUS * longest[points]
+        longest_arc = np.asarray(max(body.curves, key=_curve_length))  # (points, 3)
+        last = len(longest_arc) - 1
+        point_numbers = np.round(LINK_NAME_FRACTIONS * last).astype(int)
+        # Possible places (k, 3) in the axes of the link, and where the middle of the name
+        # would be (pictures, k, 2) in the pictures.
+        places = LINK_NAME_RADIUS * longest_arc[point_numbers]
         centres = self._centres(rotations, places)
-        return [_NameRequest(body.path, body.label, False, places, centres)]
+        return [
+            _NameRequest(
+                body.path, body.label, is_pair=False, places=places, centres=centres
+            )
+        ]
 
     def _centres(self, rotations: Floats, places: Floats) -> Floats:
         """Return the centres (pictures, k, 2) of names at places (k, 3) of a link."""
