@@ -150,32 +150,36 @@ class Chords:
         """
         half_chords = 0.5 * np.diff(self.nodes.values, axis=0)
         middles = self.nodes.values[:-1] + half_chords
-        # Blocks of the arrays of the result.
+        # Configurations are compared with all chords, in blocks to limit the memory. Each
+        # list has one array of the result for each block.
         configurations = []
         chords = []
         differences = []
         # At least one block, so that there are arrays to join.
         for first in range(0, max(len(values), 1), CONFIGURATIONS_PER_BLOCK):
-            # Differences from the middles of all chords, less whole periods; axes:
-            # configuration, chord, variable. Near a chord they are much smaller than half
-            # a period, so that rounding errors do not decide about a period.
-            offsets = values[first : first + CONFIGURATIONS_PER_BLOCK, None] - middles
-            # From here on they are differences from the starts of the chords.
-            offsets = less_periods(offsets, periods) + half_chords
+            block = values[first : first + CONFIGURATIONS_PER_BLOCK]
+            # Differences of the configurations from all chords; axes: configuration, chord,
+            # variable. Whole periods are taken off where the differences are measured from
+            # the middles. For a configuration near a chord these are about half a chord at
+            # most, far less than half a period. At half a period, rounding errors would
+            # decide whether a period is taken off.
+            from_middles = less_periods(block[:, None] - middles, periods)
+            from_starts = from_middles + half_chords
             # Components along the chord and across it. `directions` are unit vectors along
             # the chords.
-            distances = np.vecdot(offsets, self.directions)
-            across = max_abs(offsets - distances[..., None] * self.directions, axis=2)
+            along = np.vecdot(from_starts, self.directions)
+            across = max_abs(from_starts - along[..., None] * self.directions, axis=2)
             # The curve deviates from its chord by at most `MAX_SAGITTA_RATIO` of the chord.
             # A configuration within `ON_CURVE_DISTANCE_RAD` of the curve is on it.
             is_near = (
                 across < MAX_SAGITTA_RATIO * self.chord_lengths + ON_CURVE_DISTANCE_RAD
             )
-            is_near &= np.abs(distances / self.chord_lengths - 0.5) < 0.5 + CHORD_OVERHANG
+            is_near &= np.abs(along / self.chord_lengths - 0.5) < 0.5 + CHORD_OVERHANG
             row, chord = np.nonzero(is_near)
             configurations.append(first + row)
             chords.append(chord)
-            differences.append(offsets[row, chord])
+            differences.append(from_starts[row, chord])
+        # The m pairs of a configuration and a chord near it, from all blocks.
         chord_indices = np.concatenate(chords)
         all_differences = np.concatenate(differences)
         distances = np.vecdot(all_differences, self.directions[chord_indices])
@@ -247,14 +251,17 @@ class ArcCurve(Chords):
         chord_lengths = self.chord_lengths[which]
         directions = self.directions[which]
         prediction = self.predict(which, distances / chord_lengths)
-        # Newton's method keeps direction . values = target.
+        # The loop equations leave one degree of freedom. A further linear equation (the
+        # border) determines the point: direction . values = target, the plane normal to the
+        # chord at the given distance.
         targets = np.vecdot(directions, self.nodes.values[which]) + distances
         values, _ = correct(self.closure, prediction, borders=directions, targets=targets)
+        # The points with tangents, which point along the chord, and second derivatives.
         points, _ = curve_points(self.closure, values, borders=directions)
         miss = max_abs(values - prediction, axis=1)
-        is_good = points.residual < CLOSURE_TOLERANCE
-        is_good &= miss <= MAX_PREDICTION_MISS_RATIO * chord_lengths
-        return points.only(is_good)
+        is_valid = points.residual < CLOSURE_TOLERANCE
+        is_valid &= miss <= MAX_PREDICTION_MISS_RATIO * chord_lengths
+        return points.set_nan_except(is_valid)
 
     @cached_property
     def table(self) -> ArcLength:
@@ -362,8 +369,7 @@ class ArcCurve(Chords):
         u = self.table.invert(np.where(is_inside, rest, 0.0))
         points, _ = self._evaluate_parameter(u)
         points.values[:] += np.outer(laps, self.rise)
-        # Points beyond the ends of an open curve are set to NaN.
-        return points.only(is_inside)
+        return points.set_nan_except(is_inside)
 
     def locate(self, function: CurveFunction, variable: int | None = None) -> Zeros:
         """Return all zeros of a function along the curve.

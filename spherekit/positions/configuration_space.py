@@ -101,8 +101,9 @@ class Piece(NamedTuple):
     ----------
     assembly_mode
         Number of the mode; None if no given mode has the configurations of the piece. Then
-        the search for modes has missed one. Or wheels are in mesh in another way: as if one
-        had been turned by whole revolutions before they were put together.
+        the search for modes has missed one. Or wheels mesh in another way. For example, a
+        wheel of 20 teeth is in the same position again after one revolution, but a wheel of
+        30 teeth that it drives has then turned by 2/3 of a revolution.
     middle
         (variables,) configuration at the middle of the piece (rad), the input in the range.
     start, stop
@@ -536,9 +537,9 @@ class _CurveSearch:
     def search_from_random_starts(self) -> Completeness:
         """Follow the curves that random starts over the range lead to.
 
-        The starts differ from those by which a run finds its assembly modes. If many of
-        them lead to curves that are known already, few curves can be missing. The reason of
-        the returned statement has these numbers.
+        The starts differ from those by which a run finds its assembly modes. The search
+        ends when many starts have led to each known curve, because few curves can then be
+        missing. The reason of the returned statement has these numbers.
 
         Returns
         -------
@@ -556,11 +557,12 @@ class _CurveSearch:
         high = np.array([self.high])
         rounds = random_starts(self.solver, low, high, seed=SEED + 1)
         variable_count = len(self.solver.mechanism.variable_owners)
-        # The generator `rounds` yields the first `RANGE_ROUNDS` rounds of starts at once.
+        # `random_starts` makes the first `RANGE_ROUNDS` rounds of starts together, so the
+        # search has at least so many rounds. Later it makes one round at a time.
         statistics = SearchStatistics(variable_count, min_rounds=RANGE_ROUNDS)
         progress = ProgressReporter("searching the configuration curves")
         while statistics.needs_more_starts and len(self.curves) < MAX_CURVES:
-            # The number of starts of the round, and the configurations that closed.
+            # The number of starts that were made, and the configurations that closed.
             start_count, values, _ = next(rounds)
             self.add_curves(values)
             # The number of the curve on which each configuration lies, -1 for none.

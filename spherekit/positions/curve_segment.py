@@ -68,10 +68,10 @@ class CurvePoints(ArrayRows):
         """The points without the further fields that subclasses have."""
         return CurvePoints(self.values, self.tangents, self.bends, self.residual)
 
-    def only(self, good: Bools) -> "CurvePoints":
-        """Set the points that are not good (n,) to NaN, in place, and return all points."""
+    def set_nan_except(self, is_valid: Bools) -> "CurvePoints":
+        """Set points that are not valid (n,) to NaN, in place, and return all n points."""
         for array in (self.values, self.tangents, self.bends, self.residual):
-            array[~good] = np.nan
+            array[~is_valid] = np.nan
         return self
 
     @property

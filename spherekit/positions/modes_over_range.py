@@ -639,24 +639,33 @@ class ModesOverRange:
     def _search_from_random_starts(self) -> SearchStatistics:
         """Add the modes that random starts over the range lead to.
 
+        All modes on one configuration curve form a family, and families are numbered from
+        0. The search ends when many starts have led to each family, because few families
+        can then be missing.
+
         Returns
         -------
-        How often the starts led to each family, which is the set of modes that lie on one
-        configuration curve. Messages call it a component.
+        How often the starts led to each family.
         """
         low, high = self.input_grid.range
         rounds = random_starts(self.solver, np.array([low]), np.array([high]))
         variable_count = len(self.solver.mechanism.variable_owners)
+        # `random_starts` makes the first `RANGE_ROUNDS` rounds of starts together, so the
+        # search has at least so many rounds. Later it makes one round at a time.
         statistics = SearchStatistics(variable_count, min_rounds=RANGE_ROUNDS)
         # Families that are known already must be complete, or a start that leads to another
         # of their modes would count as a new family.
         self._follow_modes_beyond_their_ends()
         while statistics.needs_more_starts and not self._has_enough_modes:
-            # A round gives the number of its starts, and the configurations that closed.
+            # The number of starts that were made, and the configurations that closed.
             start_count, values, _ = next(rounds)
-            families = self._add_new_modes(values, together=RANDOM_STARTS_FOLLOWED_TOGETHER)
+            # The number of the family to which each configuration belongs, -1 for none.
+            family_numbers = self._add_new_modes(
+                values, together=RANDOM_STARTS_FOLLOWED_TOGETHER
+            )
+            # `_families` has the number of the family of each mode found so far.
             family_count = max(self._families, default=-1) + 1
-            statistics.add(start_count, hits=families, total=family_count)
+            statistics.add(start_count, hits=family_numbers, total=family_count)
             self.probes += start_count
             self._progress.report_if_due(lambda: statistics.progress_text("curves"))
         return statistics

@@ -574,19 +574,21 @@ class SampledModes:
 
         The sign of a group is that of the determinant of a matrix: of the three axes of a
         dyad (two links and three R pairs), or of the velocity equations of another group.
-        It is the same in all configurations of a mode that are not singular. A mode is
-        given by its nodes in the graph, which are configurations at samples.
+        It is the same in all configurations of a mode, except singular ones, where it is
+        uncertain. It is therefore computed at one configuration that is not singular.
 
         Parameters
         ----------
         modes
-            Node (n,) of each mode at each sample, or -1.
+            For each mode the numbers (n,) of its nodes at the n samples. A node is a
+            configuration at a sample; -1 means that the mode has none there.
 
         Returns
         -------
-        (modes, groups) the signs at a node of each mode that is not singular.
+        (modes, groups) the signs, 1 or -1.
         """
-        # With `least` 0 a sign is computed however small the determinant is.
+        # A mode all of whose nodes are singular has the sign at its first node. With
+        # `least` 0 a sign is computed however small the determinant is.
         regular_nodes = [self._graph.regular_node(mode) for mode in modes]
         return group_signs(self.solver, self._graph.values[regular_nodes], least=0.0)
 

@@ -362,7 +362,8 @@ class ArcEquations:
         Parameters
         ----------
         variables
-            Balls (rad) of all variables of the construction, real or complex.
+            Balls (rad) of all variables of the construction, real or complex. A ball is a
+            number with a bound of its error.
         order
             Highest order of the derivatives: 0, 1 or 2.
 
@@ -471,21 +472,24 @@ def _rotation_jet(
 ) -> Jet:
     """Return the rotation of a link about one pair, with derivatives by its variable.
 
+    The angle x of the pair is a factor times variable number j. The factor is 1, except in
+    mechanisms with toothed wheels. The angles of several wheels are then whole multiples of
+    one variable. All numbers are balls, which are numbers with a bound of their error.
+
     Parameters
     ----------
     terms
         (3, 3, 3) matrices T of the rotation T[0] + cos(x) T[1] + sin(x) T[2].
     variables
-        Balls (rad) of all variables.
+        Values (rad) of all variables of the mechanism.
     step
-        How the link is placed: x is the variable number `step.variable` times the whole
-        number `step.angle_factor`. This is 1 unless toothed wheels drive the pair and
-        several wheels share one variable.
+        How the link is placed, with the factor (`angle_factor`) and the number j
+        (`variable`).
 
     Returns
     -------
-    The matrix under the key (), its first derivative under (j,) and its second under (j, j)
-    with the number j of the variable.
+    The (3, 3) matrix under the key (), its first derivative by the variable under (j,) and
+    its second derivative under (j, j).
     """
     factor = step.angle_factor
     j = step.variable
@@ -493,6 +497,7 @@ def _rotation_jet(
     constant, cosine_term, sine_term = terms
     varying = cosine_term * cosine + sine_term * sine
     derivative = sine_term * cosine - cosine_term * sine
+    # By the chain rule, each derivative by the variable has the factor dx/d(variable).
     return {
         (): constant + varying,
         (j,): derivative * factor,

@@ -99,22 +99,31 @@ def _construction_table(
 ) -> Mapping[str, Any]:
     """Return an order of placing links as a table, with names of links and pairs.
 
+    The first link is the root. A further link is placed in one of two ways. If one pair
+    joins it to a link that is placed before, it is turned about the axis of this pair. If
+    two pairs join it to two such links, it is put on the axes of both pairs.
+
     Parameters
     ----------
     decimal_mechanism
         The mechanism, for the names.
     construction
-        The order: a root, then each link across one pair or on the axes of two.
+        The order of placing the links, with numbers of links and pairs.
 
     Returns
     -------
-    The root; for each link placed after it the earlier links ("on") and the pairs ("by");
-    the pairs with unknown angles; the links that replace sliding contacts, by contact;
-    and the pairs that follow from the inputs through wheels.
+    The entries of the table:
+
+    - "root": the first link;
+    - "steps": each further link, with the one or two links that are placed before ("on")
+      and the pairs that join it to these ("by");
+    - "unknowns": the pairs with unknown angles;
+    - "couplers": by sliding contact of two circles, the link with two pairs that replaces
+      it;
+    - "follow": the pairs whose angles follow from the inputs through wheels.
     """
     structure = decimal_mechanism.structure
     links = structure.links
-    # A coupler is a link with two pairs that replaces a sliding contact of circles.
     couplers = {}
     for number, contact in enumerate(structure.couplers):
         link, pairs = structure.coupler_parts(number)
@@ -421,10 +430,17 @@ def pole_table(modes: CertifiedModes) -> list[dict[str, Any]]:
 def singular_table(located: CertifiedSingularities) -> dict[str, Any]:
     """Return the part of a certificate with the singularities over a range of the input.
 
-    The entry "place" of a singularity has the values (rad) of all variables, and "off" is
-    their error bound (rad). For an output that no pair joins to its reference link, there
-    is no variable of the output. Only type II, where the input is stationary, is then
-    listed.
+    In a singularity of type I the output is stationary along a configuration curve, in type
+    II the input is. The angle of the output is the variable of the pair that joins the
+    output link to its reference link. Without such a pair, the rate of the output is not
+    known, so that type I is not found. The entries are:
+
+    - "found": the singularities. "curve" is the number of the configuration curve, "place"
+      has the values (rad) of all variables, and "off" is their error bound (rad);
+    - "undecided_parts": number of parts of curves in which there may be further ones;
+    - "outputs_without_pair": the outputs for which type I is not found;
+    - "at_rest_along_curves": each output that is stationary all along a curve, with the
+      number of the curve.
     """
     return {
         "undecided_parts": located.undecided,

@@ -329,7 +329,8 @@ class _RootSearch:
     equations
         The equations in the present precision.
     known_angles
-        Balls (rad) of the variables that are not unknown.
+        Balls (rad) of the variables that are not unknown. A ball is a number with a bound
+        of its error.
     circle_points
         (known, 2) cosines and sines of these.
     roots
@@ -444,9 +445,10 @@ class _RootSearch:
         """
         unknown_count = self.equations.unknown_count
         no_width = [exact_ball(0.0)] * len(self.known_angles)
-        # Unknown angles range over a full turn, given angles have one value. Roots of
-        # special geometry are at simple fractions of a turn. The turn starts at -2.4 rad,
-        # so that none of these is on the side of a box.
+        # The box that is divided: unknown angles range over a full turn, given angles have
+        # one value. Mechanisms of simple sizes often have roots at angles such as 0 or 90
+        # deg. The turn begins at another angle (-2.4 rad), so that none of these roots is
+        # on the common side of two boxes, where it could not be assigned to one of them.
         ranges = VariableRanges(
             low=[exact_ball(FIRST_ANGLE_RAD)] * unknown_count + self.known_angles,
             width=[2 * pi_ball()] * unknown_count + no_width,

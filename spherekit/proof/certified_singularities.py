@@ -85,11 +85,12 @@ class CertifiedSingularities:
         where configuration curves cross or nearly do, inputs with whole curves of
         configurations, and the ends of the range. It is 0 if not everything is proven.
         """
-        # Points of a curve at which the input is stationary are singularities of type II.
         curves = self.curves
         # `undecided` is the number of parts of curves that may have further singularities.
         if curves.completeness.guarantee is not Guarantee.CERTIFIED or self.undecided:
             return 0.0
+        # The singularities of all outputs. Those of type II, where the input is stationary,
+        # are added from the curves, because `singularities` is empty without an output.
         points = [
             point
             for stationary_points in curves.input_stationary_points

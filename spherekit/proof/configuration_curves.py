@@ -617,7 +617,7 @@ def _search_curves(
     equations
         The equations of the mechanism. The input's variable is the last one.
     low, high
-        Ends of the input's variable (rad).
+        Ends of the input's variable (rad), as balls: numbers with a bound of their error.
     is_full_cycle
         Whether both ends are exactly one turn apart.
 
@@ -630,9 +630,10 @@ def _search_curves(
     start = centre_float(low)
     end = centre_float(high)
     input_width = turn if is_full_cycle else high - low
-    # A full turn of each unknown angle, and the range of the input. The turn begins at an
-    # angle at which special mechanisms have no configurations, so that none is on the side
-    # of a box.
+    # The box that is divided: a full turn of each unknown angle, and the range of the
+    # input. Mechanisms of simple sizes often have configurations at angles such as 0 or 90
+    # deg. The turn begins at another angle (-2.4 rad), so that none of these configurations
+    # is on the common side of two boxes, where it could not be assigned to one of them.
     ranges = VariableRanges(
         low=[*[exact_ball(FIRST_ANGLE_RAD)] * unknown_count, low],
         width=[*[turn] * unknown_count, input_width],

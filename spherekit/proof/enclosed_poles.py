@@ -17,7 +17,8 @@ class EnclosedPole:
     """The pole of two links while one input moves and the others are locked.
 
     The relative angular velocity per unit rate of the input is `coefficient` times
-    `direction`.
+    `direction`. Both are computed in ball arithmetic: a ball is a number with a proven
+    bound of its error.
 
     Attributes
     ----------
@@ -27,10 +28,10 @@ class EnclosedPole:
         The link that moves, and the link relative to which it is seen. Pairs and links are
         numbers of the structure.
     direction
-        (3,) balls of the pole axis in ground axes; None if the links may be at relative
-        rest.
+        (3,) unit vector along the pole axis in ground axes, three balls. None if the links
+        may be at relative rest.
     coefficient
-        Ball of the velocity coefficient, which is not negative.
+        The velocity coefficient, a ball. It is not negative.
     """
 
     input_pair: int

@@ -116,16 +116,21 @@ class Harmonics:
         # of the derivative, wave j, point.
         waves = _evaluate_waves(circle_points, self.max_degree, order)
         for equation, coefficients in enumerate(self.coefficients):
-            # An axis of a variable of degree m has the length 2 m + 1. It is 1 only for
-            # variables that do not occur (m = 0), whose axes `squeeze` leaves out.
+            # The array of coefficients has an axis for each variable. Its length is 2 m + 1
+            # if the equation has the degree m in the variable. Axes of variables that do
+            # not occur (m = 0) have the length 1, and `squeeze` leaves them out.
             variables = np.flatnonzero(self.degrees[equation])
             sums = _sum_waves(np.squeeze(coefficients), waves[variables]).real
-            # Rows of `sums` are derivatives. Row a + b (order + 1) + c (order + 1)^2 ... is
-            # the derivative of order a by variable 0, b by variable 1, c by variable 2 and
-            # so on. Row 0 is the value, and row (order + 1)^j the first derivative by
-            # variable j. The row numbers of two first derivatives add up to that of the
-            # second derivative by both variables. Higher mixed derivatives are computed
-            # too, but not used.
+            # A row of `sums` is the derivative of order a by the first variable, b by the
+            # second, c by the third and so on. Its number is
+            # a + b (order + 1) + c (order + 1)^2 + ...
+            # For example, two variables x and y with order 2 have nine rows:
+            #   0: f,     1: df/dx,        2: d2f/dx2,
+            #   3: df/dy, 4: d2f/(dx dy),  5: not used,
+            #   6: d2f/dy2,                7 and 8: not used.
+            # The first derivatives are in the rows (order + 1)^j, here 1 and 3. The numbers
+            # of two such rows add up to the row of the second derivative by both variables:
+            # 1 + 1 = 2, 1 + 3 = 4, 3 + 3 = 6.
             first_rows = (order + 1) ** np.arange(len(variables))
             results[0][:, equation] = sums[0]
             results[1][:, equation, variables] = sums[first_rows].T

@@ -310,7 +310,8 @@ class Linkage:
     mechanism
         The mechanism.
     frames
-        The frames of its R pairs; by default those of its sizes as exact float64 numbers.
+        The frames of its R pairs. By default they are computed from the sizes of the
+        mechanism, whose float64 numbers are taken as exact.
     """
 
     def __init__(self, mechanism: Mechanism, frames: Frames | None = None) -> None:
@@ -322,7 +323,8 @@ class Linkage:
             The mechanism.
         frames
             By name of an R pair: its frames (3, 3) in both links, whose z axis is the pair
-            axis. By default they follow from the sizes as exact float64 numbers.
+            axis. By default they are computed from the sizes of the mechanism, whose
+            float64 numbers are taken as exact.
         """
         self.mechanism = mechanism
         # Numbers of the two links of each pair.
@@ -334,8 +336,9 @@ class Linkage:
             _PlacedPair(kinematics, mechanism.variables_of(pair), ends[pair][0])
             for pair, kinematics in enumerate(all_kinematics)
         ]
-        # The spanning tree reaches each link from the ground by one pair. It lists pair,
-        # parent and child, parents first.
+        # The spanning tree reaches each link from the ground by one pair. It lists this
+        # pair, the link nearer to the ground (parent) and the link that is reached (child).
+        # Parents are reached before their children.
         self._tree = find_spanning_tree(ends)
         tree_pairs = [pair for pair, _, _ in self._tree]
         self._loop_pairs = np.setdiff1d(range(len(all_kinematics)), tree_pairs)
@@ -345,8 +348,8 @@ class Linkage:
         for pair, parent, child in self._tree:
             path_senses[child] = path_senses[parent]
             path_senses[child, pair] = 1.0 if ends[pair][0] == parent else -1.0
-        # (loops, pairs) the same for loops: to the first link of the closing pair, across
-        # it, and back from its second link.
+        # (loops, pairs) the same for loops. A loop goes from the ground to the first link
+        # of the pair that closes it, across this pair, and from its second link back.
         first_links, second_links = np.array(ends)[self._loop_pairs].T
         loop_senses = (
             np.eye(len(all_kinematics))[self._loop_pairs]

@@ -355,41 +355,65 @@ class EquationSystem:
         -------
         For each row as many roots as the system can have (`bound`).
         """
-        # Values from which the roots of each row are followed, and the roots there.
-        starts = given.copy()
-        start_points = []
+        # 1. For each row of `given`, values from which its roots are followed, and the
+        # roots e^(i angle) there.
         solved_points = cosines_and_sines([solution.given for solution in self.solved])
-        for start in starts:
-            # Distances between points (cosine, sine) of circles. They do not change by
-            # whole revolutions of an angle.
-            if len(solved_points):
-                offsets = solved_points - cosines_and_sines(start)
-                squared_distances = np.sum(offsets**2, axis=(1, 2))
-            else:
-                squared_distances = np.array([np.inf])
-            nearest = np.argmin(squared_distances)
-            # From values that are farther away, roots could be lost.
-            if squared_distances[nearest] < MAX_SQUARED_DISTANCE:
-                system_solution = self.solved[nearest]
-                # `start` is a row of `starts`, which is changed. `points` are e^(i angle).
-                start[:] = system_solution.given
-                start_points.append(system_solution.roots.points)
-            else:
-                # The start remains the requested values, so the step below is zero.
-                polynomials = self.form_polynomials(cosines_and_sines(start)[None])
-                start_points.append(self._solve_by_homotopy(polynomials))
+        start_values = []
+        start_roots = []
+        for requested in given:
+            values, roots_there = self._choose_start(requested, solved_points)
+            start_values.append(values)
+            start_roots.append(roots_there)
+        starts = np.array(start_values)
+
+        # 2. The same roots as numbers `roots.z` of magnitude 1 at most: e^(i angle) or its
+        # inverse. Roots at infinity are thereby finite numbers, and can be followed too.
         row = np.repeat(np.arange(len(given)), self.bound)
-        roots = ChartRoots.from_points(np.concatenate(start_points), row)
-        # One step along the tangent from the start to the given variables.
+        roots = ChartRoots.from_points(np.concatenate(start_roots), row)
+
+        # 3. One step along the tangent from the start to the given variables. If the
+        # derivatives are singular, the rates are not finite and are replaced by 0.
         at_starts = evaluate_polynomials(
             self.form_polynomials(cosines_and_sines(starts)), roots
         )
-        # `roots.z` is e^(i angle) or its inverse, the one of magnitude 1 at most, so that
-        # roots at infinity are finite numbers. If the derivatives are singular, the rates
-        # are not finite and are replaced by 0.
         given_steps = wrap(given - starts)[roots.row]
         rates = np.nan_to_num(-invert_matrices(at_starts.by_unknowns) @ at_starts.by_given)
         return roots.with_points(roots.z + apply_matrices(rates, given_steps))
+
+    def _choose_start(
+        self, requested: Floats, solved_points: Floats
+    ) -> tuple[Floats, Complexes]:
+        """Return values of the given variables with all roots there, as near as known.
+
+        They are the nearest values in `solved`. If none are near, the roots are computed by
+        a homotopy at the requested values themselves.
+
+        Parameters
+        ----------
+        requested
+            (given,) angles (rad) of the given variables.
+        solved_points
+            (solutions, given, 2) cosines and sines of the given variables in `solved`.
+
+        Returns
+        -------
+        values
+            (given,) angles (rad) of the given variables.
+        roots
+            (bound, k) e^(i angle) of the unknowns of all roots at these values.
+        """
+        if len(solved_points):
+            # Angles are compared as points (cosine, sine) of circles, which do not change
+            # by whole revolutions.
+            offsets = solved_points - cosines_and_sines(requested)
+            squared_distances = np.sum(offsets**2, axis=(1, 2))
+            nearest = np.argmin(squared_distances)
+            # From values that are farther away, roots could be lost.
+            if squared_distances[nearest] < MAX_SQUARED_DISTANCE:
+                solution = self.solved[nearest]
+                return solution.given, solution.roots.points
+        polynomials = self.form_polynomials(cosines_and_sines(requested)[None])
+        return requested, self._solve_by_homotopy(polynomials)
 
     def _solve_by_homotopy(self, polynomials: Polynomials) -> Complexes:
         """Return e^(i angle) (bound, k) of all roots, zeros if some are lost."""

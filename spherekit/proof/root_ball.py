@@ -118,7 +118,8 @@ def find_root(
 
     Newton's method improves the approximation, until its steps are negligible or their
     number is `MAX_ROOT_STEPS`. A ball about the result is then proven to contain exactly
-    one solution, or the result is None. Angles may be complex.
+    one solution, or the result is None. A ball is a number, here a complex angle, with a
+    bound of its error.
 
     Parameters
     ----------
