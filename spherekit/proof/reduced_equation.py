@@ -292,34 +292,38 @@ class ReducedEquation:
     def evaluate_at(
         self, position: Array, level: Ball, correction: Array
     ) -> tuple[Ball, Array]:
-        """Return enclosures of g and its two slopes at the coordinates of a position.
+        """Return balls that contain g(u, v) and its slopes at the u and v of a position.
 
-        F(z) = 0 are the equations of the mechanism. No small change of z changes F in a
-        direction l (l F' = 0, nearly). The coordinates u and v of a position are its
-        components along the first two columns of `frame`. For given u and v, F(z) = g l
-        defines all variables z and the number g. The results are balls that contain g and
-        its slopes at the u and v of the position.
+        The function g replaces the equations F(z) = 0 of the mechanism near a point where
+        F' loses a rank: its zeros are the configurations. There no small change of the
+        variables z changes F in a direction l. The coordinates u and v are the components
+        of z along the first two columns of `frame`. For given u and v, the equation
+        F(z) = g l defines all variables z and the number g.
+
+        A ball is a number with a bound of its error.
 
         Parameters
         ----------
         position
-            (n,) balls (rad), a point that nearly satisfies F(z) = g l.
+            (n,) balls (rad): approximate variables z, with F(z) = g l up to a residual.
         level
             An approximation of g at the position.
         correction
-            (n + 1,) balls that contain the difference of the exact (z, g), at the same u
-            and v, from `position` and `level`.
+            (n + 1,) balls. They contain what has to be added to `position` and `level` to
+            obtain the exact z and g at the same u and v.
 
         Returns
         -------
         The value of g, and its derivatives (2,) by u and v.
         """
+        # Balls that contain the exact z and g.
+        enclosed_position = position + correction[:-1]
+        enclosed_level = level + correction[-1]
         # `differentiate` also computes the step that removes a residual F(z) - g l. That
         # step is not used here, so the residual is 0.
         no_residual = exact_balls(np.zeros(len(self.left_null_vector)))
-        exact_position = position + correction[:-1]
-        derivatives = self.differentiate(exact_position, no_residual, order=1)
-        return level + correction[-1], derivatives.gradient
+        derivatives = self.differentiate(enclosed_position, no_residual, order=1)
+        return enclosed_level, derivatives.gradient
 
 
 def reduce_at_saddle(equations: ArcEquations, position: Floats) -> ReducedEquation:

@@ -486,13 +486,15 @@ class InputBoxes:
 class RootTubes:
     """Tubes about n approximate roots, each with exactly one root for all inputs of a box.
 
-    A root has k complex coordinates z. Each is e^(i angle) of an unknown or its inverse,
-    whichever has a magnitude of at most 1 at the approximate root. So roots at infinity are
-    like any other.
+    A root is a solution of the equations with k unknown angles, which may be complex. Its
+    coordinate z for an angle is e^(i angle) or the inverse of this number. The one that has
+    a magnitude of at most 1 at the approximate root is used, so that the coordinates of
+    roots at infinity are finite, too.
 
-    The root moves with the inputs. At the centre of the box it is near an approximate root.
-    The axis of the tube begins there and moves linearly with the inputs. The distance of
-    two points is the largest magnitude of the difference of a coordinate z.
+    The root moves with the inputs, which vary over a box. A tube surrounds its motion: the
+    axis is the approximate root at the centre of the box, and moves linearly with the
+    inputs. The distance of two points is the largest magnitude of the difference of a
+    coordinate z.
 
     Attributes
     ----------
@@ -500,14 +502,14 @@ class RootTubes:
         (n,) whether there is proven to be exactly one root. Otherwise the other attributes
         have no meaning.
     centre_radius
-        (n,) largest distance of the root from the approximate root, with the inputs at the
-        centre of the box.
+        (n,) upper bound of the distance of the root from the approximate root, with the
+        inputs at the centre of the box.
     tube_radius
-        (n,) largest distance of the root from the axis at the same inputs, for all inputs
-        of the box.
+        (n,) upper bound of the distance of the root from the axis at the same inputs, for
+        all inputs of the box.
     reach
-        (n, k) largest distance of each coordinate of the root from that of the approximate
-        root, for all inputs of the box. It includes the motion of the axis.
+        (n, k) upper bound of the distance of each coordinate of the root from that of the
+        approximate root, for all inputs of the box. It includes the motion of the axis.
     uniqueness_radius
         (n,) radius about the approximate root in which the root is the only one, for all
         inputs of the box.

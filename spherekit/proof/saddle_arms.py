@@ -46,22 +46,24 @@ class SaddleForm:
 
 @dataclass(frozen=True)
 class ArmErrors:
-    """Bounds of the deviation of arms from the zeros of a quadratic form Q.
+    """Upper bounds of the deviation of arms from the zeros of a quadratic form Q.
 
-    Arms are the four branches of the curves g(u, v) = 0 that leave a saddle. Near the
-    saddle g is approximately Q / 2 = (u, v) g'' (u, v)^T / 2, with the matrix g'' of second
+    A saddle is a place where two configuration curves cross or narrowly miss each other. In
+    two coordinates u and v, measured from the computed saddle, the curves are the zeros of
+    a function g(u, v). Arms are the four branches that leave the saddle. Near the saddle g
+    is approximately Q / 2 = (u, v) g'' (u, v)^T / 2, with the matrix g'' of second
     derivatives. The arms are approximately the directions (u, v) with Q = 0.
 
     Attributes
     ----------
     form
-        Largest |Q(u, v)| on an arm, divided by the square of the larger of |u| and |v|.
+        Bound of |Q(u, v)| at all points of the arms, divided by the square of the larger of
+        |u| and |v|.
     slope
-        Largest difference of the slopes (g_u, g_v) from g'' (u, v)^T, divided by the larger
-        of |u| and |v|.
+        Bound of the difference of the slopes (g_u, g_v) from g'' (u, v)^T at all points of
+        the arms, divided by the larger of |u| and |v|.
     centre
-        Largest distance (rad) of the point u = v = 0, a computed approximation, from the
-        exact saddle.
+        Bound (rad) of the distance of the exact saddle from the computed one, u = v = 0.
     """
 
     form: float

@@ -195,22 +195,23 @@ class BlockRows:
         link rotates relative to another. The axis has two opposite directions, and the one
         that continues the direction in the previous row is chosen later.
         """
-        # For each slice, the pairs of rows between which directions may reverse. It is None
-        # for a slice without certified rows, and for one with rows to be solved singly.
+        # 1. The kernel computes all slices. For each slice it gives the pairs of rows
+        # between which directions may reverse. There are two exceptions, with None: slices
+        # without certified rows, and slices in which some rows are still to be solved.
         reversals_by_slice = thread_map(
             self._fill_slice, self.slices, self.kernel.is_compiled
         )
-        # `_solve_rows` solves rows singly. It also marks those as certified in which the
-        # kernel gives small error bounds for the solved configuration. Rows out of reach,
-        # which `_fill_slice` has marked by their status, are left out.
+        # 2. The other rows are solved singly. `_solve_rows` also marks those as certified
+        # in which the kernel gives small error bounds for the solved configuration. Rows
+        # out of reach, which `_fill_slice` has marked by their status, are left out.
         uncertified = np.flatnonzero(~self.is_certified & (self.status == Status.OK))
         if len(uncertified):
             self._solve_rows(samples, uncertified)
         self.is_certified &= self.status == Status.OK
 
-        # In the slices with None, all rows are known only now. `SliceReversals` needs the
-        # angular velocities of the links in the certified rows. The kernel's function
-        # `row_quality` computes them as well as the error bounds of the rows.
+        # 3. Slices with None whose rows are certified now get their pairs of rows.
+        # `SliceReversals` needs the angular velocities of the links in these rows. They are
+        # among the numbers that the kernel's function `row_quality` computes.
         quality_function = self.kernel.row_quality
         result: list[tuple[int, SliceReversals]] = []
         for (mode, slice_rows), reversals in zip(

@@ -8,6 +8,8 @@ from spherekit.wording import listing
 def describe_completeness(position_analysis: PositionAnalysis) -> str:
     """Return whether assembly modes may have been missed, in whole sentences.
 
+    An example is "All assembly modes were found (closed form)."
+
     Parameters
     ----------
     position_analysis
@@ -19,13 +21,15 @@ def describe_completeness(position_analysis: PositionAnalysis) -> str:
     """
     if not position_analysis.assembly_modes:
         return ""
+    # `claim` has the level of completeness, and its reason in words.
     claim = position_analysis.claim
-    probe_count = position_analysis.probe_count
     methods = dict.fromkeys(
         method.description for method in position_analysis.methods if method is not None
     )
     how = f" ({listing(methods)})" if methods else ""
-    if not probe_count:
+    has_searched = position_analysis.probe_count > 0  # number of samples of the search
+    if not has_searched:
+        # The reason is then "the mode of the reference pose".
         return f"Only {claim.reason} was computed. Others were not searched."
     if claim.sentence:
         return claim.sentence

@@ -118,8 +118,12 @@ class FigureOfMerit:
     def unit(self, names: Units) -> str:
         """Return the unit of the figure of merit, or an empty text if it is not known.
 
-        It is known if the figure is an input (as by ``argmax``), and if the expression is a
-        single quantity or its absolute value.
+        It is known in two cases:
+
+        - The figure is the input at which the expression is smallest or largest, as by
+          ``argmax``. The input has the name ``q``. Of several inputs, `place` is the pair
+          of one of them, whose name is then such as ``q_21``.
+        - The expression is a single quantity or its absolute value.
 
         Parameters
         ----------
@@ -127,7 +131,8 @@ class FigureOfMerit:
             Units of quantities by their names.
         """
         if REDUCTION_BY_NAME[self.reduction].returns_input:
-            return names.get(f"q_{self.place}" if self.place else "q", "")
+            input_name = f"q_{self.place}" if self.place else "q"
+            return names.get(input_name, "")
         quantity = _QUANTITY_PATTERN.fullmatch(self.expression)
         return names.get(quantity["name"], "") if quantity else ""
 

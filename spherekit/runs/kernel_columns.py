@@ -116,7 +116,7 @@ class KernelColumns:
     uncertified_fields
         The poles in these rows for each input; empty without such rows.
     was_read
-        Whether a column was read.
+        Whether a column was read. Later blocks may be longer if it is False.
     """
 
     def __init__(
@@ -126,9 +126,10 @@ class KernelColumns:
         requests: Sequence[Request],
         uncertified: Indices,
     ) -> None:
-        """Evaluate the rows that are not certified. Columns are computed by `read`.
+        """Evaluate the poles in the rows that are not certified, without the kernel.
 
         A row is certified if the error bounds that the kernel computes are small enough.
+        The kernel computes the columns of the other rows later, when they are read.
 
         Parameters
         ----------
@@ -146,7 +147,8 @@ class KernelColumns:
         self.uncertified = uncertified
         self.requests = requests
         self.uncertified_fields: list[PoleField] = []
-        # Whether a column was read. Blocks may grow while it is False.
+        # Whether a column was read. As long as no column is read, little memory is needed,
+        # so the run makes the next blocks longer.
         self.was_read = False
         # For the n rows of the block: (variables, n) pair variables (rad), and (n,) whether
         # the row has failed.
@@ -158,11 +160,10 @@ class KernelColumns:
         self._is_replaced[uncertified] = True
         mode_count = len(motion.assembly_modes)
         self._slices = split_rows(mode_count, motion.samples, SLICE_ROWS)
-        # `set_signs` sets one function for each input. It returns the sign (+1 or -1) of
-        # each pole direction in some rows.
+        # One function for each input, which `set_signs` stores here. The function returns
+        # the sign (+1 or -1) of each pole direction in some rows.
         self._sign_functions: Sequence[SignFunction] = ()
 
-        # Ordinary functions evaluate the poles in the rows that are not certified.
         if len(uncertified):
             rows = motion.rows(uncertified)
             for request, input_columns in zip(requests, kernel.input_columns, strict=True):

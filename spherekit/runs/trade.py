@@ -271,10 +271,10 @@ def _choose_sampling(
         side = max(2, int(max_count ** (1.0 / axis_count)))
         samples = tuple(min(axis_samples, side) for axis_samples in sampling.shape)
         return make_sampling(replace(study, samples=samples))
-    # On a path of the inputs, `max_count` samples are spread evenly. Further ones are added
-    # where poles have large error bounds. The run has one request for each input: the poles
-    # to compute while this input moves. More are added only with one input, so the first
-    # request is passed.
+    # On a path of the inputs, `max_count` samples are spread evenly. If there is a single
+    # input, further samples are added where poles have large error bounds. A request lists
+    # the poles to compute while one input moves. That of a single input is the first one,
+    # and with several inputs it is not used.
     first_request = run_plan.requests[0]
     rows = choose_check_samples(sampling, max_count, first_request)
     # Assembly modes are searched again at these samples if the study asks for it.
@@ -495,11 +495,10 @@ def _run_with_value(
 ) -> TimedTables:
     """Run an analysis with one value of a parameter, and measure the time.
 
-    An analysis with such a parameter spends its time on a search of its own, and hardly any
-    on the samples of the run. Therefore at most `MIN_CHECKED_SAMPLES` samples are computed
-    here, unless the parameter itself is their number. For the same reason the time of a run
-    with more samples is estimated to be the same: the result states all time as spent
-    before the first sample.
+    The parameter trades speed for accuracy. An analysis that has such a parameter spends
+    nearly all its time on a search of its own, and hardly any on the samples of the run.
+    Therefore at most `MIN_CHECKED_SAMPLES` samples are computed here, unless the parameter
+    itself is their number.
 
     Parameters
     ----------
@@ -531,7 +530,9 @@ def _run_with_value(
         raise AnalysisError(result.failures[analysis.name])
     data = arrays(result.results[analysis.name].data[sweep.table])
     seconds = time.process_time() - start
-    # `seconds` is the total time and includes `first_seconds`.
+    # The caller converts times to the number of samples of the run: `first_seconds` counts
+    # once, and the rest of `seconds` grows with this number. The search takes the same time
+    # for any number, so all time is in `first_seconds`.
     return TimedTables({sweep.table: data}, first_seconds=seconds, seconds=seconds)
 
 

@@ -252,25 +252,25 @@ def _choose_from_trades(
     kind
         Adjective for the trades in the reason, such as ``"stored"``.
     """
-    # For each trade, its usable settings with their times and errors. `item.counts` is true
-    # if the setting could be run and gave all numbers of the reference. `item.setting` is
-    # None for a value of a parameter, which is no setting.
+    # For each trade, its usable settings with their times and errors. A setting is usable
+    # if it could be run and gave all numbers of the reference (`counts`). A trade may also
+    # list values of a parameter of the analysis. Their `setting` is None, and they are left
+    # out.
     measured_of_trades: list[dict[Setting, Measured]] = []
-    for stored_trade in trades:
-        usable = {
-            item.setting: item
-            for item in stored_trade.settings
-            if item.setting and item.counts
-        }
-        measured_of_trades.append(usable)
+    for analysis_trade in trades:
+        measured_by_setting = {}
+        for measured in analysis_trade.settings:
+            if measured.setting and measured.counts:
+                measured_by_setting[measured.setting] = measured
+        measured_of_trades.append(measured_by_setting)
     # The total time and the largest error of each setting over all trades.
     costs: dict[Setting, Cost] = {}
     for setting in measured_of_trades[0]:
         if all(setting in by_setting for by_setting in measured_of_trades):
-            measured = [by_setting[setting] for by_setting in measured_of_trades]
+            measurements = [by_setting[setting] for by_setting in measured_of_trades]
             costs[setting] = Cost(
-                seconds=sum(item.total for item in measured),
-                error=max(item.error for item in measured),
+                seconds=sum(measured.total for measured in measurements),
+                error=max(measured.error for measured in measurements),
             )
     origin = f"of a {kind} trade of {listing(item.analysis for item in trades)}"
     if not costs:

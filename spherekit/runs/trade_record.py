@@ -295,10 +295,12 @@ def check_tolerance(mechanism: str, tolerance: float) -> None:
 
 
 def format_seconds(value: float) -> str:
-    """Return a time (s) as text with three digits, in us, ms or s.
+    """Return a time (s) as text, such as ``7 us``, ``1.20 ms``, ``45.0 s`` or ``1300 s``.
 
-    The limits are chosen so that a rounded number never has four digits.
+    Below 1 ms the text has whole microseconds, from 1000 s on whole seconds. Between these,
+    it has three digits.
     """
+    # A limit such as 0.9995 is the number from which on three digits are rounded to 1.00.
     if value < 0.9995e-3:
         return f"{1e6 * value:.0f} us"
     if value >= 999.5:
@@ -309,4 +311,6 @@ def format_seconds(value: float) -> str:
     else:
         number = value
         unit = "s"
-    return f"{number:#.3g}".rstrip(".") + f" {unit}"
+    # "#" keeps zeros at the end (1.20), but also the point of "120.", which is removed.
+    three_digits = f"{number:#.3g}".rstrip(".")
+    return f"{three_digits} {unit}"

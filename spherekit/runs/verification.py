@@ -230,9 +230,10 @@ class Verifier:
     ) -> None:
         """Select rows of a block that may be verified at the end of the run.
 
-        `_count` rows are verified: those with the largest residuals, error bounds and
-        condition numbers, and others spread evenly. They are selected anew from the
-        selection so far and the rows of this block, so that no more rows are in memory.
+        `_count` rows of the run are verified: those with the largest residuals, error
+        bounds and condition numbers, and others spread evenly over all samples of the run.
+        After each block they are selected anew, from the selection so far and the rows of
+        the block. So only few rows are in memory.
 
         Parameters
         ----------
@@ -247,14 +248,16 @@ class Verifier:
         block_rows = _BlockRows(
             motion, tuple(field.as_arrays for field in pole_fields), continued_angles
         )
-        # `whole_analyses` read all samples at once, so the run has a single block. Their
-        # reference tables also need all rows. They are computed at the end from this block,
-        # in which the verified rows are replaced by their reference.
+        # Some analyses (`whole_analyses`) read all samples at once. The run then has a
+        # single block, which is stored. At the end, the tables of these analyses are
+        # computed a second time from all its rows, after the verified rows were replaced by
+        # values in many digits.
         if self._run_plan.whole_analyses:
             self._whole = block_rows
         is_valid = run_status(motion, block_rows.pole_fields) == Status.OK
         if not np.any(is_valid):
             return
+        # The number of samples of the whole run, over which rows are spread evenly.
         sample_count = len(self._sampling)
         selected = block_rows.rows(is_valid).select_for_check(self._count, sample_count)
         if self._selected is not None:

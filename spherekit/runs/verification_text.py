@@ -40,9 +40,14 @@ def format_verification(verification: Facts) -> list[str]:
     """Return the lines that tell a user the result of a verification.
 
     In a verification some rows of a run are computed again in many digits and compared. The
-    deviation of a number is also given in roundings: divided by the rounding error of the
-    number and by the condition number of its row. This is the condition number of the
-    Jacobian of the closure equations at the configuration of the row.
+    lines state, one after another:
+
+    - how many rows were verified;
+    - the largest deviation in each column, also in roundings: divided by the rounding error
+      of the number and by the condition number of the closure equations in its row;
+    - for each quantity with error bounds, how many errors are within their bound;
+    - the rows that could not be computed in many digits, the worst row, and the analyses
+      that were not verified.
 
     Parameters
     ----------
@@ -86,8 +91,9 @@ def format_verification(verification: Facts) -> list[str]:
         f"  worst row: {_describe_row(worst)}: {worst['column']} = {worst['value']!r}, "
         f"in {verification['digits']} digits {worst['reference']!r}"
     )
-    # Analyses that have failed have no numbers. Others search configurations besides those
-    # of the run. Only rows at configurations of the run are computed again.
+    # Two kinds of analyses are not verified. Some have failed. Others find configurations
+    # of their own, such as singular ones, but only configurations of the run are computed
+    # again in many digits.
     if verification["not_verified"]:
         lines.append(
             "  not verified, because they failed or search for configurations themselves: "

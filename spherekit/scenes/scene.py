@@ -224,10 +224,11 @@ class Series:
 
 @dataclass(frozen=True)
 class InputMarks:
-    """Marked inputs in all plots of a page, such as the inputs of singularities.
+    """Values that are marked in all plots of a page, such as the inputs of singularities.
 
-    They are marked on the axes of all plots over the inputs, or over the axes that the
-    scene states.
+    In a plot of curves over one input, for example, a vertical line marks each value. If
+    the values of a scene are plotted over other quantities (`Scene.over`), such as a
+    frequency, values of these quantities are marked.
 
     Attributes
     ----------
@@ -236,8 +237,8 @@ class InputMarks:
     label : str
         Meaning of the marks.
     inputs : array (k, axes)
-        A row for each mark, with its position on each axis in the unit of the axis: rad
-        for inputs.
+        A row for each mark: the values of the inputs (rad), or of the other quantities in
+        their units.
     tone : int
         Number of the colour.
     """
@@ -646,7 +647,7 @@ def _convert_fields(item: Any, axis_factors: Floats) -> Any:
     Parameters
     ----------
     item
-        The primitive or axis.
+        The primitive (an object that is drawn) or axis.
     axis_factors
         (axes,) factors that convert values on the axes of the scene: 180/pi for angles and
         their rates, 1 for others.
@@ -654,20 +655,24 @@ def _convert_fields(item: Any, axis_factors: Floats) -> Any:
     # Marked inputs state no unit. They are values on the axes of the scene.
     if isinstance(item, InputMarks):
         return replace(item, inputs=axis_factors * item.inputs)
-    # Each field with a unit is converted together with the fields that have this unit.
-    changes: Facts = {}
-    factors = []
-    for unit_field, value_fields in FIELDS_BY_UNIT.get(type(item), {}).items():
-        factor, changes[unit_field] = _degrees_of_unit(getattr(item, unit_field))
-        factors.append(factor)
+    # A field such as "unit" states the unit of some other fields, such as "values".
+    fields_by_unit_field = FIELDS_BY_UNIT.get(type(item), {})
+    factor_by_unit_field = {}
+    changes: Facts = {}  # new values by field
+    for unit_field, value_fields in fields_by_unit_field.items():
+        factor, new_unit = _degrees_of_unit(getattr(item, unit_field))
+        factor_by_unit_field[unit_field] = factor
+        changes[unit_field] = new_unit
         for name in value_fields:
             values = getattr(item, name)
             if values is not None:
                 changes[name] = factor * np.asarray(values)
-    # The curves and marks of a portrait have the units of x and y, which are listed in this
-    # order in `FIELDS_BY_UNIT`.
+    # A portrait is a plot of curves and marks in a plane of two quantities x and y. The
+    # points of these have both units.
     if isinstance(item, Portrait):
-        xy_factors = np.array(factors)
+        xy_factors = np.array(
+            [factor_by_unit_field["x_unit"], factor_by_unit_field["y_unit"]]
+        )
         changes["curves"] = [
             replace(curve, points=xy_factors * curve.points) for curve in item.curves
         ]

@@ -307,19 +307,26 @@ def find_third_axis(form: Form, links: FourLinks) -> ThirdAxis:
 def make_relation(
     form: Form, links: FourLinks, pole_axis: Callable[[Pole], Floats]
 ) -> Relation:
-    """Return c w_os = d w_ir (form i) or c w_or = d w_ir (form ii), from axes of poles.
+    """Return the relation c y' = d q' between the rates of output and input.
 
-    w_ab is the rate of link a relative to b, and u_ab their pole axis. The input is the
-    rotation of link i relative to r. The output is the rotation of link o relative to s in
-    form i, relative to r in form ii. Form ii needs a link o other than r and i.
+    The rate of the input is q' = w_ir, that of link i relative to link r. The rate of the
+    output is y' = w_os in form i and w_or in form ii. Form ii needs a link o other than r
+    and i. The angular velocity of a link a relative to b is w_ab u_ab, with the pole axis
+    u_ab.
 
-    - With four different links, c = u_os . (u_io x u_rs) and d = u_ir . (u_io x u_rs) in
-      form i. In form ii c = u_or . (u_os x u_is) and d = u_ir . (u_os x u_is), where s can
-      be any fourth link (Di Gregorio 2012).
-    - With three, their three pole axes are in a plane with the unit normal n: the axis u of
-      the output, u_ir, and the remaining one, p. Then c = u . (p x n) and
-      d = +-u_ir . (p x n). The sign is explained at `ThirdAxis`.
-    - With two, which exist in form i only, the relation is w_os = w_ir or w_os = -w_ir.
+    Both coefficients follow from a sum of angular velocities. Its scalar product with a
+    vector that is perpendicular to the other pole axes leaves only y' and q':
+
+    - Four different links, form i: w_os u_os = w_oi u_io + w_ir u_ir + w_rs u_rs. The
+      product with u_io x u_rs gives c = u_os . (u_io x u_rs) and d = u_ir . (u_io x u_rs).
+    - Four different links, form ii: w_or u_or = w_os u_os + w_si u_is + w_ir u_ir. The
+      product with u_os x u_is gives c = u_or . (u_os x u_is) and d = u_ir . (u_os x u_is).
+      Here s can be any fourth link (Di Gregorio 2012).
+    - Three links: the pole axes are the axis u of the output, u_ir, and a third one, p.
+      They are in one plane with the unit normal n. The product with p x n gives
+      c = u . (p x n) and d = +-u_ir . (p x n). The sign is - if the link that input and
+      output share moves in one of them and is the reference in the other (`ThirdAxis`).
+    - Two links, in form i only: w_os = w_ir or w_os = -w_ir.
 
     Parameters
     ----------
@@ -338,11 +345,11 @@ def make_relation(
         output_name = "or_"
         output_links = (links.o, links.r)
     if len(links.different) == 2:
+        # The same motion (o = i and s = r), or the reverse one (o = r and s = i).
         ones = np.ones(len(poles.ir))
         d = ones if links.o == links.i else -ones
         return Relation(form, links, poles, output_links, ones, d)
-    # The coefficients are scalar products of the axes of output and input with one vector,
-    # `normal`.
+    # The vector `normal` is perpendicular to all axes but those of output and input.
     sign_of_d = 1.0
     if len(links.different) == 3:
         third_axis = find_third_axis(form, links)
