@@ -217,7 +217,7 @@ class ReactionAnalysis(AbstractAnalysis):
         The first link of a pair acts on the second with a moment about the centre of the
         sphere and a force. The force of an R pair is through the centre, that of a contact
         at its point. An R pair has a moment across its axis. The normal and the tangential
-        force of a contact are also given as moments: each times the radius of the sphere.
+        force of a contact are given as moments (N m) about the centre.
 
         The table of reactions has a row for each row of the batch and each pair, in this
         order. Arrays (n, pairs, ...) are therefore flattened.
@@ -239,8 +239,8 @@ class ReactionAnalysis(AbstractAnalysis):
             columns[f"moment_{axis}_first"] = moments_in_first[:, component]
         # The part of the moment at right angles to the axis.
         columns["transverse_moment"] = result.across.ravel()
-        # The normal force (`push`) and the tangential force (`traction`) of a contact, each
-        # times the radius.
+        # The moments of the normal force (`push`) and of the tangential force (`traction`)
+        # of a contact. `result` has them as moments already.
         columns["contact_torque"] = result.push.ravel()
         columns["traction"] = result.traction.ravel()
         for component, axis in enumerate("xyz"):
@@ -435,16 +435,26 @@ def _bearing_columns(batch: Batch, result: Reactions) -> TableData:
     """Return the columns of the table of bearings.
 
     The table has one row for each row of the batch (sample and assembly mode) and bearing;
-    all bearings of a row follow each other. `result` has the reactions in the n rows of the
-    batch. The column `couple_force` is the force that the moment of the pair alone causes
-    in one bearing. The status is that of the reactions of the pair.
+    all bearings of a row follow each other. A pair can have several bearings. They are
+    stated by an entry of the mechanism file, which is one of its loads because bearings
+    cause friction. The column `load` has the name of this entry. The column `couple_force`
+    is the force that the moment of the pair alone causes in one bearing. The status is that
+    of the reactions of the pair.
+
+    Parameters
+    ----------
+    batch
+        The n rows.
+    result
+        The reactions of all pairs in these rows.
     """
-    bearing_loads = _bearing_loads(batch.mechanism, result)
+    # One object for each bearing, with its position and the forces on it in all rows.
+    bearings = _bearing_loads(batch.mechanism, result)
     row_count = len(batch)
-    pairs = [bearing_load.load.pair for bearing_load in bearing_loads]
+    pairs = [bearing.load.pair for bearing in bearings]
     pair_numbers = [batch.mechanism.pair_number[pair] for pair in pairs]
-    load_names = [bearing_load.load.name for bearing_load in bearing_loads]
-    positions = [float(bearing_load.position) for bearing_load in bearing_loads]
+    load_names = [bearing.load.name for bearing in bearings]
+    positions = [float(bearing.position) for bearing in bearings]
 
     def interleave(forces: list[Floats]) -> Floats:
         """Return the column of a force from its values (n,) on each bearing."""
@@ -456,9 +466,9 @@ def _bearing_columns(batch: Batch, result: Reactions) -> TableData:
         **repeat_rows(row_columns(batch, with_time=True), load_names, "load"),
         "pair": np.tile(np.array(pairs, dtype=str), row_count),
         "position": np.tile(positions, row_count),
-        "couple_force": interleave([load.couple_force for load in bearing_loads]),
-        "radial": interleave([load.radial for load in bearing_loads]),
-        "axial": interleave([load.axial for load in bearing_loads]),
+        "couple_force": interleave([bearing.couple_force for bearing in bearings]),
+        "radial": interleave([bearing.radial for bearing in bearings]),
+        "axial": interleave([bearing.axial for bearing in bearings]),
         "status": result.status[:, pair_numbers].ravel(),
     }
 

@@ -681,8 +681,9 @@ def _crossing_sentences(curves: "CertifiedCurves") -> Iterator[str]:
 def _report_curves(report: ScreenReport, curves: "CertifiedCurves") -> None:
     """Report the numbers of modes, crossings of curves, and undecided ranges.
 
-    A configuration curve consists of configurations that join each other. Each input of an
-    interval has the same number of modes: configurations with this input.
+    A configuration curve consists of configurations that join each other. The assembly
+    modes at an input are the configurations with this input. The range is divided into
+    intervals in which their number does not change.
 
     Parameters
     ----------
@@ -704,7 +705,7 @@ def _report_curves(report: ScreenReport, curves: "CertifiedCurves") -> None:
     for sentence, count in Counter(_crossing_sentences(curves)).items():
         configurations = f", in {count} configurations" if count > 1 else ""
         report.results.append(f"{sentence}{configurations}")
-    # The mechanism moves along such a curve while the input stands still.
+    # Along some curves the input is constant, and other links move.
     for q in curves.constant_input_values:
         report.results.append(
             f"at {_degrees(q)} deg the mechanism can move while the input is at rest"

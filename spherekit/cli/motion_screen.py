@@ -16,6 +16,9 @@ MAX_TABLE_ROWS = 40
 RATIO_ERROR = 5e-10
 """Velocity ratios that are not larger are rounding errors, and printed as 0."""
 
+ANGLE_ERROR_RAD = 5e-10
+"""Ranges of angles that are not larger are rounding errors."""
+
 MEASURE_HEADING = "least transmission measure"
 """Heading of the column of transmission measures, which a note explains."""
 
@@ -65,7 +68,7 @@ def output_table(summary: Any) -> ScreenTable | None:
     if turns_about_axis:
         columns.append(ScreenColumn("angle (deg)"))
     turns = all(
-        motion["highest_rad"] - motion["lowest_rad"] >= TURN - RATIO_ERROR
+        motion["highest_rad"] - motion["lowest_rad"] >= TURN - ANGLE_ERROR_RAD
         for entry in overview["modes"].values()
         for motion in entry["outputs"]
         if motion["lowest_rad"] is not None
@@ -252,16 +255,22 @@ def _rest_cell(output: Any, motion: Any, place_text: PlaceText) -> str:
     place_text
         Texts of the places of this overview.
     """
+    # An output without a fixed axis has no signed rate, whose change of sign shows a rest.
     if not output["fixed_axis"]:
         return "-"
-    if motion["highest_rad"] - motion["lowest_rad"] < RATIO_ERROR:
+    # An output whose angle changes by rounding errors only does not move at all.
+    swing_rad = motion["highest_rad"] - motion["lowest_rad"]
+    if swing_rad < ANGLE_ERROR_RAD:
         return "everywhere"
     text_by_place = {
         place: place_text.value(place, between_samples=True) for place in motion["rests"]
     }
+    # A rest is uncertain if the samples before and after it are too far apart to
+    # interpolate. The text then names the places of both samples.
     for first, last in motion["uncertain_rests"]:
         text_by_place[first] = place_text.between(first, last)
     places = [text_by_place[place] for place in sorted(text_by_place)]
+    # Places that the summary does not list, and places that this cell does not list.
     further = motion["further_rests"] + max(len(places) - MAX_LISTED_PLACES, 0)
     text = ", ".join(places[:MAX_LISTED_PLACES]) or "none"
     return f"{text} and {further} more" if further else text

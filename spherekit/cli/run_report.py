@@ -519,7 +519,17 @@ def _files(summary: Any, output: RunOutput) -> str:
 
 
 def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
-    """Return commands that fit what this run has not answered yet."""
+    """Return commands that fit what this run has not answered yet, the best ones first.
+
+    Each command has a few words that say what it gives.
+
+    Parameters
+    ----------
+    summary
+        The content of ``summary.json``.
+    output
+        The words of the command of this run, and the files that it has written.
+    """
     names = {analysis["name"] for analysis in summary["analyses"]}
     command = f"spherekit run {output.file}"
     outputs = summary["overview"]["outputs"] if summary["assembly_modes"] else []
@@ -531,6 +541,7 @@ def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
         if output.recording is None:
             steps.append((f"{same_run} --view", "watch the motion"))
     elif not summary["assembly_modes"]:
+        # The analyses of this run needed no motion, so none was computed.
         steps.append((command, "motion: ranges of outputs and velocity ratios"))
     if outputs and "singularities" not in names and "simulation" not in summary:
         steps.append((f"{command} -a singularities", "exact places of singularities"))

@@ -204,24 +204,25 @@ class CollocationStep:
         determinants
             (N,) this determinant at the nodes, from `closure_determinants`.
         signed_largest
-            Its size is that of the largest determinant from the start of the motion to the
-            end of this step, its sign that of the determinant before this step.
-            Determinants smaller than `CROSSING_RATIO` times this size count as zero.
+            Two facts in one number. Its magnitude is that of the largest determinant from
+            the start of the motion to the end of this step. Its sign is that of the
+            determinant before this step.
 
         Returns
         -------
         The time (s) of the first zero, or of the first node at which the determinant is
-        small or has the other sign. None if there is no such node: zeros between two nodes
-        that the determinants at the nodes do not show are not searched.
+        zero or has changed its sign. None if there is no such node: two zeros between
+        neighbouring nodes, after which the sign is the same again, are not searched.
         """
-        # Nodes at which the determinant vanishes or has changed its sign.
-        unchanged_determinants = determinants * np.sign(signed_largest)
-        is_small = unchanged_determinants < CROSSING_RATIO * abs(signed_largest)
-        if not np.any(is_small):
+        sign_before_step = np.sign(signed_largest)
+        zero_limit = CROSSING_RATIO * abs(signed_largest)  # smaller ones count as zero
+        # This product is positive as long as the determinant has not changed its sign.
+        is_zero_or_changed = determinants * sign_before_step < zero_limit
+        if not np.any(is_zero_or_changed):
             return None
         # The Legendre series of the polynomial through the determinants at the nodes.
         determinant_series = SERIES_MATRIX @ determinants
         sign_changes = self.find_sign_changes(determinant_series)
         # `times` begins with the start of the step, so node k has the index k + 1.
-        first_small_time = float(self.times[1 + np.argmax(is_small)])
-        return min([*sign_changes, first_small_time])
+        first_node_time = float(self.times[1 + np.argmax(is_zero_or_changed)])
+        return min([*sign_changes, first_node_time])

@@ -24,9 +24,10 @@ class ModelNames:
     bodies
         Names of bodies, by their links.
     twins
-        Names of second bodies of links. A pair that closes a loop, and at which a load
-        acts, is the joint of such a body, which is welded to the first body of the link.
-        The keys are these pairs.
+        Names of second bodies of links, the twins, by pairs. The bodies of a MuJoCo model
+        are a tree, so a pair that closes a loop is no joint of the tree. If a load acts at
+        such a pair, one of its links gets a twin. The pair is then the joint of the twin,
+        and a weld between twin and link closes the loop.
     output_sites
         Names of sites that mark outputs, by the outputs.
     load_sites

@@ -146,10 +146,11 @@ def _method_sentences(source: Source) -> str:
 
     Positions are computed by steps of Newton's method, or in closed form. In closed form,
     an assembly mode is selected by the signs of its dyads (two links and three R pairs). A
-    sign tells on which side the middle pair is, if the dyad is not in line. A mode that
-    keeps its signs for all inputs gets a sentence on this here: where a dyad gets in line,
-    the mechanism itself may change to another mode. For modes that follow smooth curves,
-    whose signs can change, `_smooth_mode_sentences` has the sentence.
+    sign tells on which side of the dyad its middle pair is.
+
+    Where the three pairs of a dyad are in line, the mechanism may continue on either side.
+    If modes keep their signs for all inputs, a sentence warns of this. If they follow
+    smooth curves, along which signs can change, `_smooth_mode_sentences` explains it.
     """
     # `step` has the expressions of a step of Newton's method. It is empty in closed form.
     # The function of the step returns the closure residual, by how much loops are open.
@@ -193,9 +194,10 @@ def _smooth_mode_sentences(source: Source) -> str:
         return f"A mode is a smooth curve. No curves cross {range_text}."
     if not smooth_modes.crossings:
         return f"A mode is a smooth curve as far as crossings are known.{unknown}"
-    # Inputs (rad) of the crossings. Rounding makes those that are zero up to rounding
-    # errors zero. Adding zero turns -0.0 into 0.0.
-    crossings = listing(f"{q + 0.0:.6g}" for q in np.round(smooth_modes.crossings, 12))
+    # Inputs (rad) of the crossings. An input such as 1e-17 is a rounding error of 0, so
+    # inputs are rounded to 12 decimals. Adding zero turns -0.0 into 0.0.
+    rounded_inputs = np.round(smooth_modes.crossings, 12)
+    crossings = listing(f"{q + 0.0:.6g}" for q in rounded_inputs)
     # `step` has the expressions of a step of Newton's method. It is empty in closed form.
     if source.formulas.step:
         use = (

@@ -75,7 +75,10 @@ class CirclePath:
         return np.ones(np.shape(u))
 
     def frames(self, u: Floats) -> PathFrames:
-        """Return the frames at parameters u (n,)."""
+        """Return point, tangent, normal and geodesic curvature at parameters u (n,).
+
+        The derivative of the curvature by the arc length is returned, too.
+        """
         # The azimuth about the centre is u / sine. `outward` (n, 3) points from the centre
         # to this azimuth, and `tangent` is 90 degrees ahead.
         outward, tangent = radial_directions(self.axes, u / self.sine)
@@ -150,7 +153,10 @@ class FourierPath:
         return np.sqrt(slope * slope + sine * sine)
 
     def frames(self, u: Floats) -> PathFrames:
-        """Return the frames at azimuths u (n,)."""
+        """Return point, tangent, normal and geodesic curvature at azimuths u (n,).
+
+        The derivative of the curvature by the arc length is returned, too.
+        """
         # d1, d2 and d3 are derivatives of the colatitude by the azimuth; s and c are the
         # sine and the cosine of the colatitude.
         colatitude, d1, d2, d3 = self.colatitude(u, 3)
@@ -226,9 +232,14 @@ class SplinePath:
         return np.sqrt(dot(product, product)) / dot(x, x)
 
     def frames(self, u: Floats) -> PathFrames:
-        """Return the frames at parameters u (n,)."""
-        # The spline x and its three derivatives by u. The curve on the unit sphere is
-        # p = x / |x|. r is the length of x, and size is that of x cross x'.
+        """Return point, tangent, normal and geodesic curvature at parameters u (n,).
+
+        The derivative of the curvature by the arc length is returned, too. The curve on the
+        unit sphere is p = x / |x|, the projection of a spline x(u) in space. Primes are
+        derivatives by u.
+        """
+        # The spline x and its three derivatives by u. r is the length of x, and size is
+        # that of x cross x'.
         x, x1, x2, x3 = (self._differentiate(u, order) for order in range(4))
         r = np.sqrt(dot(x, x))
         product = cross(x, x1)

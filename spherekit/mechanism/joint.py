@@ -390,19 +390,30 @@ class Sliding(Joint):
     def vector_rates(
         frames: Floats, states: PairStates, first_w: Floats, second_w: Floats
     ) -> Floats:
-        """Return the time derivatives of n + k1 p and -(n + k2 p).
+        """Return the time derivatives (n, m, 2, 3) of the vectors n + k1 p and -(n + k2 p).
 
-        These are the velocity vectors of the two arc lengths s1 and s2 along the profiles.
-        n and p are the normal and the contact point in the columns 1 and 2 of `frames`, and
-        k1 and k2 the geodesic curvatures, which `states` has with their rates. The angular
-        velocities of both links are `first_w` and `second_w` (rad/s).
+        The contact point moves along the profile of the first link with the rate s1' and
+        along that of the second link with s2'. The angular velocity of the second link
+        relative to the first is
 
-        The angular velocity w of the second link relative to the first is w = s1' (n +
-        k1 p) - s2' (n + k2 p). Multiplied by n and p, this gives the rates s1' = (w . p -
-        k2 w . n) / (k1 - k2) and s2' = (w . p - k1 w . n) / (k1 - k2).
+            w = s1' (n + k1 p) - s2' (n + k2 p)
+
+        with the normal n, the contact point p, and the geodesic curvatures k1 and k2 of the
+        profiles. Multiplied by n and p, this equation gives the rates
+        s1' = (w . p - k2 w . n) / (k1 - k2) and s2' = (w . p - k1 w . n) / (k1 - k2).
 
         Along a profile dn/ds + k dp/ds = 0. A vector n + k p therefore changes only by the
         rotation of its link and by the change of the curvature, dk/ds s' p.
+
+        Parameters
+        ----------
+        frames
+            (n, m, 3, 3) frames of m pairs in n configurations, with the columns tangent,
+            normal and contact point.
+        states
+            The geodesic curvatures of both profiles, and their derivatives by arc length.
+        first_w, second_w
+            (n, m, 3) angular velocities (rad/s) of the first and the second links.
         """
         normal, point = frames[..., 1], frames[..., 2]
         k1, k2 = states.curvatures[..., :1], states.curvatures[..., 1:]
@@ -412,11 +423,9 @@ class Sliding(Joint):
         w_along_normal = np.sum(relative * normal, axis=-1, keepdims=True)
         ds1 = (w_along_point - k2 * w_along_normal) / (k1 - k2)
         ds2 = (w_along_point - k1 * w_along_normal) / (k1 - k2)
-        vector_rates = [
-            cross(first_w, normal + k1 * point) + ds1 * dk1 * point,
-            -cross(second_w, normal + k2 * point) - ds2 * dk2 * point,
-        ]
-        return np.stack(vector_rates, axis=2)
+        first_rate = cross(first_w, normal + k1 * point) + ds1 * dk1 * point
+        second_rate = -cross(second_w, normal + k2 * point) - ds2 * dk2 * point
+        return np.stack([first_rate, second_rate], axis=2)
 
 
 @dataclass(frozen=True, eq=False)

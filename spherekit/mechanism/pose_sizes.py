@@ -14,17 +14,16 @@ from spherekit.mechanism.pair_frames import COLLINEAR_SINE
 class PoseSize(NamedTuple):
     """An arc or an angle of a link, as it is in the reference pose.
 
-    An arc leads from the axis of the link's first R pair to the axis of another R pair. An
-    angle is measured at the first axis, counter-clockwise about it, from the arc to the
-    second axis to the arc to a further axis.
+    All arcs of a link begin at the axis of its first R pair. For the axes 1, 2 and 3, the
+    arcs are 1-2 and 1-3. The angle of axis 3 is that at axis 1 from the arc 1-2 to the arc
+    1-3, counter-clockwise about axis 1.
 
     Attributes
     ----------
     kind
         Whether it is one of the link's arcs or one of its angles.
     pair
-        Name of the pair at whose axis the arc ends. For an angle, this is the arc to which
-        it is measured.
+        Name of the pair whose axis the arc or angle places, such as the pair of axis 3.
     value
         Arc or angle (rad).
     growth_axis
@@ -41,10 +40,11 @@ class PoseSize(NamedTuple):
 def pose_sizes(mechanism: Mechanism, link: str) -> tuple[PoseSize, ...]:
     """Return the arcs and angles of a link of a mechanism given in a reference pose.
 
-    An arc leads from the axis of the link's first pair to another axis. The angle of an arc
-    is that about the first axis, counter-clockwise from the first arc. The first arc itself
-    has none. An axis on the line of the first one has no arc and no angle. The arc to an
-    axis comes before its angle. Axes are in the order of the mechanism's pairs.
+    All arcs begin at the axis of the link's first pair. For the axes 1, 2 and 3, the arcs
+    are 1-2 and 1-3. The angle of axis 3 is that at axis 1 from the arc 1-2 to the arc 1-3,
+    counter-clockwise about axis 1. The order of the sizes is then: arc 1-2, arc 1-3, angle
+    of axis 3. An axis on the line of the first one has no arc and no angle. Axes are in the
+    order of the mechanism's pairs.
     """
     assert isinstance(mechanism.geometry, PoseGeometry)
     axes = [

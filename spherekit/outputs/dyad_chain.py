@@ -191,11 +191,12 @@ class DyadChain:
         self.dyads = tuple(self._make_dyad(group) for group in assembly.groups)
         self.dyad_of_link: dict[int, int] = {}
         self.dyad_of_pair: dict[int, int] = {}
-        # The sign of a dyad, 1 or -1, says which of its two possible assemblies it has. A
-        # result that depends on the signs of some dyads only is computed once for all
-        # combinations of the other signs. This mapping has the numbers of these dyads. Its
-        # keys are the names of methods of `WorkingMode` with their arguments. `WorkingMode`
-        # adds a key when it computes the quantity for the first time.
+        # The sign of a dyad, 1 or -1, says which of its two possible assemblies it has.
+        # This mapping tells on the signs of which dyads a quantity depends. A quantity that
+        # depends on few of them is computed once for all combinations of the other signs.
+        # A key is the name of a method of `WorkingMode` with its arguments; the value has
+        # the numbers of the dyads. `WorkingMode` adds a key when it computes the quantity
+        # for the first time.
         self.sign_dependencies: dict[Hashable, frozenset[int]] = {}
         # The words near and far only distinguish the two ends of a dyad.
         for number, dyad in enumerate(self.dyads):

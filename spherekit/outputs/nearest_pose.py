@@ -438,7 +438,7 @@ class NearestPoseSearch:
         The points at the given lengths are tried first. The part of the path around the
         border, from the last point outside to the second point inside, is then divided
         again in the same way. The search ends if this part is shorter than `MIN_GAIN`
-        (rad).
+        (rad), or if all points are inside.
 
         Parameters
         ----------
@@ -464,8 +464,8 @@ class NearestPoseSearch:
             upper = lengths[min(first + 1, len(lengths) - 1)]
             lower = lengths[first - 1] if first else 0.0
             is_narrow = (upper - lower) * _length(direction) < MIN_GAIN
-            # If all points are inside (first is 0), the shortest length is near enough.
-            if is_narrow or not first:
+            are_all_inside = first == 0
+            if is_narrow or are_all_inside:
                 inside: Floats = point + upper * direction
                 return inside
             lengths = np.linspace(lower, upper, len(lengths))

@@ -18,9 +18,10 @@ MAX_NAMES = 4
 def arrow_labels(primitives: Sequence[Primitive]) -> dict[str, NDArray[np.object_]]:
     """Return the labels (rows,) of pole axes, by the paths of their arrows.
 
-    If arrows cover each other in a row, the first one is labelled with the names of all of
-    them, and the others have an empty label. Two sorts of arrows are left out: axes of
-    pairs (`primary`) have no label, and hidden arrows cover nothing and keep their own.
+    A row is one picture of the mechanism, at one sample of its motion. If arrows cover each
+    other in a picture, the first one is labelled with the names of all of them, and the
+    others have an empty label. Two sorts of arrows are left out: axes of pairs (`primary`)
+    have no label, and hidden arrows cover nothing and keep their own.
 
     Parameters
     ----------
@@ -37,21 +38,22 @@ def arrow_labels(primitives: Sequence[Primitive]) -> dict[str, NDArray[np.object
     # Axes: row, arrow, component.
     directions = np.stack([arrow.directions for arrow in arrows], axis=1)
     covers = directions @ np.swapaxes(directions, 1, 2) > COVERING_COSINE
-    covers |= np.eye(len(arrows), dtype=bool)  # NaN rows cover nothing else
-    # first_cover[row, arrow] is the first arrow that covers an arrow (possibly itself), and
-    # whose label has the name of the arrow. In a chain, an arrow B between A and C may
-    # cover both although they do not cover each other. Then A is labelled with A and B, and
-    # B with C. Most rows have one of a few patterns, so the labels of each pattern are
+    covers |= np.eye(len(arrows), dtype=bool)  # arrows with NaN cover only themselves
+    # label_owners[row, arrow] is the arrow whose label has the name of an arrow: the first
+    # arrow that covers it, or itself. For example, let arrow 1 cover the arrows 0 and 2,
+    # which do not cover each other. The owners are then [0, 0, 1]: arrow 0 is labelled
+    # with the names of 0 and 1, arrow 1 with that of 2, and arrow 2 has an empty label.
+    label_owners = np.argmax(covers, axis=2)
+    # Most rows have one of a few patterns of owners, so the labels of each pattern are
     # written once.
-    first_cover = np.argmax(covers, axis=2)
-    patterns, pattern_of_row = np.unique(first_cover, axis=0, return_inverse=True)
+    patterns, pattern_of_row = np.unique(label_owners, axis=0, return_inverse=True)
     labels = np.empty(patterns.shape, object)
     for pattern_index, pattern in enumerate(patterns):
         for arrow_index in range(len(arrows)):
             names = [
                 arrow.label
-                for arrow, first in zip(arrows, pattern, strict=True)
-                if first == arrow_index
+                for arrow, owner in zip(arrows, pattern, strict=True)
+                if owner == arrow_index
             ]
             labels[pattern_index, arrow_index] = listing(names, MAX_NAMES)
     return {arrow.path: labels[pattern_of_row, index] for index, arrow in enumerate(arrows)}

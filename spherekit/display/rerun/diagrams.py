@@ -70,16 +70,16 @@ def draw_static(diagram: Diagram) -> Stills:
 
 
 def moving_columns(diagram: Diagram) -> Iterator[Moving]:
-    """Yield the rows of a diagram: points in the frame, names, visible parts of lines.
-
-    Each item is a path below that of the diagram, and the columns that are logged there.
-    If each point has two angles to be listed as numbers (`readings`), they are written in a
-    legend. If each row has a text (`words`), such as a step of a construction, it is
-    written below the frame.
+    """Yield the moving parts of a diagram: points, names, leaders, lines and texts.
 
     A leader is a thin line from a point to its name, which is moved aside if names would
-    cover each other. The number of visible points and lines changes from row to row. Each
-    array therefore lists them for all rows, and `partition` says how many each row has.
+    cover each other. A row is the diagram at one sample, or in one step of a construction.
+    Each part is logged for all rows at once. The yielded items are the path of a part below
+    that of the diagram, and its columns for the viewer, which have all rows.
+
+    If each point has two angles to be listed as numbers (`readings`), they are written in a
+    legend. If each row has a text (`words`), such as what is done in a step, it is written
+    below the frame.
     """
     row_count, point_count = diagram.places.shape[:2]
     low, high = np.transpose([diagram.x_range, diagram.y_range])  # corners (x, y)
@@ -97,6 +97,9 @@ def moving_columns(diagram: Diagram) -> Iterator[Moving]:
     visible_places = np.where(is_visible[..., None], places, np.nan)
     name_places = place_labels(diagram.names, visible_places, LETTER_WIDTH)
 
+    # The number of visible points and lines changes from row to row. Each column therefore
+    # lists them for all rows, one row after another, and `partition` says how many each row
+    # has.
     points = rr.Points2D.columns(positions=places[is_visible], colors=visible_rgb)
     yield "points", points.partition(visible_count)
     # The viewer writes a text `LABEL_DROP` below its position. Names are moved up by this
