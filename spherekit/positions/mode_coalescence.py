@@ -90,11 +90,13 @@ def make_mode_coalescence(
     # Number of loops of each group: elimination removes one link for each loop.
     loop_counts = [len(orders[0].removed_links) for orders in orders_by_group]
     max_loops = max(loop_counts, default=0)
-    # A group with more than `MAX_LOOPS_IN_CHAIN` loops would have to be solved in each mode
-    # of the other groups, which takes too long.
-    takes_too_long = len(groups) > 1 or COSTS_S.get(max_loops, 0.0) > max_cost_s
-    if max_loops > MAX_LOOPS_IN_CHAIN and takes_too_long:
-        return None
+    if max_loops > MAX_LOOPS_IN_CHAIN:
+        # Beside other groups, this group would have to be solved in each of their modes,
+        # which takes too long in any case.
+        if len(groups) > 1:
+            return None
+        if COSTS_S.get(max_loops, 0.0) > max_cost_s:
+            return None
     return ModeCoalescence(solver)
 
 

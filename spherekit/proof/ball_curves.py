@@ -403,20 +403,24 @@ def _make_spline(spline_path: SplinePath) -> Path:
         inner_knots = spline_knots[degree + 1 : len(control_points)]
         return np.searchsorted(inner_knots, parameter_floats, side="right")
 
-    def evaluate_polynomials(parameter: Array, first: Indices) -> Array:
-        """Return points and derivatives (n, 2, 3) by the polynomials of intervals (n,)."""
+    def evaluate_polynomials(parameter: Array, interval: Indices) -> Array:
+        """Return points and derivatives (n, 2, 3) by the polynomials of intervals (n,).
+
+        Between two knots (an interval) the spline is a polynomial. All numbers are balls,
+        which are numbers with a bound of their error.
+        """
         # In interval i the spline depends on the control points i to i + degree and on the
         # knots i + 1 to i + 2 degree. The first axis counts these points and knots, the
         # second the parameters: the shapes are (degree + 1, n, 3) and (2 degree, n, 1).
-        points = control_points[first + np.arange(degree + 1)[:, None]]
-        knots = exact_balls(
-            spline_knots[first + np.arange(1, 2 * degree + 1)[:, None], None]
-        )
-        # De Boor's algorithm: each level interpolates between neighbouring points, until
-        # one point is left. In interval i the points k and k + 1 of a level belong to the
-        # knots i + k + level + 1 (`low`) and i + k + degree + 1 (`high`). Row 0 of `knots`
-        # is the knot i + 1. The slope of the last level, times the degree, is the
-        # derivative of the spline.
+        point_numbers = interval + np.arange(degree + 1)[:, None]
+        knot_numbers = interval + np.arange(1, 2 * degree + 1)[:, None]
+        points = control_points[point_numbers]
+        knots = exact_balls(spline_knots[knot_numbers, None])  # balls with the error 0
+        # De Boor's algorithm: each level replaces the points by interpolations between
+        # neighbours, until one point is left. The new point k of a level is between the
+        # points k and k + 1, at the place of the parameter between two knots: row
+        # k + level of `knots` (`low`) and row k + degree (`high`). The slope of the last
+        # level, times the degree, is the derivative of the spline.
         for level in range(degree):
             low = knots[level:degree]
             high = knots[degree : 2 * degree - level]

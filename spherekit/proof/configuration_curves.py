@@ -231,27 +231,19 @@ class CertifiedCurves:
             for points in self.input_stationary_points
             for point in points.undecided
         ]
-        # A cycle is the turns of the input after which all links are back.
-        # Such a part is moved by whole cycles of the input into the range. Its middle
-        # (offset 0) or one of its ends (offset -1 or 1) has to be in the range then. The
-        # ends are tried because a part can reach into the range although its middle is
-        # outside.
-        doubtful_positions = [
-            (position, error, offset)
-            for position, error in doubtful_parts
-            for offset in (-1.0, 0.0, 1.0)
-        ]
-        for position, error, offset in doubtful_positions:
-            # The variable of the input is scaled: it makes one turn in a cycle, in which
-            # the input makes `cycle_turns` turns. The error of the input (rad) is therefore
-            # this number times that of the variable.
+        # After a cycle, `cycle_turns` turns of the input, all links are in the same place
+        # again. Each doubtful part is therefore moved by whole cycles into the range.
+        for position, error in doubtful_parts:
+            # The variable of the input is the input divided by `cycle_turns`. The error of
+            # the input (rad) is therefore this number times that of the variable.
             half_width = error * self.cycle_turns
-            wrapped_input = self.wrap_into_range(
-                self.input_angle(position) + offset * half_width
-            )
-            if wrapped_input is not None:
-                middle = wrapped_input - offset * half_width
-                ranges.append((middle - half_width, middle + half_width))
+            # The start, the middle and the end of the part are tried, because it can reach
+            # into the range although its middle is outside.
+            for offset in (-half_width, 0.0, half_width):
+                moved_input = self.wrap_into_range(self.input_angle(position) + offset)
+                if moved_input is not None:
+                    middle = moved_input - offset
+                    ranges.append((middle - half_width, middle + half_width))
         return _join_ranges(ranges)
 
     def bound_saddle_doubts(self, variable: int) -> list[float]:

@@ -75,23 +75,28 @@ class CircleContact:
     def contact_directions(
         self, first_centre: Vector, second_centre: Vector
     ) -> tuple[Vector, Vector]:
-        """Return the unit tangents at both centres that point to the contact.
+        """Return the unit tangents at the centres of two circles, towards their contact.
 
-        Both centres and both tangents are (3,) in any common axes. The tangents are in the
-        plane of the great circle through the centres.
+        Both centres and both tangents are (3,) in any common axes. The circles are on a
+        unit sphere, and the tangents are along the great circle through the centres. The
+        contact is on this great circle, too. There are three cases:
+
+        - External contact (`sense` is -1): the contact is between the centres.
+        - Internal contact (`sense` is 1), first radius larger: the contact is beyond the
+          second centre, as seen from the first.
+        - Internal contact, second radius larger: the contact is beyond the first centre, as
+          seen from the second.
         """
-        # Divided by a positive sine, (second - cosine first) is the tangent at the first
-        # centre towards the second one, and (cosine second - first) is the tangent at the
-        # second centre away from the first one. Three cases follow:
-        # - External contact (sense -1): the contact is between the centres. The sense
-        #   reverses the second tangent.
-        # - Internal contact, first radius larger: the contact is beyond the second centre.
-        # - Internal contact, second radius larger: it is beyond the first centre, as seen
-        #   from the second. The sine of `centre_arc` is negative, which reverses both.
+        # The arc between the centres is the sum of the radii in external contact, and in
+        # internal contact the first radius less the second, which can be negative.
         sine, cosine = self.centre_arc.sin_cos()
-        first = (second_centre - cosine * first_centre) / sine
-        second = self.sense * (cosine * second_centre - first_centre) / sine
-        return first, second
+        # With a positive sine, the first vector points towards the second centre, and the
+        # second one away from the first centre. With a negative sine both are reversed.
+        from_first = (second_centre - cosine * first_centre) / sine
+        # In external contact the sense -1 reverses the second vector: the contact is on the
+        # side of the first centre.
+        from_second = self.sense * (cosine * second_centre - first_centre) / sine
+        return from_first, from_second
 
 
 @dataclass(frozen=True)

@@ -214,9 +214,10 @@ def bound_arm_rates(form: SaddleForm, errors: ArmErrors) -> ArmRates:
         first, last = (
             _evaluate_direction(form, slope, errors.slope) for slope in slope_bounds
         )
-        # Signs are those along the vector (-g_v, g_u) at (1, v / u). If g_u > 0 at both
-        # bounds, this vector points towards larger v for all slopes between. Otherwise its
-        # orientation is not known, and all signs become 0: not proven.
+        # Signs are those along the tangent (-g_v, g_u) at the point (1, v / u). There g_u
+        # is positive on an arm, up to errors, because g is convex in u. If g_u > 0 is
+        # proven at both bounds, the tangent points towards larger v for all slopes between.
+        # Otherwise the errors are too large, and all signs become 0: not proven.
         is_oriented = first.gradient[0] > 0 and last.gradient[0] > 0
         common_signs = np.where(first.signs == last.signs, first.signs, 0)
         # Directions between both bounds form a cone. Its points with max(|u|, |v|) = 1 are
@@ -230,9 +231,10 @@ def bound_arm_rates(form: SaddleForm, errors: ArmErrors) -> ArmRates:
         ]
         changes = form.variable_rates @ exact_balls(farthest_points).T
         largest_changes = np.array([max(map(upper_magnitude, row)) for row in changes])
-        # The two arms in opposite quadrants are along the same vector, up to its sign. The
-        # arm with v > 0 leaves the saddle towards larger v, so its signs are those along
-        # the vector. The arm with v < 0 leaves it towards smaller v: signs are reversed.
+        # The two arms with this sign of the slope are in opposite quadrants, and have the
+        # same tangent. The arm with v > 0 leaves the saddle towards larger v, so its signs
+        # are those along the tangent. The arm with v < 0 leaves it towards smaller v, so
+        # its signs are reversed.
         for v_sign in (1, -1):
             quadrant = sign * v_sign, v_sign
             outward_signs[quadrant] = v_sign * is_oriented * common_signs

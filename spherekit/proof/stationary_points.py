@@ -193,7 +193,9 @@ def _common_sign(low: float, high: float) -> int:
 class StationaryPoint:
     """A configuration at which one variable is, or may be, stationary along a curve.
 
-    The curve is divided into certified arcs. Objects of two lists have this class:
+    The curve consists of certified arcs. Each arc is in a box of the space of variables,
+    and is proven to contain all configurations in this box. Objects of two lists have this
+    class:
 
     - `StationaryPoints.proven`: the variable is stationary in exactly one configuration
       near the position.
@@ -205,9 +207,9 @@ class StationaryPoint:
     position
         (v,) values of all variables (rad).
     error
-        If proven: bound (rad) of the difference of the configuration from the position, in
-        each variable. If undecided: bound (rad) of how far the variable that may be
-        stationary changes within the stretch.
+        A bound (rad). For a proven point: of the difference between the configuration and
+        the position, in each variable. For an undecided stretch: of the change, within the
+        stretch, of the variable that may be stationary.
     piece
         Number of a certified arc. The configuration lies between the centre of this arc and
         that of the next one. It is set when the point is added to its list.

@@ -28,11 +28,13 @@ class SampledValues:
     Attributes
     ----------
     q
-        (k,) the input (rad) at each sample.
+        (k,) the input (rad) at each sample. Of several inputs it is the one that the user
+        names if the figure of merit is an input, and otherwise the first.
     values
         (k, n) the values in n assembly modes, NaN where a mode cannot be assembled.
     is_closed_path
-        Whether the last sample is the first one after full revolutions of the inputs.
+        Whether the samples are a path that ends where it began. The inputs of the last
+        sample are then those of the first one, apart from whole revolutions.
     """
 
     q: Floats

@@ -414,12 +414,14 @@ def _sample_inputs(study: Study, mechanism: Mechanism, follow: bool) -> Sampling
         crossings=study.crossings,
     )
     input_grid = position_analysis.input_grid
-    # A time needs an order of the samples. The straight path has one, and so have the
-    # values of a single input. Samples on a grid of several inputs, or on a path that the
-    # study lists, have none. `is_path` is False for a grid.
+    # The samples get times and rates if their inputs can move at constant speed. They can
+    # on the straight path through the ranges, and a single input can pass its values in
+    # rising order. Several inputs on a grid (`is_path` is False) have no such motion, and
+    # on a path that the study lists their direction may change at each sample.
     is_straight = study.path is None and input_grid.is_path
+    has_one_input = len(mechanism.input_pairs) == 1
     timing = None
-    if is_straight or len(mechanism.input_pairs) == 1:
+    if is_straight or has_one_input:
         timing = _default_timing(input_grid.q, is_straight)
     return Sampling(
         position_analysis=position_analysis,

@@ -463,8 +463,8 @@ def _simulate_tables(
     if reference_fields and len(sampling) != len(reference_fields[0].status):
         reference_fields = ()
     (analysis,) = run_plan.analyses
-    # Only simulations are compared here. All tables are computed in the same way, with the
-    # default setting.
+    # `setting` is a way to solve the simulation. The tables at its samples are always
+    # computed with the default setting `ORDINARY`.
     timed_tables = compute_timed_tables(sampling, analysis, ORDINARY, reference_fields)
     return TimedTables(
         timed_tables.tables,

@@ -149,31 +149,37 @@ def _read_parameters(
 
     Returns
     -------
-    Values of the fields, by name. Fields that the file does not give are left out.
+    Values of the fields of `cls`, by name. Fields that the file does not give are left out.
     """
 
     def make_error(path: Names, message: str) -> SpherekitError:
+        """Return an error with the line of a parameter, the only item of `path`."""
         return study.fault(("analyses", cls.name, *path), message)
 
-    def read_list(value: Any) -> list[Any]:
-        """Return an array of a file, or raise `ValueError`."""
+    def check_list(value: Any) -> list[Any]:
+        """Return the items of an array of the file, or raise `ValueError`."""
         if not isinstance(value, list):
             raise ValueError(value)
         return value
 
     def read_simple(hint: Any, value: Any) -> Any:
+        """Return a value of a type without items, or raise `ValueError`."""
         return _read_simple_value(hint, value, study.mechanism.angle_unit)
 
     def read(key: str, value: Any, hint: Any) -> Any:
         """Return the value of a field; `hint` is the type of the field."""
+        # `read_value` takes composed types apart. It calls `check_list` for the items of a
+        # tuple, and `read_simple` for each value of a simple type such as a number. A
+        # `ValueError` says that the value is not of the type.
         try:
-            return read_value(hint, value, read_simple, read_list)
-        except QuantityError as problem:
+            return read_value(hint, value, read_simple, check_list)
+        except QuantityError as problem:  # a number with a wrong unit
             raise make_error((key,), str(problem)) from None
         except ValueError:
             expected = describe_type(hint, _FILE_WORDING)
             raise make_error((key,), mismatch(value, expected)) from None
 
+    # It calls `read` for each parameter, and `make_error` for unknown and missing ones.
     return read_fields(cls, cls.name, parameters, read, make_error)
 
 

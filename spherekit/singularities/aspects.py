@@ -419,9 +419,9 @@ class _AspectGraph:
         """
         numbers = np.full(len(values), NO_CONFIGURATION)
         remaining = np.arange(len(values))
-        # `numbers_at_sample` has one row per sample. Each column has at most one
-        # configuration per sample. Each pass of the loop compares the remaining
-        # configurations with those of one column.
+        # Row i of `numbers_at_sample` has the numbers of all configurations at sample i.
+        # Each pass of the loop compares the remaining configurations with those in one
+        # column, that is with one configuration of their sample.
         column = 0
         while len(remaining):
             if column == self.numbers_at_sample.shape[1]:
@@ -430,7 +430,10 @@ class _AspectGraph:
                     ((0, 0), (0, 1)),
                     constant_values=NO_CONFIGURATION,
                 )
-            # Where the column is empty, the first configuration of each sample is stored.
+            # If a sample has no configuration in this column, none of the former columns
+            # has an equal one. The first remaining configuration of the sample is therefore
+            # new, and is stored here. Below it is compared with itself, so it gets its own
+            # number.
             stored = self.numbers_at_sample[samples[remaining], column]
             without_stored = remaining[stored == NO_CONFIGURATION]
             empty_samples, first = np.unique(samples[without_stored], return_index=True)
@@ -441,7 +444,7 @@ class _AspectGraph:
             self.nodes = _AspectNodes.concatenate([self.nodes, new_nodes])
 
             # Configurations that equal the stored one get its number. The others are
-            # compared with the next column.
+            # compared with the next column. Now every sample has one in this column.
             stored = self.numbers_at_sample[samples[remaining], column]
             differences = less_periods(
                 values[remaining] - self.nodes.values[stored], self.periods

@@ -278,11 +278,13 @@ class SingleFreedomSingularities:
     def _relations(self, output: int, axes: dict[Pole, Floats]) -> list[Relation]:
         """Return the relations c y' = d q' of an output in both forms.
 
-        The input is the rotation of a link i relative to a link r, with the rate q'. The
-        output is the rotation of a link o relative to a link s. In form "i", y' is the rate
-        of the output. In form "ii" it is the rate of o relative to r; this form does not
-        exist if o is one of the links i and r. c and d are triple products of pole axes,
-        the axes about which two of these links turn relative to each other.
+        The input is the rotation of an input link i relative to its reference link r, with
+        the rate q'. The output is the rotation of an output link o relative to its
+        reference link s. Form "i" shows where the output rests: y' is its rate. Form "ii"
+        shows where the output link rests relative to the reference link of the input: y' is
+        the rate of o relative to r. This form does not exist if o is one of the links i
+        and r. c and d are triple products of pole axes, the axes about which two of these
+        links turn relative to each other.
 
         Parameters
         ----------
@@ -296,7 +298,7 @@ class SingleFreedomSingularities:
         The relation in form "i" and, if it exists, that in form "ii".
         """
         return [
-            make_relation(form, links, axes.__getitem__)
+            make_relation(form, links, pole_axis=lambda pole: axes[pole])
             for form, links in self.links[output].items()
         ]
 
@@ -472,11 +474,15 @@ class SingleFreedomSingularities:
         it is that of o relative to r. c and d follow from the pole axes of these links: the
         axes about which any two of them turn relative to each other.
 
-        If all these axes are in one plane on a whole curve, c and d are zero there. If only
-        three of the links are different, their axes always are in one plane. c and d are
-        then undefined (NaN) if the axes are on one line. In both cases the types of
-        singularities follow from the rates alone. Curves on which the input or the output
-        rests are left out.
+        A relation says nothing on a whole curve in two cases:
+
+        - The four links are different, and all their pole axes are in one plane on the
+          curve. c and d are then zero.
+        - Only three of the links are different, and their pole axes are on one line on the
+          curve. c and d are then undefined (NaN).
+
+        In both cases the types of singularities follow from the rates alone. Curves on
+        which the input or the output rests are left out.
         """
         names = self.position_analysis.mechanism.links
         notes: list[str] = []
@@ -496,9 +502,9 @@ class SingleFreedomSingularities:
                         continue
                     links = relation.links.different
                     link_names = ", ".join(names[k] for k in links)
-                    are = "lie in one plane" if len(links) == 4 else "are one line"
+                    case = "lie in one plane" if len(links) == 4 else "are one line"
                     notes.append(
-                        f"curve {number}: the axes of the links {link_names} {are} "
+                        f"curve {number}: the axes of the links {link_names} {case} "
                         f"everywhere, so form {relation.form} is undefined: the rates "
                         "determine the types"
                     )

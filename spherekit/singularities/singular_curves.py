@@ -272,10 +272,10 @@ def _remove_points_on_curve(
 def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[CurveSeen]:
     """Yield the parts of a followed curve whose nodes are of the reported type.
 
-    Nodes of another type can occur, such as self-motions on a curve of type II. On each
-    part, the points are located at which the other one of types I and II occurs too. The
-    nodes of a closed curve are listed from an arbitrary first node. A part that passes this
-    node is yielded as two parts.
+    Nodes of another type can occur, such as self-motions on a curve of type II. A curve of
+    type I can have points that are also of type II, and the reverse. These points are
+    located on each part. The nodes of a closed curve are listed from an arbitrary first
+    node. A part that passes this node is yielded as two parts.
 
     Parameters
     ----------
@@ -289,14 +289,15 @@ def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[
     def measure_other_type(points: LocusPoints) -> Floats:
         """Return a function (n,) that vanishes at singularities of the other type.
 
-        At type I the output can rest in a motion, at type II the inputs can. The function
-        is, up to its sign, the smallest speed of the output, or of the inputs, for unit
-        rates of the variables that close the loops.
+        It is a smallest speed, up to its sign, among all motions with unit rates of the
+        variables: the speed of the inputs if the other type is II, and that of the output
+        if it is I.
         """
         space = other_locus.tangent_space(points.values)
         return other_locus.measure(space).value
 
-    # First nodes of runs of nodes of the type, and the nodes after their last ones.
+    # Runs of successive nodes of the type: the first node of each run, and the node after
+    # its last one.
     is_of_type = report.has_type(report.types(curve.nodes.values))
     starts = np.flatnonzero(np.diff(is_of_type, prepend=False) & is_of_type)
     stops = np.flatnonzero(np.diff(is_of_type, append=False) & is_of_type) + 1

@@ -144,8 +144,9 @@ def _rotate_by_size_changes(
 
     The axis of a pair in a link has two sizes (rad): its arc from the axis of the link's
     first R pair, and the angle of this arc about that axis. A change of the arc rotates the
-    frame about the normal of the plane of the arc. A change of the angle rotates it, with
-    this plane, about the first axis.
+    frame about the normal of the plane of the arc. A change of the angle rotates the frame
+    and this plane about the first axis. The rotation by the arc has to come first, because
+    the normal of the plane is known in the reference pose only.
 
     Parameters
     ----------
@@ -159,14 +160,14 @@ def _rotate_by_size_changes(
     frame
         (3, 3) frame of the pair in the reference pose.
     """
-    # The growth axis is the one about which the frame rotates if the size increases, in the
-    # reference pose. The rotation by the arc comes first: once the angle has turned the
-    # plane of the arc, the growth axis of the arc is no longer its normal. `pose_sizes`
-    # lists the arc to an axis before its angle.
-    for kind, size_pair, reference_size, growth_axis in pose_sizes(mechanism, link):
-        size = design.get((kind, (link, pair)))
-        if size_pair == pair and size is not None:
-            frame = _rotation_about(growth_axis, size - reference_size) @ frame
+    # The sizes of the axis of this pair, the arc before the angle.
+    pair_sizes = [size for size in pose_sizes(mechanism, link) if size.pair == pair]
+    for reference in pair_sizes:
+        size = design.get((reference.kind, (link, pair)))
+        if size is not None:
+            # The frame rotates about the growth axis if the size increases.
+            growth = size - reference.value
+            frame = _rotation_about(reference.growth_axis, growth) @ frame
     return frame
 
 

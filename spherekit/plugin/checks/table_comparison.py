@@ -49,16 +49,20 @@ def describe_difference(
     tolerance = VARIANT_TOLERANCE if is_variant else BLOCK_TOLERANCE
     if rotation is not None:
         # Columns that a rotation of the mechanism changes in another way than vectors, such
-        # as the longitude of an axis. Their `kind` is number, text, and so on.
-        axis_dependent_kinds = [
-            column.kind for column in table.columns if column.turns == "otherwise"
+        # as the longitude of an axis.
+        axis_dependent_columns = [
+            column for column in table.columns if column.turns == "otherwise"
         ]
-        # A table with a row for each sample and assembly mode keeps its rows in a rotation,
-        # unless a text that depends on axes says what a row is about. Other tables may get
-        # other rows, which cannot be compared.
-        may_change_rows = not table.in_assembly_modes or "text" in axis_dependent_kinds
-        if axis_dependent_kinds and may_change_rows:
-            return ""
+        # If there are such columns, the rotated mechanism may have other rows, which cannot
+        # be compared. For example, a text can name the size of the mechanism file to which
+        # a row belongs, such as a longitude. A table with a row for each sample and
+        # assembly mode keeps its rows, unless one of these columns is a text.
+        if axis_dependent_columns:
+            has_dependent_text = any(
+                column.kind == "text" for column in axis_dependent_columns
+            )
+            if has_dependent_text or not table.in_assembly_modes:
+                return ""
     expected_rows = row_count(expected)
     compared_rows = row_count(compared)
     if expected_rows != compared_rows:
