@@ -228,33 +228,34 @@ class DecimalRates:
         (n,) bounds by their names in `PoleField`. The bound of the direction is infinite if
         v may be zero within its error.
         """
-        derivative_size = np.sqrt(dot(dv, dv)).astype(float)
+        dv_size = np.sqrt(dot(dv, dv)).astype(float)
         # v and dv are differences of the vectors of two links.
         v_error = 2.0 * self.w_error
         dv_error = 2.0 * self.dw_error
-        direction_bound = self.axis_error
-        # The derivative of a pair axis a is w x a with the angular velocity w of its link.
-        # Its error is the error of w (a has length 1), plus the error of a times the speed
-        # of w, which is at most that of the fastest link.
-        change_bound = self.w_error + self.axis_error * self._largest_speed
-        if not is_pair_axis:
-            # u = v / |v|, and du = (dv - (dv . u) u) / |v|. In du the size of dv is
-            # multiplied by the error of u, and by the relative error of |v|. Both are at
-            # most the bound of the direction, which gives the factor 2.
-            direction_bound = v_error / speed
-            change_bound = (dv_error + 2.0 * direction_bound * derivative_size) / speed
-        # An error of u multiplies the part of dv that is perpendicular to u.
-        acceleration_bound = dv_error + direction_bound * derivative_size
-        # Within its error v may be zero, and its direction any.
-        if not is_pair_axis:
-            direction_bound = np.where(speed <= v_error, np.inf, direction_bound)
+        # Bounds of the errors of u, and of du, its derivative with respect to the input.
+        if is_pair_axis:
+            # du = w x u with the angular velocity w of a link of the pair. Its error is
+            # that of w, plus the error of u times |w|, which is at most the largest speed
+            # of any link.
+            direction_error = self.axis_error
+            change_error = self.w_error + self.axis_error * self._largest_speed
+            direction_bound = direction_error
+        else:
+            # u = v / |v|, and du = (dv - (dv . u) u) / |v|. Three errors contribute to du:
+            # that of dv, and two that are multiplied by |dv|. These are the error of u and
+            # the relative error of |v|, and both are at most `direction_error`.
+            direction_error = v_error / speed
+            change_error = (dv_error + 2.0 * direction_error * dv_size) / speed
+            # Where v may be zero within its error, its direction can be any.
+            direction_bound = np.where(speed <= v_error, np.inf, direction_error)
         bounds = {
             "direction": direction_bound,
             "velocity_coefficient": v_error,
-            "acceleration_coefficient": acceleration_bound,
-            "direction_dq": change_bound,
+            # The coefficient is dv . u: the error of dv, and that of u times |dv|.
+            "acceleration_coefficient": dv_error + direction_error * dv_size,
+            "direction_dq": change_error,
         }
-        # Twice the rounding error of a number of the size of the vector.
+        # The rounding of the numbers to float64: twice the rounding error of the size.
         rounding = {
             name: 2.0 * EPS * np.sqrt(np.sum(numbers[name] ** 2, axis=0)) for name in bounds
         }

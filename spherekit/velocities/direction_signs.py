@@ -366,11 +366,12 @@ def _continue_along_path(
     """Return the continuous signs (k,) of a direction along a path of samples.
 
     The direction is along the relative angular velocity v of the links of its pole. Where v
-    passes through zero and reverses between two samples, the sign changes. v counts as not
-    reversed if the scalar product of its values at both samples is not negative. If it is
-    negative, v may have reversed, or it may have turned by more than 90 degrees. An
-    interpolation of v decides. The last sample is stored, so that the next block of samples
-    continues from there.
+    passes through zero and reverses between two samples, the sign changes. That is only
+    possible if the scalar product of v at both samples is negative. But v may also have
+    turned by more than 90 degrees, so `_find_reversals` interpolates v to decide.
+
+    Long motions are computed in blocks of samples. The last sample is stored, so that the
+    next block continues from there.
 
     Parameters
     ----------
@@ -385,8 +386,8 @@ def _continue_along_path(
         several inputs, the number of the sample; the sense in which the input moves, 1 or
         -1 (1); v (2 to 4); and the derivative of v by the coordinate (5 to 7).
     may_reverse
-        (k - 1,) whether the gap between a sample and the next one is examined. In the other
-        gaps v does not reverse.
+        (k - 1,) whether the gap between a sample and the next one has to be examined. The
+        caller knows already that v does not reverse in the other gaps.
     """
     # -1 for the gaps between two samples in which v reverses, otherwise 1.
     reversals = np.ones(len(may_reverse))
@@ -394,7 +395,8 @@ def _continue_along_path(
         reversals = np.where(may_reverse, _find_reversals(path), 1.0)
     first_sign = start_sign
     if key in sign_continuation.last:
-        # v may also reverse between the two blocks.
+        # v may also reverse between the last sample of the previous block and the first
+        # one of this block.
         last_path, first_sign = sign_continuation.last[key]
         last_v = last_path[2:5]
         first_v = path[2:5, 0]

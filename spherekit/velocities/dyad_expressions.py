@@ -271,11 +271,11 @@ def _arc_between(first: BodyAxis, second: BodyAxis) -> HalfAngle:
     are |a - b| / 2 and |a + b| / 2. These formulas keep all digits for small arcs.
     """
     if first.orientation is second.orientation:
-        # Within one link the components in link axes are numbers, and so is the arc.
-        # Otherwise the axes are expressions in the axes in which links are placed.
+        # One link: its own axes give components that are numbers, and so is the arc.
         a = constants(first.axis)
         b = constants(second.axis)
     else:
+        # Two links: components in common axes, which are expressions.
         a = first.direction
         b = second.direction
     axis_sum = a + b

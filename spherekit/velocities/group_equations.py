@@ -404,9 +404,9 @@ def _solve_private_rates(
     Private variables occur in no other loop. The rates of the other variables of the group
     are solved already, times the determinant D of its equations. The private rates satisfy
     x a + y b + s = 0 with the vectors a and b of the private variables. s is D times the
-    known vector c, plus the sum of vector times rate of all other unknown variables. The
-    component of this equation along a x b is among the equations that were solved before.
-    So s is in the plane of a and b, and two components give x and y.
+    known vector c, plus the sum of vector times rate of all other unknown variables of the
+    loop. The component of this equation along a x b is among the equations that were solved
+    before. So s is in the plane of a and b, and two components give x and y.
 
     Parameters
     ----------
@@ -424,17 +424,11 @@ def _solve_private_rates(
     """
     a, b = (vectors[v] for v in private)
     other_variables = [v for v in vectors if v not in private]
-    # `rates` has the other variables of the group. With one of them, which is in this loop,
-    # the group has one loop of three unknown variables.
+    # A dyad has one loop with three unknown variables. Two are private, so one is left.
     is_dyad = len(rates) == 1 and len(other_variables) == 1
     if is_dyad:
-        # The vectors of the three variables are a, b and d. Their only equation before was
-        # the component along a x b, z (a x b) . d + (a x b) . c = 0, with the rate z of the
-        # third variable. So D is (a x b) . d. Cramer's rule for x a + y b + z d + c = 0
-        # gives D x = b . (c x d) and D y = -a . (c x d). It needs no division. No digits
-        # are lost, whereas they may cancel in the sum s.
-        normal = cross(known_part, vectors[other_variables[0]])
-        return dot(b, normal), -1.0 * dot(a, normal)
+        (third_variable,) = other_variables
+        return _solve_private_rates_of_dyad(a, b, vectors[third_variable], known_part)
     # The vector s.
     other_terms = known_part * scale
     for variable in other_variables:
@@ -451,3 +445,25 @@ def _solve_private_rates(
         dot(cross(normal, b) * inverse_square, other_terms),
         dot(cross(a, normal) * inverse_square, other_terms),
     )
+
+
+def _solve_private_rates_of_dyad(
+    a: Exprs, b: Exprs, d: Exprs, known_part: Exprs
+) -> tuple[Expr, Expr]:
+    """Return the rates x and y, times D, of the private variables of a dyad.
+
+    A dyad has one loop with three unknown rates: x a + y b + z d + c = 0. Its component
+    along a x b is the equation (a x b) . d z + (a x b) . c = 0, whose determinant is
+    D = (a x b) . d. By Cramer's rule D x = b . (c x d) and D y = -a . (c x d). These
+    formulas need no division and not the rate z. They keep all digits, whereas digits may
+    cancel in the sum z d + c.
+
+    Parameters
+    ----------
+    a, b, d
+        (3,) vectors of the two private variables and of the third variable.
+    known_part
+        (3,) the known vector c.
+    """
+    normal = cross(known_part, d)
+    return dot(b, normal), -1.0 * dot(a, normal)

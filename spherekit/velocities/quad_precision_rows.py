@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherekit.arrays import Bools, Floats
+from spherekit.arrays import Array, Bools, Floats
 from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.quad_precision import quad
 from spherekit.velocities.axis_rotations import append_profile_columns
@@ -94,11 +94,9 @@ def recompute_in_quad(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
 def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
     """Return at most `BATCH_ROWS` rows, computed in quad precision.
 
-    Newton's method first closes the loops, for all rows together, until all steps are small
-    or their number is `MAX_NEWTON_STEPS`. It fails in a row if the last step was not small,
-    or if the row has moved by more than `MAX_QUAD_CORRECTION_RAD` and may have reached
-    another solution. The columns of such a row are computed at the given variables, and
-    `is_closed` is False. The caller then adds the opening of its loops to the error bounds.
+    The loops are closed first. The columns of a row in which this fails are computed at the
+    given variables, and `is_closed` is False. The caller then adds the opening of its loops
+    to the error bounds.
 
     Parameters
     ----------
@@ -106,6 +104,45 @@ def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
         The functions of all output columns, such as poles and angular velocities of links.
     values
         (variables, n) nearly closed configurations (rad).
+    """
+    x, is_closed = _close_loops(kernel, values)
+    extended = append_profile_columns(x, kernel.profiles, expansion_point=values)
+    columns = kernel.all_columns.function(extended).astype(float)
+    # Numbers by which a row is judged. Among them is the inverse of the loop equations: the
+    # movement of each passive variable per unit opening of each loop about three axes.
+    bounds = kernel.row_bounds.function(extended).astype(float)
+    inverse = bounds[kernel.row_bounds.slices["inverse"]].reshape(
+        len(kernel.passive_variables), 3 * kernel.loop_count, values.shape[1]
+    )
+    # How much each column changes per unit opening of the loops. The sizes of a mechanism
+    # are rounded to float64, so the loops of the true mechanism are open by tiny angles. An
+    # estimate of these angles times the changes is a bound of the errors of the columns.
+    opening_changes = _sum_opening_changes(kernel, x.astype(float), inverse)
+    return QuadPrecisionRows(columns, bounds, opening_changes, is_closed)
+
+
+def _close_loops(kernel: RowKernel, values: Floats) -> tuple[Array, Bools]:
+    """Close the loops of rows by Newton's method in quad precision.
+
+    Steps are made for all rows together, until all of them are small or their number is
+    `MAX_NEWTON_STEPS`. The method fails in a row if the last step was not small, or if the
+    row has moved by more than `MAX_QUAD_CORRECTION_RAD` and may have reached another
+    solution.
+
+    Parameters
+    ----------
+    kernel
+        The functions of all output columns, and of a step of Newton's method.
+    values
+        (variables, n) nearly closed configurations (rad).
+
+    Returns
+    -------
+    x
+        (variables, n) closed configurations (rad) in quad precision. Rows in which the
+        method fails have the given values.
+    is_closed
+        (n,) whether the method has closed the loops of a row.
     """
     passive = list(kernel.passive_variables)
     start = values.astype(quad())
@@ -124,21 +161,7 @@ def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
     distances = max_abs((x - start).astype(float), axis=0)
     is_closed = (step_sizes <= CLOSED_ROW_STEP_RAD) & (distances < MAX_QUAD_CORRECTION_RAD)
     x[:, ~is_closed] = start[:, ~is_closed]
-
-    extended = append_profile_columns(x, kernel.profiles, expansion_point=values)
-    columns = kernel.all_columns.function(extended).astype(float)
-    # Condition numbers and residuals by which a row is judged.
-    bounds = kernel.row_bounds.function(extended).astype(float)
-    # They contain the inverse of the loop equations: the movement of each passive
-    # variable per unit opening of each loop about three axes.
-    inverse = bounds[kernel.row_bounds.slices["inverse"]].reshape(
-        len(passive), 3 * kernel.loop_count, values.shape[1]
-    )
-    # The sizes of a mechanism are rounded to float64, so the loops of the true mechanism
-    # remain open by tiny angles, which the caller estimates. It multiplies them by these
-    # changes of the columns per unit opening, and obtains bounds of the errors.
-    opening_changes = _sum_opening_changes(kernel, x.astype(float), inverse)
-    return QuadPrecisionRows(columns, bounds, opening_changes, is_closed)
+    return x, is_closed
 
 
 def _sum_opening_changes(kernel: RowKernel, values: Floats, inverse: Floats) -> Floats:
