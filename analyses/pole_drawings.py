@@ -208,10 +208,10 @@ def draw_construction(batch: Batch, row: int, chart: ChartAxis = "yes") -> Scene
     """
     mechanism = batch.mechanism
     steps = _list_construction_steps(batch)
-    # The plan says in which round each pole of the mechanism is constructed. The keys
-    # are all poles. The page shows the plan of the first input.
+    # The plan of the first input, the only one, has an entry for each pole.
     poles = list(batch.plans[0].rounds)
-    # The first axis of both arrays is the step. NaN is not drawn.
+    # Axes of the directions: step, pole, component. Axes of the normals of great circles:
+    # step, first or second circle, component. NaN is not drawn.
     directions = np.full((len(steps), len(poles), 3), np.nan)
     normals = np.full((len(steps), 2, 3), np.nan)
     for number, step in enumerate(steps):

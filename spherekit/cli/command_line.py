@@ -163,13 +163,17 @@ class CommandParser(CommandLineParser):
         self._has_arguments = False
 
     def import_command(self) -> None:
-        """Import the module of the command and add its arguments and examples."""
+        """Import the module of the command and add its arguments and examples.
+
+        Only the command that is used is imported, so that the program starts quickly. A
+        second call has no effect.
+        """
         if self._has_arguments:
             return
         self._has_arguments = True
         module = import_module(f"spherekit.cli.{self._command}")
         self.epilog = module.EXAMPLES
-        self.set_defaults(execute=module.execute)
+        self.set_defaults(execute=module.execute)  # the function that runs the command
         self.add_argument(
             "-T",
             "--traceback",

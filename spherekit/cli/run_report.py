@@ -213,10 +213,15 @@ def _analysis_results(summary: Any) -> list[str | ScreenTable]:
 
 
 def _describe_dead_centres(summary: Any) -> Lines:
-    """Return a line on where modes of a mechanism with one input end at dead centres.
+    """Return lines on where modes of a mechanism with one input end at dead centres.
 
-    The number of modes is constant between dead centres, so that modes that close
-    everywhere have none.
+    Modes that end at the same places share a line. An example is "Modes 0, 1 end at dead
+    centres (type II singularities) near 21 = 36.87 deg. ...".
+
+    Parameters
+    ----------
+    summary
+        The content of ``summary.json``.
     """
     overview = summary["overview"]
     if len(summary["inputs"]) != 1 or overview["place"]["kind"] != "input":
@@ -228,12 +233,16 @@ def _describe_dead_centres(summary: Any) -> Lines:
         entry = overview["modes"].get(str(mode["number"]))
         if entry is None or set(entry["statuses"]) - {"OUT_OF_REACH"}:
             return []  # a mode may end for another reason
-        # Each dead centre lies between the last sample that closes and the next one.
+        # `closes` lists the parts of the range (inputs of first and last sample) in which
+        # the mode exists. Where such a part ends inside the range, there is a dead centre
+        # between its last sample and the next one.
         texts = []
         for span in entry["closes"]:
             for end, step in zip(sorted(span), (-1, 1), strict=True):
                 if end in (first, last):
                     continue
+                # If samples are far apart (`step_text` is then not empty), the text has
+                # both of them, such as "between 30 and 40". Otherwise one is enough.
                 if place_text.step_text:
                     neighbour = end + step * place_text.sample_step
                     bounds = sorted((end, neighbour))
@@ -245,7 +254,7 @@ def _describe_dead_centres(summary: Any) -> Lines:
             modes_by_places.setdefault(text, []).append(mode["number"])
     if not modes_by_places:
         return [f"No mode has {TYPE_2_TEXT} in this range."]
-    name = overview["place"]["name"]
+    name = overview["place"]["name"]  # of the input
     where = f"at {name}" if place_text.step_text else f"near {name} ="
     lines = [
         f"{'Mode' if len(numbers) == 1 else 'Modes'} {number_list(numbers)} "

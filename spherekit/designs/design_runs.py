@@ -431,23 +431,25 @@ class DesignRuns:
     def _find_kernel_row(
         self, kernel_rows: DesignTable, mode: TableMode, assembly_modes: Facts
     ) -> int | None:
-        """Return the index of the kernel row with the same assembly mode, or None.
+        """Return the index of the row of the evaluator with the same mode, or None.
 
-        A kernel is a function that computes quantities of many designs at once. A run
-        numbers assembly modes, a kernel labels them by the signs of their dyads (two links
-        and three R pairs each). Modes are compared by these signs.
+        The figures of merit of a design come from two sources. A run of the design numbers
+        its assembly modes. The evaluator (`kernel_evaluator`) needs no run, and labels
+        modes by the signs of their dyads (two links and three R pairs each). Modes of both
+        are compared by these signs.
 
         The answer is None if signs do not identify the mode. There are three such cases:
 
-        - The kernel tracks solutions from design to design and numbers them itself.
+        - The evaluator tracks solutions from design to design and numbers them itself.
         - The run has working modes: ways to assemble the mechanism at a given pose of the
           output.
-        - The kernel has replaced contacts by links, so its dyads are not those of the run.
+        - The evaluator has replaced contacts by links, so its dyads are not those of the
+          run.
 
         Parameters
         ----------
         kernel_rows
-            Rows of a design by the kernel.
+            Rows of a design by the evaluator.
         mode
             A mode of the run of this design.
         assembly_modes
@@ -461,10 +463,10 @@ class DesignRuns:
         # Working modes have a column of their own.
         if mode.column != ASSEMBLY:
             return None
+        # An evaluator with a kernel, a function for many designs at once, replaces contacts
+        # by links between the centres of circles. The signs of these links are not those of
+        # the run. Without a kernel it analyses each design with its contacts, as the run.
         if evaluator.kernel and evaluator.varied_mechanism.equivalent_linkage:
-            # The kernel has replaced contacts by links between the centres of circles. The
-            # signs of these links are not those of the run. If `kernel` is None, the rows
-            # come from an analysis of each design with its contacts, as in the run.
             return None
         signs = str(assembly_modes[mode.label]["mode"])
         # A mode is labelled by its signs if positions have a closed form. If a search had

@@ -133,15 +133,23 @@ def _derive_independence(
     velocity equations J v' = 0 of the loops. The measure is det(J J^T), times a constant by
     which it is 1 at the closed configuration `values` (variables,).
 
-    With m degrees of freedom, let n_i be the rates of all variables per unit rate of
-    coordinate i. Let D be the determinant of the columns of J for the variables that are no
-    coordinates; this part of J is square. Then det(J J^T) = D^2 det(n_i . n_k) by the
-    Cauchy-Binet formula. Given are D (`scale`) and tau_i = D n_i (`tau`). The determinant
-    of the m x m products tau_i . tau_k is D^(2 m) det(n_i . n_k), so
-    det(J J^T) = det(tau_i . tau_k) / D^(2 m - 2).
+    The matrix J is not multiplied out. The measure follows from numbers that are known
+    already, for m degrees of freedom:
+
+    - D (`scale`) is the determinant of the square part of J that has the columns of the
+      variables that are no coordinates.
+    - tau_i (`tau`) is D n_i, where n_i are the rates of all variables per unit rate of
+      coordinate i.
+
+    Any square part of J has the determinant D times, up to its sign, the determinant of the
+    other variables' rates in n_1 ... n_m. By the Cauchy-Binet formula, det(J J^T) is the
+    sum of the squares of the former, and det(n_i . n_k) that of the latter. Therefore
+
+        det(J J^T) = D^2 det(n_i . n_k) = det(tau_i . tau_k) / D^(2 m - 2).
     """
     tau = coordinate_rates.tau
-    independence = determinant([[dot(a, b) for b in tau] for a in tau])
+    products = [[dot(a, b) for b in tau] for a in tau]  # m x m
+    independence = determinant(products)
     # Division by D^(2 m - 2).
     inverse_scale = 1.0 / coordinate_rates.scale
     for _ in range(2 * layout.freedoms - 2):

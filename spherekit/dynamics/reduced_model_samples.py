@@ -207,11 +207,13 @@ class Sampler:
     def make_heading(self, assembly_mode: int) -> StoredHeading:
         """Return the heading of the model of an assembly mode (way to assemble the links).
 
-        The heading describes the model: the mechanism, its loads, the poles (axes of
-        relative rotation of two links), and the coordinates (``by``) with their ranges.
-        ``variables`` are the names of all pair variables, ``angles`` those of the R pairs.
-        ``rise`` is the growth of each variable (rad) over one period of the coordinate. The
-        fitted functions are not part of the result.
+        The model is the equation of motion, whose functions (inertia, forces, ...) are
+        stored as series in one or several coordinates. The heading describes it without
+        the series: the mechanism, its loads and poles (axes of relative rotation of two
+        links), and the coordinates (``by``) with their ranges. Coordinates are the inputs,
+        or the arc length of the configuration curve. ``variables`` are the names of all
+        pair variables, ``angles`` those of the R pairs. ``rise`` is the growth of each
+        variable (rad) over one period of the coordinate.
         """
         mechanism = self.mechanism
         return StoredHeading(

@@ -629,8 +629,8 @@ class PositionFormulas:
         tangent
             The unit tangent at k of the arc from k to `axis`.
         axis
-            Any axis of the link but its first. `axis.turn` is the angle at k between two
-            arcs: the one to the second axis of the link, and the one to this axis.
+            Any axis of the link but its first. `axis.turn` is the angle about k from the
+            arc to the second axis of the link to the arc to this axis.
         i
             The vector i if it is known. Otherwise it is written as j x k.
         """
@@ -639,14 +639,14 @@ class PositionFormulas:
         # The symbol of the first axis.
         k = self._axes_by_link[link][0].vector
         if k not in formula_list.formulas:
-            # Axes always have a formula of their own, also if `first_vector` is only a
-            # symbol. (Other symbols that equal a single symbol have none.)
+            # If the right-hand side of a formula is a single symbol, this symbol is used
+            # instead, and no formula is written. Only axes always have a formula.
             formula_list.write(k, first_vector, always=True)
-        # The formula of j contains the tangent twice, or once if the sine is zero. What
-        # occurs twice gets a symbol.
+        # j points to the second axis. It is the tangent towards `axis`, rotated about k by
+        # minus `axis.turn`: j = cos(turn) tangent + sin(turn) tangent x k. The tangent
+        # occurs twice, so it gets a symbol, unless the sine is zero.
         if axis.turn.sine != 0.0:
             tangent = formula_list.write_indexed(r"\mathbf{d}", label, tangent)
-        # j is the tangent towards `axis`, rotated back about k by `axis.turn`.
         j = formula_list.write_indexed(
             r"\mathbf{j}",
             label,

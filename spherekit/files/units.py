@@ -238,19 +238,24 @@ def convert_to_file(data: Table, unit: AngleUnit) -> Any:
 def angle_paths(document: Document) -> set[KeyPath]:
     """Return the locations of all angles in a mechanism file.
 
-    They are what the schema declares as an angle, and the two numbers of a longitude and a
-    latitude. The location of an array of angles without an index is not included.
+    They are the numbers that the schema of the file declares as angles, and the two numbers
+    of a longitude and a latitude. A location is a path of keys. Each number of an array has
+    a path of its own, which ends with its index.
     """
     paths: set[KeyPath] = set()
 
     def add_angle(path: KeyPath, number: float) -> float:
+        """Add the path of an angle, and return the angle unchanged."""
         paths.add(path)
         return number
 
     def add_lonlat(path: KeyPath, angles: Any) -> Any:
+        """Add the paths of a longitude and a latitude, and return both unchanged."""
         paths.update((*path, index) for index in range(len(angles)))
         return angles
 
+    # `convert_values` calls these functions for each value of their kind, with its path.
+    # Its result, the unchanged data, is not used.
     convert_values(
         document.data, {"angle": add_angle, "travel": add_angle, "lonlat": add_lonlat}
     )

@@ -206,8 +206,11 @@ def close_dyad(
     ) -> Floats:
         """Return the rotation (n, 3, 3) of a body of the dyad, from its axes to base axes.
 
-        The body is a side of the triangle. At its outer axis this side and the base, the
-        arc between both outer axes, enclose an angle.
+        The three axes of the dyad are the corners of a spherical triangle. The arc of the
+        body from its outer axis to the middle axis is one side, and the arc between both
+        outer axes is the base. `normal` is the unit normal of the plane of the base.
+        `sign`, +1 or -1, says whether the middle axis is on the side of this normal or on
+        the opposite one.
 
         Parameters
         ----------
@@ -220,6 +223,8 @@ def close_dyad(
         body
             Outer and middle axis (n, 3), in the axes of the body.
         """
+        # The direction of the body's arc at its outer axis: that of the base, turned by the
+        # angle towards the side of the middle axis.
         normal_part = (sign * np.sin(angle))[:, None]
         tangent = np.cos(angle)[:, None] * base_tangent + normal_part * normal
         return frame_from(axis, tangent) @ transpose(_body_frame(*body))

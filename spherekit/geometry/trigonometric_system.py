@@ -768,27 +768,30 @@ def _start_angles(equations: Numbers, first_angles: Complexes) -> Complexes:
     three equations, 2 for two. Each solution with that first angle is near one of them.
     """
     forms = _reduce_to_forms(equations, first_angles)
-    # Axes of `forms.last_forms`, the forms in the last angle: system, first angle, zero of
-    # the second angle, the two equations, coefficients c0, c1, c2. `forms.second_zeros` has
-    # the zeros of the second angle as (1, cos, sin). A system of two equations has no
-    # second angle: that axis has the length 1 and its zero is (1, 1, 1), which is not used.
-    # At a solution both equations have a common zero. The one with the larger (c1, c2)
-    # gives it more accurately.
+    # 1. The second angle: (n, r, 2) zeros of its form. A system of two equations has none,
+    # so that `second_zeros` and this array have one placeholder instead of two zeros.
+    second_angles = _angles_from_factors(forms.second_zeros)
+
+    # 2. The last angle. For each system, first angle and zero of the second angle, there
+    # are two forms in it: axis 3 of `last_forms`, before the coefficients c0, c1 and c2. At
+    # a solution both have a common zero. The form with the larger (c1, c2) gives it more
+    # accurately.
     angle_parts = np.linalg.norm(forms.last_forms[..., 1:], axis=4)
     better = np.argmax(angle_parts, axis=3)[..., None, None]
     better_forms = np.take_along_axis(forms.last_forms, better, axis=3)[..., 0, :]
     last_zeros, _ = _form_zeros(better_forms)
     last_angles = _angles_from_factors(last_zeros)
-    second_angles = _angles_from_factors(forms.second_zeros)
-    # Axes of each array: system, first angle, zero of the second angle, zero of the last.
+
+    # 3. All combinations. Axes: system, first angle, zero of the second angle, zero of the
+    # last angle.
     first_starts, second_starts, last_starts = np.broadcast_arrays(
         first_angles[..., None, None], second_angles[..., None], last_angles
     )
-    if equations.shape[1] == 2:
-        # The placeholder of the second angle is left out.
-        columns = [first_starts, last_starts]
-    else:
+    has_second_angle = equations.shape[1] == 3
+    if has_second_angle:
         columns = [first_starts, second_starts, last_starts]
+    else:
+        columns = [first_starts, last_starts]
     # All starts of a system in one axis: first angles times zeros of both other angles.
     start_count = prod(last_angles.shape[1:])
     shape = (len(first_angles), start_count, len(columns))

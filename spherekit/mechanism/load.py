@@ -154,7 +154,8 @@ class LoadComponent:
         Moments on links, if it does not act at a pair. Each is multiplied by the magnitude.
         Its power is its dot product with the angular velocity of the link.
     bearing_friction
-        The load of which this component is the friction, if it follows from a reaction.
+        The load of the mechanism file that states this friction, if the component is
+        friction in a bearing or contact. Its size follows from the reaction there.
     """
 
     magnitude: "Expression | TorqueCallback | TorqueTable"
@@ -541,8 +542,9 @@ def make_component(
     moments
         Vectors of moments on links if it acts at no pair. The magnitude multiplies them.
     bearing_friction
-        The load of which this component is the friction, if this friction follows from a
-        reaction.
+        The load of the mechanism file that states this friction, if the component is
+        friction in a bearing or contact. Its size follows from the reaction there, and the
+        magnitude is only a factor between -1 and 1.
     """
     expression = parse(magnitude, load_names(mechanism.angles))
     return LoadComponent(

@@ -580,8 +580,10 @@ class InverseKinematics:
             coordinates = azimuth_tilt(pose_array)
         else:
             coordinates = euler_zyz(pose_array)
-        # `self.solver` is that of the mechanism with virtual links. Configurations are
-        # returned with the variables of the user's mechanism (`own`), whose output is free.
+        # `self.solver` finds the configurations of the mechanism with virtual links. Its
+        # inputs are the coordinates of the pose. The second solver is that of the user's
+        # mechanism (`own`), whose output is free. It decides which variables and inputs are
+        # returned, and turns wheels by whole revolutions until they mesh as in the file.
         released_solver = PositionSolver(self.own, plan_assembly(self.own))
         return find_configurations(
             self.solver, self.wrist.output, coordinates, released_solver

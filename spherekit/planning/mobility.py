@@ -156,15 +156,15 @@ class PebbleGame:
     def merge_bodies(self, part: set[int], into: int) -> None:
         """Replace a rigid part by one of its bodies, which has three free pebbles then.
 
-        A pebble is a degree of freedom of a body. A constraint has taken a pebble of one of
-        its bodies, and points from this body to the other. The other bodies of the part
-        lose their pebbles, and all constraints within the part are removed. Constraints
+        Each body has three pebbles, one for each degree of freedom. A constraint takes a
+        pebble of one of its bodies, and points from this body to the other. All constraints
+        within the part are removed, and its other bodies lose their pebbles. Constraints
         from outside that point to a body of the part point to the remaining body.
         """
-        # A rigid part has three freedoms, so all its other pebbles are taken by constraints
-        # between its bodies. With the three free pebbles on one body, no pebble of the
-        # other bodies is taken by a constraint that leads out of the part. Removing the
-        # constraints of these bodies therefore removes none to the outside.
+        # The k bodies of the part have 3 k pebbles. Since the part is rigid, constraints
+        # within it have taken 3 k - 3 of them. The other three become free pebbles of one
+        # body here. No pebble is then left for a constraint that leads out of the part, so
+        # all constraints that start in the part are within it and can be removed.
         self.gather_pebbles(into, BODY_FREEDOMS)
         for body, targets in enumerate(self.constraint_targets):
             if body in part:

@@ -117,8 +117,8 @@ class UnwrappedStretch:
         - the revolutions by which the curve's angle at the same input differs from it,
         - for each whole period from the stretch to the input, the revolutions that the
           angle gains in a period (`winding`),
-        - minus `reference_revolutions`, by which the curve's angle exceeds (-pi, pi] at the
-          reference input. The counted angle is therefore in this range there.
+        - minus `reference_revolutions`, the same number for all configurations. It is
+          chosen so that the angle is in (-pi, pi] at a reference input.
 
         Parameters
         ----------
@@ -131,24 +131,24 @@ class UnwrappedStretch:
         (n, angles) whole revolutions. NaN for configurations that are not on this stretch.
         """
         low, high = self.curve.inputs[[0, -1]]
-        # The input is reduced into the period that begins at the lower end of the curve. A
-        # curve that leads to a dead centre ends a little before it. So inputs up to
-        # `DEAD_CENTRE_SLACK_RAD` beyond an end count as at the end. The period begins this
-        # much below the lower end. Otherwise an input just below this end would be reduced
-        # to the other end of the period.
-        from_low = values[:, self.input_variable] - low + DEAD_CENTRE_SLACK_RAD
-        reduced_input = low - DEAD_CENTRE_SLACK_RAD + np.mod(from_low, self.period)
+        # A curve that leads to a dead centre ends a little before it. Inputs up to
+        # `DEAD_CENTRE_SLACK_RAD` beyond an end therefore count as at the end.
+        lowest = low - DEAD_CENTRE_SLACK_RAD
+        highest = high + DEAD_CENTRE_SLACK_RAD
+        # 1. The input less whole periods, so that it is in the period from `lowest` on.
+        from_lowest = values[:, self.input_variable] - low + DEAD_CENTRE_SLACK_RAD
+        laps = np.floor(from_lowest / self.period)
+        reduced_input = lowest + np.mod(from_lowest, self.period)
+        # 2. The curve's angles at this input differ from those of the configuration by
+        # whole revolutions. A larger remainder shows that the configuration belongs to
+        # another mode.
         curve_values, _ = self.curve.interpolate(np.clip(reduced_input, low, high))
-        # The angles of the curve differ from those of the configuration by whole
-        # revolutions. A larger remainder shows that the configuration belongs to another
-        # mode.
         difference = (curve_values - values)[:, self.angles]
         revolutions = np.round(difference / TURN)
         deviation = max_abs(difference - TURN * revolutions, axis=1)
-        is_on_stretch = reduced_input <= high + DEAD_CENTRE_SLACK_RAD
+        is_on_stretch = reduced_input <= highest
         is_on_stretch &= deviation < SAME_MODE_TOLERANCE_RAD
-        # Whole periods from the beginning of the first one, as in `reduced_input`.
-        laps = np.floor(from_low / self.period)
+        # 3. The other two numbers of the sum.
         revolutions += laps[:, None] * self.winding - self.reference_revolutions
         return np.where(is_on_stretch[:, None], revolutions, np.nan)
 

@@ -314,11 +314,12 @@ class ConfigurationGraph:
     def find_unbalanced(self) -> Bools:
         """Return at which samples a configuration must be missing.
 
-        The signs of the determinants of the closure Jacobian (without the inputs) of all
-        configurations of a sample add up to the degree of the map from passive angles to
-        loop rotations. The degree depends neither on the inputs nor on the arcs. It is
-        zero, because there are arcs with which the loops close nowhere. A sum that is not
-        zero therefore shows that a configuration is missing.
+        A node is a configuration at a sample. Its sign is that of the determinant of the
+        closure Jacobian (without the inputs). The signs of all configurations of a sample
+        add up to zero: if inputs or arcs of links are changed, configurations only appear
+        and vanish in pairs with opposite signs, so the sum does not change. It is zero,
+        because with some arcs the loops close nowhere. A sum that is not zero therefore
+        shows that a configuration was not found.
 
         Returns
         -------

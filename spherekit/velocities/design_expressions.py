@@ -758,18 +758,8 @@ class DesignExpressions:
         ModelError
             If friction of loads follows from reactions.
         """
-        mechanism = self.mechanism
+        self._refuse_reaction_friction(moving)
         rates = self.coordinate_rates
-        # If friction follows from reactions, the next call raises an error. Its text is:
-        # "its friction depends on the reaction of pair ..., which a kernel of designs does
-        # not solve for; runs do: ...". It names the column of a run with the same torque.
-        column = f"dynamics.dynamics: abs(tau_{self.inputs[moving]})"
-        if len(self.inputs) == 1:
-            column = "eksergian.eksergian: abs(tau)"
-        check_no_reaction_friction(
-            mechanism,
-            f'a kernel of designs does not solve for; runs do: --reduce "max({column})"',
-        )
         # Loads such as springs depend on whole revolutions of their pairs. Those of passive
         # pairs are symbols, in rad (2 pi for each revolution).
         angles = self._angles()
@@ -778,7 +768,7 @@ class DesignExpressions:
             for pair, angle in self.revolution_symbols.items()
         }
         load_state = LoadState(
-            mechanism=mechanism,
+            mechanism=self.mechanism,
             placed=rates.placed,
             tau=rates.tau,
             w=rates.w,
@@ -788,7 +778,8 @@ class DesignExpressions:
             rates=rates.motion_rates(self._speeds).variable_rates,
             # The last symbol of a sample.
             time=self.sample_symbols[-1],
-            # The sign of an expression at whose zero a load has a jump or a kink.
+            # Some loads have a jump or a kink where an expression is zero. This function
+            # returns the sign of such an expression.
             sign_of_condition=sign_of,
             # A torque given by a table is a symbol.
             table_torque=self.table_symbols.__getitem__,
@@ -801,6 +792,23 @@ class DesignExpressions:
             for components in self._load_components
         )
         return sum(forces, 0.0) / rates.scale
+
+    def _refuse_reaction_friction(self, moving: int) -> None:
+        """Raise `ModelError` if friction of loads follows from reactions of pairs.
+
+        Reactions are not computed here, but the runs of designs compute them. The message
+        therefore names the column of a run that has the torque at the input number
+        `moving`. It ends with "..., which a kernel of designs does not solve for; runs
+        do: --reduce ...".
+        """
+        if len(self.inputs) == 1:
+            column = "eksergian.eksergian: abs(tau)"
+        else:
+            column = f"dynamics.dynamics: abs(tau_{self.inputs[moving]})"
+        check_no_reaction_friction(
+            self.mechanism,
+            f'a kernel of designs does not solve for; runs do: --reduce "max({column})"',
+        )
 
     def _angles(self) -> list[Expr]:
         """Return the angles of R pairs (rad) by variable, and 0 for variables of contacts.

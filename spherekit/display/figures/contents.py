@@ -189,8 +189,10 @@ def _plan_series(
     sheet
         Size of the figures, and titles of modes.
     """
-    # Each title has figures of its own. All assembly modes are together, with title "".
-    for (_title, group), items in _group_items(source_scenes, Series, "group").items():
+    # The series of all assembly modes with the same group are together. Series under each
+    # title of the analysis are separate from these.
+    items_by_title_and_group = _group_items(source_scenes, Series, "group")
+    for (_, group), items in items_by_title_and_group.items():
         shown_series = [
             (scene, series)
             for scene, series in items
