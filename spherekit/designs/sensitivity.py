@@ -130,7 +130,7 @@ class Sensitivity:
                 "instead"
             )
         self.variables = tuple(self._make_variable(key) for key in self.keys)
-        # Locations, in the file, of the sizes that the user has named.
+        # Paths, in the file, of the numbers that the user has named.
         self._named_paths = [variable.path for variable in self.variables] if keys else []
         check_variables(self.document, self.variables)
         # (sizes,) whether the variable is a number of a mass or load. `path[0]` is the
@@ -376,10 +376,11 @@ class Sensitivity:
 
     @cached_property
     def links(self) -> frozenset[int]:
-        """Numbers of the links that are needed for the quantities and the named sizes.
+        """Numbers of the links that are needed for the quantities and the named numbers.
 
-        A run leaves out links on which none of these links depends, which saves time. It
-        keeps all links that determine their motion.
+        A named number is a number of the mechanism file with respect to which the user asks
+        for derivatives: a size, or a number of a mass or load. A run leaves out links on
+        which none of the needed links depends, which saves time.
         """
         pairs = self.mechanism.pairs
         names = self.mechanism.links
@@ -403,8 +404,9 @@ class Sensitivity:
             # With several inputs, quantities end with "_by_" and the input that moves.
             without_input, *_ = quantity.split("_by_")
             link_names.update(links_of_quantity.get(without_input, default))
-        # A path is such as ("links", "2", "arc") or ("pairs", "41", "zero"). The links that
-        # share a pair with a named link, or with a named pair, are added.
+        # The path of a named number in the file is such as ("links", "2", "arc") or
+        # ("pairs", "41", "zero"): its second item is a link or a pair. For a pair its two
+        # links are added, and for a link also all links that it shares a pair with.
         for path in self._named_paths:
             for pair in pairs:
                 if path[1] in (pair.name, *pair.links):

@@ -489,6 +489,7 @@ def _are_alike(
 ) -> bool:
     """Return whether two optima are the same design, or the same linkage and as good.
 
+    They are the same design if their variables and their assembly mode are the same.
     Linkages are the same up to mirror images and axes that point the other way. Optima are
     equally good if their objectives differ by at most the tolerance of the descents.
 
@@ -501,7 +502,9 @@ def _are_alike(
         The descents that led to the optima.
     """
     distances = np.abs(optimum.x - other_optimum.x)
-    if np.max(distances) < SAME_LINKAGE and optimum.mode.continues_in(other_optimum.mode):
+    has_same_variables = np.max(distances) < SAME_LINKAGE
+    # `continues_in` compares modes of two designs, even if these have different numbers.
+    if has_same_variables and optimum.mode.continues_in(other_optimum.mode):
         return True
     sweep = descent.sweep
     # Masses and loads must be the same, because the comparison of linkages ignores them.

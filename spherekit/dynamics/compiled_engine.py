@@ -222,14 +222,14 @@ def _integrate(
         # Compile the equation of these coordinates (none with one degree of freedom).
         coordinate_pairs = coordinates_at(problem, values)
         started = time.perf_counter()
-        compiled_equation, was_compiled = compile_equation(
+        compiled_equation, was_cached = compile_equation(
             mechanism,
             tolerance=min(tolerance, max_tolerance),
             compact=problem.compact,
             coordinates=coordinate_pairs,
             values=values if coordinate_pairs else None,
         )
-        if not was_compiled:
+        if not was_cached:
             compile_seconds += time.perf_counter() - started
 
         # Convert the state at the start to that of the compiled equation.

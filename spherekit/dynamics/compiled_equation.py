@@ -195,9 +195,9 @@ def compile_equation(
     step_tolerance = _limit_tolerance(tolerance, coordinates)
     key = _cache_key(mechanism, step_tolerance, compact)
     input_variables = [mechanism.angles[pair] for pair in mechanism.input_pairs]
-    # Whether an earlier call has compiled the equation. `compile_now`, which the cache
-    # calls if it has no such equation, sets this to False.
-    was_compiled = True
+    # Whether the cache had the equation, because an earlier call has compiled it. The cache
+    # calls `compile_now` only if it does not, and `compile_now` sets this to False.
+    was_cached = True
 
     def compile_now() -> CompiledEquation:
         """Derive and compile the equation of motion, because the cache does not have it.
@@ -207,9 +207,8 @@ def compile_equation(
         derived, they have arbitrary values. So mechanisms that differ only in these numbers
         share one compiled equation.
         """
-        # The equation was not in the cache, as `compile_equation` has assumed.
-        nonlocal was_compiled
-        was_compiled = False
+        nonlocal was_cached
+        was_cached = False
         # With several degrees of freedom a configuration is given, `values`, in which the
         # coordinates determine the rates. With one there is nothing to choose.
         if values is None:
@@ -233,7 +232,7 @@ def compile_equation(
         )
 
     equation = FUNCTION_CACHE.get(common_mechanism, key, compile_now)
-    return equation, was_compiled
+    return equation, was_cached
 
 
 def _compile_again(arguments: EquationArguments) -> CompiledEquation:

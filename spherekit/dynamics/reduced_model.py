@@ -139,12 +139,12 @@ class StoredModel:
             torques of those outside are NaN.
         """
         if self._is_single(x):
-            # Functions of numbers take less time at a single point than those of arrays.
-            # The first of two functions evaluates inertia, its derivatives and load
-            # velocities. `torque_at_functions` uses the second one, which returns the
-            # torques from their values.
-            evaluate_functions, _ = self.dynamics
-            return self.torque_at_functions(evaluate_functions(x), x, dx, ddx, t)
+            # At a single point, numbers take less time than arrays. First the values of
+            # inertia, its derivatives and load velocities at this point are computed, then
+            # the torques from these values.
+            evaluate_configuration_values, _ = self.dynamics
+            configuration_values = evaluate_configuration_values(x)
+            return self.torque_from_values(configuration_values, x, dx, ddx, t)
         arrays = self._broadcast(x, dx, ddx, t=t)
         # (m, n) torques at all n points.
         torque_rows = self._torque_function(self._arguments(arrays))
@@ -524,19 +524,19 @@ class StoredModel:
         )
         return self._single_function(*names), evaluate_torques
 
-    def torque_at_functions(
-        self, functions: list[float], x: Any, dx: Any, ddx: Any, t: Any
+    def torque_from_values(
+        self, configuration_values: list[float], x: Any, dx: Any, ddx: Any, t: Any
     ) -> Any:
-        """Return the torques (N m) at a point from the functions that the model stores.
+        """Return the torques (N m) at a point from values of the functions of the model.
 
-        `torque` evaluates these functions itself. A simulation, which also needs them for
-        other purposes, evaluates them once and calls this method.
+        `torque` computes these values itself. A simulation, which also needs them for other
+        purposes, computes them once and calls this method.
 
         Parameters
         ----------
-        functions
-            Functions on which the torques depend, such as the inertia, at this point. The
-            first function of the property `dynamics` returns them.
+        configuration_values
+            Values at this point of the stored functions on which the torques depend, such
+            as the inertia. The first function of the property `dynamics` returns them.
         x, dx, ddx
             Coordinates (rad) and their first and second rates by time: numbers if the model
             is along a curve of configurations, sequences (m,) over a box of input ranges.
@@ -550,7 +550,7 @@ class StoredModel:
         # Some loads are torques that tables give over time.
         table_torques = [float(table.at(t)) for table in heading.tables]
         try:
-            torques = torque_function([*functions, *rates, t, *table_torques])
+            torques = torque_function([*configuration_values, *rates, t, *table_torques])
         except (ValueError, ArithmeticError):
             # Operations on floats raise an error where those on arrays give infinity or
             # NaN. The torques are therefore computed once more for arrays with one row.

@@ -159,7 +159,7 @@ def simulate_reduced(
         inverse_root = 1.0 / sqrt(inertia)
         speed = momentum * inverse_root
         # The torque at zero acceleration is 1/2 dB/dx (dx/dt)^2 - Q.
-        torque = model.torque_at_functions(
+        torque = model.torque_from_values(
             functions, x=coordinate, dx=speed, ddx=0.0, t=time
         )
         force = 0.5 * inertia_derivative * speed * speed - torque

@@ -246,14 +246,15 @@ class RunStart:
     turns
         (variables,) numbers of these whole revolutions.
     momenta
-        (m,) momenta (square root of J). With one degree of freedom the momentum is
-        sqrt(B) u, with the inertia B and the rate u along the configuration curve. It is
-        positive in the direction of the tangent that the compiled equation computes
-        (`homogeneous_rates`). With several degrees of freedom each momentum is the rate of
-        a coordinate times one constant for all, the root of the total moment of inertia.
+        (m,) momenta, in the unit square root of joule. With one degree of freedom the
+        momentum is sqrt(B) u, with the inertia B and the rate u along the configuration
+        curve, so that half its square is the kinetic energy. It is positive in the
+        direction of the tangent that the compiled equation computes (`homogeneous_rates`).
+        With several degrees of freedom each momentum is the rate of a coordinate times one
+        constant for all, the root of the total moment of inertia.
     momentum_unit
-        A momentum (square root of J) of typical size, not zero. The integrator's state has
-        the momenta in this unit, or in their norm if that is larger. Their numbers are then
+        A momentum of typical size, not zero, in the same unit. The integrator's state has
+        the momenta divided by this size, or by their norm if that is larger. They are then
         at most about 1, like the angles (rad) in the same state. This matters because the
         errors of a step are relative to the largest number of the state.
     previous_run

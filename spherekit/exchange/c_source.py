@@ -230,16 +230,17 @@ def _prototype_comment(source: Source) -> str:
     motion = [*mode.at, *[0.0] * (len(formulas.motion) - len(mode.at))]
     # A null pointer stands for an array without elements.
     size = f"{name}_sizes" if formulas.sizes else "0"
-    mode_count = len(formulas.mode_value_names)
-    mode_values = f"{name}_modes[0]" if mode_count else "0"
+    # Mode values are the numbers that select a mode: signs, or start variables.
+    mode_value_count = len(formulas.mode_value_names)
+    mode_values = f"{name}_modes[0]" if mode_value_count else "0"
     lines = [
         f"const double motion[{len(motion)}] = {nested(motion, '{}')};",
         f"double result[{len(formulas.results)}];",
     ]
     if formulas.step:
         lines += [
-            f"double variables[{mode_count}];",
-            f"for (int i = 0; i < {mode_count}; ++i)",
+            f"double variables[{mode_value_count}];",
+            f"for (int i = 0; i < {mode_value_count}; ++i)",
             f"    variables[i] = {mode_values}[i];",
             "for (int steps = 0; steps < 20; ++steps)",
             f"    if ({name}_step(motion, variables, {size}) < 1e-12)",

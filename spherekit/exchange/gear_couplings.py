@@ -451,11 +451,15 @@ def _find_bevel_equations(
 ) -> Iterator[BevelEquation]:
     """Yield the equations of bevel gears that follow from the couplings of joints.
 
-    A coupling is a linear equation between the rates of joints. Each two links are tried.
-    The hinges between them must have two axes in all, which are then the axes of both gears
-    on their carrier. Let x and y be the rates of the rotations about these axes. If the
-    couplings imply an equation u x + v y = 0, bevel gears on the two links have the same
-    equation.
+    A coupling is a linear equation between the rates of joints. Two bevel gears turn about
+    two different axes on one link, their carrier. With their rates x and y relative to the
+    carrier, their equation is u x + v y = 0.
+
+    Each two links are tried as gears. Hinges lead from the first link over other links to
+    the second one. The first hinges have to be about one axis, and all others about a
+    second axis. The link between these is the carrier. If the couplings imply an equation
+    u x + v y = 0 of the rotations about both axes, bevel gears on the two links have it
+    too.
 
     Parameters
     ----------
@@ -465,11 +469,11 @@ def _find_bevel_equations(
         (couplings, hinges) equations between their rates.
     """
     for path in _link_paths(hinges):
+        # Successive hinges about one axis are one group.
         axes = _group_by_axis(hinges, path)
         if len(axes) != 2:
             continue
-        # Row 0 is the rotation about the first axis by the rates of hinges, row 1 about the
-        # second.
+        # x and y as sums of the rates of hinges, with their senses along the path.
         rotations = np.zeros((2, len(hinges)))
         for row, coaxial_hinges in enumerate(axes):
             for hinge, sense in coaxial_hinges.hinges:

@@ -160,7 +160,10 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
     values in the interval of q, or NaN if q is NaN::
 
         function fourbar_smooth_mode(k, q)
-            ...
+            starts = [-Inf, 3.14]
+            places = [...]
+            interval = max(1, searchsortedlast(starts, q))
+            mode = isnan(q) ? fill(NaN, 1) : Float64.(places[interval][k])
             return mode
         end
 

@@ -189,6 +189,9 @@ def _read_numbers(
 ) -> float | Numbers:
     """Return one number, or several from a sequence or a text such as ``0.4+0.2``.
 
+    The sign + in a text separates numbers, for example those of two inputs. It does not add
+    them.
+
     Parameters
     ----------
     value
@@ -204,7 +207,9 @@ def _read_numbers(
     """
 
     def read_number(number: Any) -> float:
-        # Numbers of Python are not limited: many turns are possible.
+        """Return one number in rad or rad/s, from a number or a text."""
+        # A text with an angle of very many turns is refused as a mistake, but a number from
+        # a program is not.
         is_text = isinstance(number, str)
         source = number if is_text else float(number)
         return read_quantity(source, dimension, angle_unit, is_limited=is_text)

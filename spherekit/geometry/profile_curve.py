@@ -277,8 +277,9 @@ def spline_through(points: ArrayLike, closed: bool) -> tuple[SplinePath, ArcLeng
 def spline_fits(points: ArrayLike, closed: bool) -> Iterator[tuple[SplinePath, ArcLength]]:
     """Yield splines through the same points, each with its arc length.
 
-    The last one is the smooth curve through the points (`spline_through`). Derivatives of
-    this curve need all splines, because the knots of each follow from the one before.
+    The last one is the smooth curve through the points (`spline_through`). The derivatives
+    of this curve by the positions of the points need all splines, because the knots of each
+    spline follow from the one before.
 
     Knots are the parameters of the spline at the points. The knots of the first spline are
     the sums of the arcs between the points. Those of every later spline are the arc lengths

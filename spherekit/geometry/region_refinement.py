@@ -289,23 +289,30 @@ class RegionRefinement:
         return order_chains(len(number), links, directed=True)
 
     def _divide_triangles(self) -> TriangleDivision:
-        """Return how the segments of the border divide their triangles.
+        r"""Return how the segments of the border divide their triangles.
 
         A segment is the border in one triangle. A vertex of the triangle inside the region,
         the apex, is joined to all nodes of the segment, which makes a fan of triangles. If
-        two vertices are inside, an extra triangle joins both to the start of the segment.
+        two vertices are inside, an extra triangle joins both to the start of the segment::
+
+            one vertex inside (odd)        two vertices inside (second, third)
+
+                   odd                               odd
+                   / \                               / \
+           start  *---*  stop                stop   *---*  start
+                 /     \                           /     \
+            second --- third                  second --- third
+
+        On the left the fan about `odd` is the whole region in the triangle. On the right
+        the fan about `second` leaves out the triangle third, second, start.
         """
         inside_count = self.is_inside[self.triangles].sum(axis=1)
         # The odd vertex is the only one inside, or the only one outside. The others follow
         # counter-clockwise.
         odd, second, third = self._odd_vertex_first(self.segments.triangle)
         has_one_inside = inside_count[self.segments.triangle] == 1
-        # One vertex inside: it is `odd`, and the fan about it is the whole region. Two
-        # vertices inside, `second` and `third`: the border has the region on its left, so
-        # it starts on the edge from `third` to `odd` and stops on that from `odd` to
-        # `second`. The fan about `second` leaves out the triangle of second, third and the
-        # start. If the border has a corner, it consists of two segments in this triangle,
-        # and only the first (leading) one starts on an edge.
+        # If the border has a corner, it consists of two segments in this triangle, and only
+        # the first (leading) one starts on an edge.
         has_extra_triangle = ~has_one_inside & self.segments.is_leading
         return TriangleDivision(
             inside_count=inside_count,

@@ -228,8 +228,9 @@ def _copy_rows(
     """Copy the available rows of several parts of columns into output arrays.
 
     In some columns the rows of several subjects, such as poles, alternate. Such a column
-    has a part for each subject. Other columns are one part. Rows that are not in `spans`
-    are left out.
+    has a part for each subject: with three poles, row r of the part of pole k is row
+    3 r + k of the column. Other columns are one part. Rows that are not in `spans` are left
+    out.
 
     Parameters
     ----------

@@ -36,8 +36,10 @@ class ElbowFeet:
     each other. The two elbows of a leg are ``foot + height * direction`` with
     ``height = s * sqrt(height_square)`` and the sign s = 1 or -1.
 
-    The height is the triple product n . (base axis x elbow). If h is the angle between the
-    base axis and the mid-plane, the distance of an elbow from the foot is height / cos(h).
+    The height is the triple product n . (base axis x elbow), so its sign s is the mode of
+    the leg. It is not the distance of the elbow from the foot, which is height / cos(h)
+    with the angle h between the base axis and the mid-plane. The square of the height has a
+    formula without loss of digits at the limit of the reach, where both elbows meet.
 
     Attributes
     ----------

@@ -394,6 +394,10 @@ class _MidPlaneCurveSearch:
     ) -> CurveSeen:
         """Return a singular curve with those of its points that close and are singular.
 
+        Base and output link are mirror images of each other in the mid-plane, a plane
+        through the centre. Its unit normal and the signs of the mode determine the
+        configuration, so a curve of configurations is given by a curve of normals.
+
         At a singular point of type I an input moves while the output rests, at one of type
         II the output moves while the inputs rest. The rates of all pairs then solve the
         velocity equations of the loops, together with the equations that the output (or the
@@ -408,8 +412,7 @@ class _MidPlaneCurveSearch:
         Parameters
         ----------
         normals
-            (n, 3) unit normals of the mid-planes of the curve, in which base and output
-            mirror each other. A normal and the signs determine a configuration.
+            (n, 3) unit normals of the mid-planes of the curve.
         signs
             (legs,) signs of the assembly mode, 1 or -1 for each leg, which choose one of
             the two elbows (axes between its two links) that the leg can have.

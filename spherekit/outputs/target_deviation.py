@@ -581,9 +581,15 @@ class TargetDeviation:
 
         The target turns about the `axis` (3,) by the angle theta. The nearest configuration
         has the smallest angle between the output link and the target. It is the equilibrium
-        of a torsional spring of unit stiffness between both, G^T d + J^T m = 0. Here the
-        remaining rotation d to the target is the moment of the spring, G is the Jacobian of
-        the output link, J that of the loops, and m are the reactions in the loops.
+        of a torsional spring of unit stiffness between both: no moment acts about the axis
+        a_v of the pair of a variable v. With the moment f_v of spring and reactions at this
+        pair, the equilibrium is
+
+            a_v . f_v = 0 for all variables v, or together G^T d + J^T m = 0.
+
+        Here the remaining rotation d to the target is the moment of the spring, G is the
+        Jacobian of the output link, J that of the loops, and m are the reactions in the
+        loops.
 
         This equation is differentiated once and twice by theta. Each derivative has the
         form stiffness @ unknown = force: the unknown is the first or second derivative of
@@ -606,10 +612,10 @@ class TargetDeviation:
         # Change of d. If the target turns, d changes by `target_rate`. If the output link
         # turns, -d changes likewise: it is the rotation from the target to the link.
         d_rate = target_rate - log_rate(-d, w)
-        # Equation v is a_v . f_v = 0, with the axis vector a_v of variable v and the moment
-        # f_v at its pair: (a_v . f_v)' = a_v' . f_v + a_v . f_v' = 0. `force_rate` has all
-        # terms but those of the rates m' of the reactions. `_moments_at_pairs` solves
-        # J^T m' + force_rate = 0 for m' and returns f_v' at all pairs.
+        # The rates f_v' of the moments follow from a_v' . f_v + a_v . f_v' = 0. A part of
+        # f_v' is due to the rates m' of the reactions, and `force_rate` has all other terms
+        # of these equations. `_moments_at_pairs` solves J^T m' + force_rate = 0 for m', and
+        # returns f_v' at all pairs.
         force_rate = np.vecdot(vector_rates, self._pair_moments)
         force_rate = force_rate + np.vecmat(d_rate, self.output_jacobian)
         moment_rates = self._moments_at_pairs(output_moment=d_rate, force=force_rate)

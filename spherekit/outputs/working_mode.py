@@ -134,25 +134,19 @@ def _shared_between_modes(method: Callable[..., Result]) -> Callable[..., Result
 
     A working mode is a sign for each dyad, which says in which of two ways its two links
     are placed. Many quantities depend on the signs of some dyads only. They are computed
-    once for all modes in which these signs are equal.
+    once for all modes of the same poses in which these signs are equal.
 
     When a method runs for the first time with some arguments, the dyads whose signs it
-    reads are recorded. It must read the signs of the same dyads in all modes. All modes of
-    the same poses share one store of results. The key of a result is the name of the
-    method, its arguments (which must be hashable) and the signs that it has read.
+    reads are recorded. It must read the signs of the same dyads in all modes. The key of a
+    stored result is the name of the method, its arguments (which must be hashable) and the
+    signs that it has read.
     """
     name = method.__name__
 
     @wraps(method)
     def shared_method(mode: "WorkingMode", *arguments: Hashable) -> Result:
-        """Return the result of the decorated `method` for a mode, computed or stored.
-
-        A mode is a sign for each dyad. The result depends only on the signs that the method
-        reads, which are recorded. Modes in which these signs are equal share the result.
-        """
+        """Return the result of the decorated `method` for a mode, computed or stored."""
         # For each quantity (the method with its arguments), the dyads whose signs it reads.
-        # They are the same at all poses. The results in `shared_results` are those of the
-        # poses of this mode.
         sign_dependencies = mode.chain.sign_dependencies
         quantity = (name, *arguments)
 
