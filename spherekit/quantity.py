@@ -61,6 +61,11 @@ class Dimension:
     time_power: int | None
 
     @property
+    def is_time(self) -> bool:
+        """Whether the quantity is a time, and not an angle divided by times."""
+        return self.time_power is None
+
+    @property
     def units(self) -> tuple[str, ...]:
         """The units that are allowed, as users write them."""
         if self.time_power is None:
@@ -201,14 +206,16 @@ def read_quantity(
     target: AngleUnit = "rad",
     is_limited: bool = True,
 ) -> float:
-    """Return a number that may carry a unit.
+    """Read a number that may carry a unit, and convert it to the unit that is needed.
+
+    For example, ``30rpm`` becomes 3.14 (rad/s), and ``250ms`` becomes 0.25 (s).
 
     Parameters
     ----------
     source
         A number, or a text such as ``35``, ``35deg`` or ``2 rad/s``.
     dimension
-        The kind of the quantity.
+        The kind of the quantity: a time, an angle, or its rate or acceleration.
     angle_unit
         The unit of angles of the file, in which a number without a unit is read.
     target
@@ -232,10 +239,11 @@ def read_quantity(
     else:
         number_text, unit = repr(float(source)), ""
     number = float(number_text)
-    if dimension.time_power is None:
+    if dimension.is_time:
         if unit not in ("", *dimension.units):
             raise _unit_error(number_text, unit, dimension)
         return number / 1000.0 if unit == "ms" else number
+    # An angle, or its rate or acceleration.
     if unit:
         stated_unit, factor = angle_unit_and_factor(number_text, unit, dimension)
         number *= factor

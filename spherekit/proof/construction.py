@@ -191,16 +191,17 @@ class Construction:
         The orientation of a link relative to its reference is a trigonometric polynomial in
         the variables. From its degrees follow those of the closure equations.
 
-        - A link that one pair joins to a link placed before (its parent) has this parent as
-          reference. It rotates by the angle of the pair. If this angle is a variable, the
-          degree in it is 1. If it is k times a variable, as for wheels, the degree is k.
-        - A link that is put on the axes of two pairs (a dyad) has as reference the first
-          link, from the parents on, that the paths of both have in common. A path leads
-          from a link to its reference, and so on to the root. Let U and W be the directions
-          of the two axes relative to the reference. Each has the sum of the degrees of all
-          links on its path. The orientation is U a^T + W b^T + (U x W) n^T, with constant
-          vectors a, b and n. It contains products of U and W, so the degrees of both are
-          added.
+        - One pair joins the link to a link placed before, its parent. The parent is the
+          reference. The link rotates by the angle of the pair. If this angle is a variable,
+          the degree in it is 1. If it is k times a variable, as for wheels, the degree is
+          k.
+        - The link is put on the axes of two pairs (a dyad), so it has two parents. From
+          each of them a path leads to its reference, from there to the reference of that
+          link, and so on to the root. Both paths meet in a link, which is the reference.
+          Let U and W be the directions of the two axes relative to it. Each has the sum of
+          the degrees of all links on its path. The orientation of the dyad is
+          U a^T + W b^T + (U x W) n^T, with constant vectors a, b and n. It contains
+          products of U and W, so the degrees of both are added.
         """
         # One degree for each variable.
         variables = np.arange(len(self.pairs))

@@ -190,18 +190,20 @@ class CertifiedArc(OrientedBox):
 
 @dataclass(frozen=True)
 class TangentFrame:
-    """Tangent and normals of a configuration curve, with an inverse of derivatives.
+    """Tangent and normals of a configuration curve at one of its points.
 
-    F' are the derivatives (k, v) of the k = v - 1 equations by the v variables. Along the
-    tangent t they are 0. Along the normals N, which are orthogonal to t, they are the
-    square matrix F' N.
+    A mechanism with one degree of freedom has v variables and k = v - 1 equations F = 0,
+    with the derivatives F' (k, v). Along the tangent t of the curve F' t is 0. Along the
+    normals N, which are orthogonal to t, the derivatives are the square matrix F' N.
 
     Attributes
     ----------
     frame
         (v, v) orthonormal columns: the tangent t, then the normals N.
     inverse
-        (k, k) Y, near the inverse of F' N.
+        (k, k) Y, the inverse of F' N up to rounding. Proofs multiply the equations by Y, so
+        that the derivatives Y F' N are near the identity. They do not need the exact
+        inverse.
     """
 
     frame: Floats

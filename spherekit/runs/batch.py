@@ -261,10 +261,11 @@ class Batch:
             # The attribute of `PoleField` with the numbers of this quantity.
             field_name = _POLE_FIELD_NAMES[quantity]
             values_by_pole: list[Array | LazyColumn] = []
-            # Two links, and the index of the input that moves while the others are locked.
+            # `poles` has for each pole the numbers of two links, and the index of the input
+            # that moves while the others are locked.
             for i, j, moved in poles:
-                # The numbers of all poles for this input. In a lazy field, only the numbers
-                # of the names in `IN_MEMORY` are computed already.
+                # The quantities of all poles while this input moves. If the field is lazy,
+                # it has computed only the quantities that are listed in `IN_MEMORY`.
                 pole_field = self._pole_field(moved)
                 if (
                     isinstance(pole_field, LazyField)

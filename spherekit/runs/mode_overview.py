@@ -222,8 +222,10 @@ class ModeOverview:
     unlisted_spans
         Number of the spans that are not stored, by status.
     transmission
-        The least transmission angle (rad) of all dyads of the mechanism, the middle pair
-        of its dyad, and the place. None if there is no dyad.
+        The least transmission angle of all dyads of the mechanism, as a list of three: the
+        angle (rad), the name of the middle pair of its dyad, and the place. The place is
+        the time (s), the first input (rad) or the number of the sample, as in
+        `OverviewPlan.places`. None if there is no dyad.
     outputs
         The overview of each output.
     """
@@ -251,19 +253,23 @@ class ModeOverview:
         """
         if not len(codes):
             return
-        changes = np.flatnonzero(codes[1:] != codes[:-1]) + 1
-        starts = [0, *changes.tolist()]
-        stops = [*changes.tolist(), len(codes)]
+        # Samples from a start to the next stop have the same status.
+        changes = (np.flatnonzero(codes[1:] != codes[:-1]) + 1).tolist()
+        starts = [0, *changes]
+        stops = [*changes, len(codes)]
         for start, stop in zip(starts, stops, strict=True):
-            name = Status(int(codes[start])).name
-            spans = self.spans.setdefault(name, [])
-            first, last = first_sample + start, first_sample + stop - 1
+            status_name = Status(int(codes[start])).name
+            spans = self.spans.setdefault(status_name, [])
+            first = first_sample + start
+            last = first_sample + stop - 1
             if spans and spans[-1][1] == first - 1:
+                # The last span of this status continues.
                 spans[-1][1] = last
             elif len(spans) < MAX_SPANS:
                 spans.append([first, last])
             else:
-                self.unlisted_spans[name] = self.unlisted_spans.get(name, 0) + 1
+                count = self.unlisted_spans.get(status_name, 0)
+                self.unlisted_spans[status_name] = count + 1
 
 
 def first_minimum(values: Floats) -> int:

@@ -72,12 +72,16 @@ def run(
         `assembly_mode`, a `recorder`, an `accuracy`, a `setting`, times, or a number of
         rows to `verify`.
     options
-        `input_pair`, the names of the driven pairs, and two groups of fields. The fields of
-        `spherekit.files.study.Study` say which motion is analysed: samples, grid, path,
-        assembly_mode, search, laws, duration, start, torque, tolerance, crossings, verify,
-        degrees. The fields of `spherekit.runs.execution.Execution` say how the run is done:
-        folder, unfinished, formats, tables, engine, only_needed, recorder, log_every,
-        progress, block, setting, accuracy. An option replaces the value in the study.
+        Options by name. They replace values of the study.
+
+        - The names of the driven pairs: input_pair. The unit of angles in path and start:
+          angle_unit.
+        - The motion, as in `spherekit.files.study.Study`: samples, grid, path,
+          assembly_mode, search, laws, duration, start, torque, tolerance, crossings,
+          verify, degrees.
+        - How the run is done, as in `spherekit.runs.execution.Execution`: folder,
+          unfinished, formats, tables, engine, only_needed, recorder, log_every, progress,
+          block, setting, accuracy.
 
     Returns
     -------

@@ -47,9 +47,10 @@ def apply_study_options(
         The study that the options change: an object, a path, or the name of an example. It
         can also be a mechanism.
     options
-        Fields of `Study`, fields of `options_class`, `input_pair`, the names of the driven
-        pairs, or `angle_unit`, the unit of `path` and of the numbers of a mapping `start`.
-        A name that is a field of both classes belongs to `options_class`.
+        Options by name: fields of `Study`, fields of `options_class`, and two more.
+        `input_pair` are the names of the driven pairs. `angle_unit` is the unit of `path`
+        and of the numbers of a mapping `start`. A name that is a field of both classes
+        belongs to `options_class`.
     options_class
         Dataclass of the other options. Its attribute `excluded_study_fields` names the
         fields of `Study` that are no options of the function.
@@ -111,12 +112,14 @@ def apply_study_options(
 def _list_options(options_class: type) -> dict[str, inspect.Parameter]:
     """Return the keyword options of a public function, with default values and types.
 
-    The function takes a study and options that replace fields of the study. Its options are
-    most fields of `Study` and the fields of `options_class`, which belong to this function
-    only. `input_pair`, the names of the driven pairs, is added: it changes the mechanism of
-    the study and is no field. `angle_unit`, the unit of given angles, is added too. If
-    `options_class` has an attribute `excluded_study_fields`, this attribute names further
-    fields of `Study` that are no options.
+    The function takes a study and options that replace fields of the study. Its options
+    are:
+
+    - Most fields of `Study`. If `options_class` has an attribute `excluded_study_fields`,
+      this attribute names further fields that are no options.
+    - The fields of `options_class`, which belong to this function only.
+    - `input_pair`, the names of the driven pairs. It changes the mechanism of the study.
+    - `angle_unit`, the unit of given angles.
 
     Returns
     -------

@@ -819,13 +819,17 @@ def explain_doubts(
 
 
 def _format_undecided(distance: float, error: float) -> str:
-    """Return the note that input and output rest at one point or at two, undecided.
+    """Return the note that a point of rest of input and output may also be two points.
+
+    The rate of the input is zero at a computed point of a curve of configurations, and the
+    rate of the output at another one near it. Both points may be the same, because their
+    error is larger than their distance. In the note, an input "vanishes" where its rate is
+    zero.
 
     Parameters
     ----------
     distance
-        Distance (rad) of the points at which the rates of input and output were found to be
-        zero.
+        Distance (rad) of both points along the curve.
     error
         Error (rad) of the positions of these points.
     """

@@ -7,7 +7,7 @@ inputs. `spherekit.velocities.design_expressions` computes the quantities.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import permutations, product
-from typing import Any
+from typing import Any, NamedTuple
 
 from spherekit.conventions import Names
 from spherekit.errors import CountError
@@ -155,13 +155,32 @@ class QuantityTable(dict[str, RowQuantity]):
             self.add(f"{name}_{axis}{ending}", unit, method, *arguments, component=index)
 
 
+class MovingInput(NamedTuple):
+    """An input that moves at unit rate while the other inputs rest.
+
+    Attributes
+    ----------
+    name_ending
+        The ending of the names of quantities that depend on it: ``_by_21`` for the input at
+        pair 21. It is empty in a mechanism with one input.
+    position
+        Its position among the inputs.
+    """
+
+    name_ending: str
+    position: int
+
+
 def make_quantity_table(
     mechanism: Mechanism, inputs: Sequence[str], assembly: Assembly
 ) -> QuantityTable:
-    """Return all quantities of a mechanism's rows, by name, with the method of each.
+    """Return the table of all quantities that can be computed for rows of a mechanism.
 
-    A row is one configuration with the rates and accelerations of its inputs. The methods
-    are those of `DesignExpressions`; the table has their names and arguments.
+    A row is one configuration with the rates and accelerations of its inputs. An example of
+    a quantity is ``theta_32``, the angle of pair 32. For each name the table has the unit,
+    and the name and the arguments of the method of `DesignExpressions` that computes the
+    quantity: here ``"angle"`` with the argument ``"32"``. ``rate_32_by_21`` is the rate of
+    this angle per unit rate of the input at pair 21, if there are several inputs.
 
     Parameters
     ----------
@@ -180,10 +199,9 @@ def make_quantity_table(
     ):
         table.add(name, unit, "sample_variable", index)
     has_one_input = len(inputs) == 1
-    # For each input, which can move while the others rest: the ending of the names of
-    # quantities that depend on it, and its index.
     moving_inputs = [
-        ("" if has_one_input else f"_by_{pair}", index) for index, pair in enumerate(inputs)
+        MovingInput("" if has_one_input else f"_by_{pair}", position)
+        for position, pair in enumerate(inputs)
     ]
     _add_kinematic_quantities(table, mechanism, moving_inputs, assembly)
     _add_output_quantities(table, mechanism, len(inputs))
@@ -199,7 +217,7 @@ def make_quantity_table(
 def _add_kinematic_quantities(
     table: QuantityTable,
     mechanism: Mechanism,
-    moving_inputs: Sequence[tuple[str, int]],
+    moving_inputs: Sequence[MovingInput],
     assembly: Assembly,
 ) -> None:
     """Add the quantities of pairs and links to a table.
@@ -216,9 +234,9 @@ def _add_kinematic_quantities(
         The mechanism, and its groups: sets of links that are closed together, one group
         after another. A dyad is a group of two links in series.
     moving_inputs
-        For each input that can move while the others rest, the ending of the names of
-        quantities that depend on it, and its index. For the input at pair 21 the ending is
-        ``_by_21``. With one input only, the ending is empty.
+        For each input the ending of the names of quantities that depend on it, such as
+        ``_by_21`` for the input at pair 21, and its index. With one input only, the ending
+        is empty.
     """
     links = mechanism.links
     revolute_pairs = [pair.name for pair in mechanism.pairs if pair.kind.has_axis]
@@ -280,7 +298,7 @@ def _add_output_quantities(
 def _add_dynamic_quantities(
     table: QuantityTable,
     inputs: Sequence[str],
-    moving_inputs: Sequence[tuple[str, int]],
+    moving_inputs: Sequence[MovingInput],
 ) -> None:
     """Add the quantities that depend on masses to a table.
 
@@ -296,9 +314,9 @@ def _add_dynamic_quantities(
     inputs
         Names of the input pairs.
     moving_inputs
-        For each input that can move while the others rest, the ending of the names of
-        quantities that depend on it, and its index. For the input at pair 21 the ending is
-        ``_by_21``. With one input only, the ending is empty.
+        For each input the ending of the names of quantities that depend on it, such as
+        ``_by_21`` for the input at pair 21, and its index. With one input only, the ending
+        is empty.
     """
     has_one_input = len(inputs) == 1
     # With one input, the inertia is the equivalent inertia B: twice the kinetic energy at
