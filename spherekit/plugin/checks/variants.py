@@ -111,16 +111,10 @@ def rename_links(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanism:
     if isinstance(geometry, SizeGeometry):
         links = {names[link]: sizes for link, sizes in geometry.links.items()}
         geometry = replace(geometry, links=links)
-    # Only contacts can have more than one variable: an arc length along the profile of each
-    # link. Such a variable is named by its pair and link, also in expressions of loads.
-    variable_names = {
-        f"s_{pair.name}_{link}": f"s_{pair.name}_{names[link]}"
-        for pair in mechanism.pairs
-        if pair.kind.variable_count > 1
-        for link in pair.links
-    }
     # Pairs, outputs, masses and loads with the new names, by field of the mechanism.
-    renamed_parts = redescribe(mechanism, link_names=names, expression_names=variable_names)
+    # Expressions of loads stay: they can only use the variables of R pairs, which are named
+    # by the pair alone.
+    renamed_parts = redescribe(mechanism, link_names=names)
     return replace(
         mechanism,
         ground=names[mechanism.ground],
