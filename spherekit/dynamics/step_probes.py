@@ -180,22 +180,22 @@ def _find_zeros(
     of sign is between the values before and after them. Such values occur, for example, if
     an extremum is in the middle between two places, whose difference is then zero.
     """
-    # For each value the number of the last value up to it that is not zero, -1 if all are.
-    numbers = np.arange(values.shape[1])[:, None]
-    last_nonzero = np.maximum.accumulate(np.where(values != 0.0, numbers, -1), axis=1)
+    # For each value the index of the last value up to it that is not zero, -1 if all are.
+    indices = np.arange(values.shape[1])[:, None]
+    last_nonzero = np.maximum.accumulate(np.where(values != 0.0, indices, -1), axis=1)
     previous = last_nonzero[:, :-1]
     signs = np.sign(values)
     previous_signs = np.take_along_axis(signs, np.maximum(previous, 0), axis=1)
-    # For each change of sign the step, the number of the value before it (an index of
+    # For each change of sign the step, the index of the value before it (an index of
     # `low`) and after it (minus one, an index of `high`), and the function.
     steps, last_brackets, functions = np.nonzero(previous_signs * signs[:, 1:] < 0.0)
     first_brackets = previous[steps, last_brackets, functions]
 
-    def evaluate_bracketed(places: Floats, numbers: Indices) -> Floats:
-        """Return the values (n,) at places (n,), each in the bracket of a given number."""
-        rows = evaluate(steps[numbers], places)
+    def evaluate_bracketed(places: Floats, brackets: Indices) -> Floats:
+        """Return the values (n,) at places (n,), each in the bracket of a given index."""
+        rows = evaluate(steps[brackets], places)
         # From each row, the function that changes its sign in this bracket.
-        return rows[np.arange(len(places)), functions[numbers]]
+        return rows[np.arange(len(places)), functions[brackets]]
 
     # For extrema, the values are differences between places and not those of `evaluate` at
     # the ends of the bracket. This does no harm: the signs say in which half the zero is,

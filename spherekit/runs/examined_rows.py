@@ -11,7 +11,7 @@ from spherekit.numerics.angles import wrap
 from spherekit.positions.assembly_mode import has_configuration
 from spherekit.positions.motion import Motion
 from spherekit.runs.mode_overview import (
-    SAME_VALUE,
+    EQUAL_MINIMA_TOLERANCE,
     ModeOverview,
     OutputOverview,
     first_minimum,
@@ -198,7 +198,7 @@ class ExaminedRows:
             return
         row = first_minimum(angles)
         least = overview.transmission_angle
-        if least is None or angles[row] < least[0] - SAME_VALUE:
+        if least is None or angles[row] < least[0] - EQUAL_MINIMA_TOLERANCE:
             overview.transmission_angle = [float(angles[row]), float(places[row])]
 
     def _add_transmission(
@@ -214,7 +214,7 @@ class ExaminedRows:
             return
         row = first_minimum(measures)
         least = overview.transmission
-        if least is None or measures[row] < least[0] - SAME_VALUE:
+        if least is None or measures[row] < least[0] - EQUAL_MINIMA_TOLERANCE:
             overview.transmission = [float(measures[row]), float(places[row])]
 
     def _add_rotations(
@@ -449,6 +449,6 @@ def note_transmission(
             continue
         row = first_minimum(angles)
         least = overview.transmission
-        if least is None or angles[row] < least[0] - SAME_VALUE:
+        if least is None or angles[row] < least[0] - EQUAL_MINIMA_TOLERANCE:
             pair = plan.middle_pair(dyad)
             overview.transmission = [float(angles[row]), pair, float(places[row])]

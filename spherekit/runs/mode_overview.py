@@ -21,7 +21,7 @@ the uncertain ones, and the places of type I singularities. Further entries are 
 only. Larger: more of them are listed, and the state of a run is larger.
 """
 
-SAME_VALUE = 1e-9
+EQUAL_MINIMA_TOLERANCE = 1e-9
 """Minima that differ by less are equal, and the first of them is reported.
 
 The minima are those of transmission angles (rad), transmission measures and singular
@@ -273,11 +273,11 @@ class ModeOverview:
 
 
 def first_minimum(values: Floats) -> int:
-    """Return the first row whose value is the least one, up to `SAME_VALUE`.
+    """Return the first row whose value is the least one, up to `EQUAL_MINIMA_TOLERANCE`.
 
     Parameters
     ----------
     values
         (m,) values, NaN in rows without one. At least one is finite.
     """
-    return int(np.flatnonzero(values <= np.nanmin(values) + SAME_VALUE)[0])
+    return int(np.flatnonzero(values <= np.nanmin(values) + EQUAL_MINIMA_TOLERANCE)[0])
