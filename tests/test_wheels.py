@@ -12,6 +12,7 @@ import pytest
 from cross_checks.mechanisms import random_subject
 from helpers.hypothesis_strategies import MECHANISMS
 from helpers.refusals import mechanism_text
+from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 from spherekit.completeness import Guarantee
@@ -376,3 +377,63 @@ def test_a_second_planet_changes_nothing_about_the_motion(tmp_path):
     common = [links_of_two.index(link) for link in one_planet.mechanism.links]
     common_rotations = motion_of_two.rotations[:, common]
     assert np.max(np.abs(common_rotations - motion_of_one.rotations)) < 1e-12
+
+
+PLANET_WITH_PIN = """
+format = 1
+name = "planet_with_pin"
+angle_unit = "deg"
+ground = "sun"
+[links]
+sun = {{ axes = ["arm_pivot", "crank_pivot"], arcs = [70.0] }}
+arm = {{ axes = ["arm_pivot", "planet_axis"], arcs = [60.0] }}
+planet = {{ axes = ["planet_axis", "pin"], arcs = [25.0] }}
+rod = {{ axes = ["pin", "crank_pin"], arcs = [50.0] }}
+crank = {{ axes = ["crank_pin", "crank_pivot"], arcs = [{}] }}
+[pairs]
+arm_pivot = {{ type = "R", links = ["sun", "arm"] }}
+planet_axis = {{ type = "R", links = ["arm", "planet"] }}
+pin = {{ type = "R", links = ["planet", "rod"] }}
+crank_pin = {{ type = "R", links = ["rod", "crank"] }}
+crank_pivot = {{ type = "R", links = ["sun", "crank"] }}
+mesh.type = "Cr"
+mesh.links = ["sun", "planet"]
+mesh.teeth = [36, 18]
+mesh.axes = ["arm_pivot", "planet_axis"]
+[inputs.crank_pivot]
+from = 0.0
+to = 360.0
+"""
+"""A planet rolls on a fixed sun of twice as many teeth; a rod joins its pin to a crank."""
+
+
+@pytest.mark.parametrize(
+    ("crank_arc_deg", "crank_deg"),
+    [(55.0, 18.25332772518774), (55.0, 21.68924000684597), (70.0, 0.0), (55.0, 47.3)],
+)
+def test_modes_half_a_turn_of_the_arm_apart_are_two_although_a_planet_has_turned_once(
+    crank_arc_deg, crank_deg
+):
+    """All arm angles come from a scan of the distance between both ends of the rod.
+
+    When the arm turns by half a revolution, the planet turns once relative to it. At the
+    first three crank angles two modes are so far apart, by chance.
+    """
+    mechanism = loads(PLANET_WITH_PIN.format(crank_arc_deg))
+    path = np.array([[np.radians(crank_deg)]])
+    motion = PositionAnalysis(mechanism, path=path).motion()
+    arms = motion.values[:, mechanism.angles["arm_pivot"]]
+    axes = {name: motion.axes[0, k] for name, k in mechanism.pair_number.items()}
+    arm_turns = np.linspace(-3.0, -3.0 + 2.0 * np.pi, 4001)
+    # The planet turns by as much as the arm, and by twice as much relative to the arm.
+    turned_by_arm = Rotation.from_rotvec(np.outer(arm_turns, axes["arm_pivot"]))
+    turned_on_arm = Rotation.from_rotvec(2.0 * np.outer(arm_turns, axes["planet_axis"]))
+    pins = turned_by_arm.apply(turned_on_arm.apply(axes["pin"]))
+    misses = pins @ axes["crank_pin"] - np.cos(np.radians(50.0))
+    changes = np.flatnonzero(misses[1:] * misses[:-1] < 0.0)
+    scanned = arm_turns[changes] + arms[0]
+    # The scan begins 3 rad before the first mode, and ends after a whole turn.
+    assert len(scanned) == len(motion.values) == 4
+    distances = np.abs(np.sin(0.5 * (arms[:, None] - scanned)))
+    assert np.max(np.min(distances, axis=1)) < 1e-3
+    assert np.max(np.min(distances, axis=0)) < 1e-3

@@ -9,6 +9,7 @@ starts as the rarest one found would hardly have been missed.
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 
 import numpy as np
 
@@ -292,8 +293,16 @@ class DistinctConfigurations:
         self._tolerances = list[float]()
         self._singular_count = 0
         self.is_truncated = False
-        self._rolling = list_rolling_variables(closure.joints)
-        self._rolling_variables = [variable for variable, _ in self._rolling]
+        # The variables that count how far two wheels have rolled, each with its joint and
+        # the numbers of the bodies of both wheels.
+        ends = closure.tree.ends
+        self._rolling = [
+            (variable, joint, ends[closure.tree.pair_of_variable[variable]])
+            for variable, joint in list_rolling_variables(closure.joints)
+        ]
+        self._rolling_variables = [variable for variable, _, _ in self._rolling]
+        # The number of joints at each body, by number of the body.
+        self._joint_counts = Counter(chain.from_iterable(ends))
 
     def add(self, values: Floats) -> Indices:
         """Add closed configurations that are new.
@@ -366,34 +375,72 @@ class DistinctConfigurations:
 
         Returns
         -------
-        (k,) largest difference of a component of the rotation matrices. It is set to 0 if
-        the rolled lengths differ by whole revolutions of wheels: the wheels are then put
-        together one or more revolutions further on, which counts as the same mode. Small
-        differences of angles (rad), of revolutions and of components of rotation matrices
-        are all judged by `SAME_MODE`.
+        (k,) largest difference of a component of the rotation matrices. It is set to 0 for
+        repetitions: the wheels are put together one or more revolutions further on, which
+        counts as the same mode.
         """
         kept_rotations = np.array(self._rotations).reshape(-1, *rotations.shape)
-        kept_values = np.array(self.values).reshape(-1, len(values))
-        differences = np.abs(values - kept_values)
-        # Variables that count how far two wheels have rolled, with their joints.
-        is_repetition = np.ones(len(differences), dtype=bool)
-        for variable, joint in self._rolling:
-            # `closed_lengths` are the circumferences of the wheels with a closed profile.
-            # The difference in revolutions of each of them: axes are wheel, configuration.
-            # It is enough that one of both wheels has made whole revolutions. The other one
-            # is then turned, because the wheels mesh at another place of its profile. Its
-            # rotation is therefore not compared.
-            revolutions = differences[:, variable] / np.array(joint.closed_lengths)[:, None]
-            off_whole = np.abs(revolutions - np.round(revolutions))
-            off_whole = np.min(off_whole, axis=0, initial=np.inf)
-            # Without a closed profile there are no revolutions, and the minimum is
-            # infinite. Then only equal rolled lengths count as a repetition.
-            off_whole = np.minimum(off_whole, differences[:, variable])
-            is_repetition &= off_whole <= SAME_MODE
-        has_rolled = np.any(differences[:, self._rolling_variables] > SAME_MODE, axis=1)
-        is_repetition &= has_rolled
         distances = max_abs(kept_rotations - rotations, axis=(1, 2, 3))
-        return np.where(is_repetition, 0.0, distances)
+        if self._rolling:
+            for k, kept_values in enumerate(self.values):
+                if self._is_repetition(values - kept_values, rotations, kept_rotations[k]):
+                    distances[k] = 0.0
+        return distances
+
+    def _is_repetition(
+        self, differences: Floats, rotations: Floats, kept_rotations: Floats
+    ) -> bool:
+        """Return whether two configurations differ only by whole revolutions of wheels.
+
+        Suppose that one of two wheels, the guide, makes whole revolutions. The contact is
+        then at the same point of the guide, and at another point of the other wheel. If
+        the guide carries the bearing of the other wheel, or anything that determines where
+        its centre is, the loops close again after each revolution, with the other wheel
+        turned on its bearing. Such configurations follow from each other by whole
+        revolutions of inputs.
+
+        Rolled lengths of different modes can also differ by whole revolutions by chance.
+        Then more is different than the other wheel, or this wheel is held by more than its
+        bearing and this contact.
+
+        Parameters
+        ----------
+        differences
+            (variables,) differences of the variables (rad). Small differences, also of
+            revolutions and of components of rotation matrices, are judged by `SAME_MODE`.
+        rotations, kept_rotations
+            (bodies, 3, 3) rotations of both configurations, from body axes to those of body
+            0.
+        """
+        turned_bodies: set[int] = set()
+        guide: int | None = None
+        for variable, joint, wheels in self._rolling:
+            rolled = float(differences[variable])
+            if abs(rolled) <= SAME_MODE:
+                continue
+            # The wheels that have made whole revolutions. Open profiles make none.
+            whole = []
+            for profile, wheel in zip(joint.contact_profiles, wheels, strict=True):
+                if profile.curve.closed:
+                    revolutions = rolled / profile.curve.length
+                    if abs(revolutions - round(revolutions)) <= SAME_MODE:
+                        whole.append(wheel)
+            if not whole:
+                return False
+            guide = whole[0]
+            if len(whole) == 1:
+                first_wheel, second_wheel = wheels
+                turned = second_wheel if guide == first_wheel else first_wheel
+                if self._joint_counts[turned] > 2:
+                    return False
+                turned_bodies.add(turned)
+        if guide is None:
+            return False
+        others = [k for k in range(len(rotations)) if k not in turned_bodies]
+        # Rotations from body axes to those of the guide.
+        to_guide = rotations[guide].T @ rotations[others]
+        kept_to_guide = kept_rotations[guide].T @ kept_rotations[others]
+        return bool(np.max(np.abs(to_guide - kept_to_guide)) <= SAME_MODE)
 
 
 def search_group(
