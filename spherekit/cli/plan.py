@@ -90,12 +90,13 @@ def execute(options: Namespace) -> int:
     try:
         plans = [plan(mechanism, options.poles, name) for name in moving_inputs]
     except CountError:
-        # The number of links and pairs gives too small a mobility for overconstrained
-        # mechanisms. The analysis counts too. If this fails, it uses the rank of the
-        # velocity equations and sets `by_rank`. Its positions are not used here, so two
-        # samples suffice.
-        only_input = moving_inputs[0] if len(driven) == 1 else None
-        if not PositionAnalysis(mechanism, only_input, samples=2).by_rank:
+        # Counting links and pairs gives too small a mobility for overconstrained
+        # mechanisms. The position analysis finds out whether the mechanism is one: it then
+        # takes the mobility from the rank of the velocity equations, and `by_rank` is True.
+        # Its positions are not used here, so two samples suffice. None stands for the
+        # inputs that the file declares, all of which are driven if there are several.
+        input_pair = moving_inputs[0] if len(driven) == 1 else None
+        if not PositionAnalysis(mechanism, input_pair, samples=2).by_rank:
             raise
         plans = [
             plan(mechanism, options.poles, name, by_rank=True) for name in moving_inputs

@@ -160,7 +160,7 @@ def make_report(properties: Facts) -> ScreenReport:
     """
     name = properties["name"]
     study = properties.get("study")
-    question = f"{study}: valid study of {name}" if study else f"{name}: valid mechanism"
+    headline = f"{study}: valid study of {name}" if study else f"{name}: valid mechanism"
     # The number of links and pairs gives the mobility, except for mechanisms in which the
     # axes have special positions. The rank of the velocity equations is always right.
     counted_mobility = properties["mobility"]
@@ -176,15 +176,18 @@ def make_report(properties: Facts) -> ScreenReport:
             "is over-constrained, and moves because of its dimensions."
         )
     mode_count = properties["assembly_modes"]
-    mode_names = [f"mode {mode} ({name})" for name, mode in properties["modes"].items()]
-    names = f": {', '.join(mode_names)}" if mode_names else ""
-    results.append(f"{counted(mode_count, 'assembly mode')}{names}")
+    # Modes to which the file gives names.
+    named_modes = [
+        f"mode {mode} ({mode_name})" for mode_name, mode in properties["modes"].items()
+    ]
+    ending = f": {', '.join(named_modes)}" if named_modes else ""
+    results.append(f"{counted(mode_count, 'assembly mode')}{ending}")
     if study:
         analyses = ", ".join(properties["analyses"])
         results.append(f"analyses: {analyses}")
     groups = ", ".join(properties["groups"]) or "none"
     return ScreenReport(
-        question,
+        headline,
         results=results,
         details=[
             f"Groups of links whose positions are computed together: {groups}",

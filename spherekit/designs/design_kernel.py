@@ -272,8 +272,9 @@ class RedundantKernel:
         self._follows_from_rates = np.array(follows_from_rates, bool)
 
         # Expressions with the same choice of equations are needed once. In a group (links
-        # that are placed together) the choice consists of the variables that occur in one
-        # loop only and are eliminated from it, and of the equations that remain.
+        # that are placed together) some variables occur in one loop only, and are
+        # eliminated from it first (`private_variables`). The choice consists of these and
+        # of the remaining equations that are used (`chosen_equations`).
         expressions_by_choice: dict[str, DesignExpressions] = {}
         for candidate in expressions:
             groups = candidate.structure.groups
@@ -288,9 +289,9 @@ class RedundantKernel:
         # Names of the pairs on whose whole revolutions loads depend. They are the same in
         # all kernels.
         self.unwrapped_pairs = self._kernels[0].unwrapped_pairs
-        # A kernel in closed form returns `reach_count` further numbers, which tell whether
-        # its dyads (two links and three R pairs) close. This one takes configurations that
-        # are closed already.
+        # Other kernels compute positions in closed form. They return `reach_count` further
+        # numbers, which tell whether dyads (two links and three R pairs) close. The kernels
+        # here get configurations that are closed already, so there are no such numbers.
         self.reach_count = 0
         # `prepare` computes the numbers that depend on the sizes of designs alone. Here
         # there is one design, whose sizes are constants, so it is called once for each

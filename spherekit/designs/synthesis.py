@@ -260,17 +260,17 @@ def synthesize_dimensions(specification: Specification, starts: int = 12) -> Syn
 def _require_gradients(specification: Specification) -> DesignEvaluator:
     """Return the evaluator of the designs, if it has what a synthesis needs.
 
-    A synthesis follows the gradients of figures of merit by the numbers of the design. They
-    are computed by a function that evaluates all designs at once (the kernel). There is no
-    kernel in these cases:
+    A synthesis follows the gradients of figures of merit by the numbers of the design that
+    vary. There are no gradients in these cases:
 
-    - Constraints repeat each other.
+    - Constraints are redundant.
     - A group of links, whose positions are computed together, has more than 7 bodies, for
       which no elimination is programmed.
     - The closure equations have more than 64 complex solutions (`MAX_SOLUTIONS` of
       `spherekit.designs.homotopy`). All of them would have to be tracked.
-    - Contact profiles are not circles, and other numbers vary than those of profiles and
-      the sizes of links.
+    - Assembly modes pass crossings of configuration curves (crossings "pass").
+    - A contact has a profile that is no circle, and a number varies that belongs neither to
+      a profile nor to the sizes of links.
 
     Raises
     ------

@@ -782,10 +782,11 @@ class Collocation:
         # `sign` is the sign (1 or -1) that the determinants had until this step. Times this
         # sign they are positive before a crossing and negative beyond it.
         signed_determinants = determinants * sign
-        # Near a crossing, configurations satisfy a quadratic equation such as x y = d with
-        # d = 0. On a computed path d is up to the tolerance. The determinant is of the size
-        # of the gradient (y, x), whose length is sqrt(2 d) or more. So it does not reach
-        # zero, and a crossing may be where it is below sqrt(d) times its largest size.
+        # Near a crossing, configurations satisfy a quadratic equation such as x y = d. On
+        # the exact curves d is 0, on a computed path its size is about the tolerance. The
+        # determinant is proportional to the gradient (y, x) of x y, whose length is at
+        # least sqrt(2 d). Relative to its largest size it therefore falls to the order of
+        # sqrt(d) only, not to zero. A crossing may be where it is as small as this.
         is_near = signed_determinants < np.sqrt(self.tolerance) * largest
         # The step is repeated once at most: if a crossing was near before, this step was
         # made with the smaller tolerance already.

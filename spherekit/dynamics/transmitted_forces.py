@@ -458,13 +458,14 @@ def links_without_centre(mechanism: Mechanism) -> list[str]:
 def _list_force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
     """Return the pair and the component of each unknown force in the equilibrium equations.
 
-    The equations have a column for each unknown. The component is that of a wrench in the
-    axes of the pair: `TANGENT_FORCE` along x, `NORMAL_FORCE` along y or `AXIAL_FORCE` along
-    z.
+    The equations have a column for each unknown moment or force. The component of a force
+    is `TANGENT_FORCE` along the axis x of the pair, `NORMAL_FORCE` along y or `AXIAL_FORCE`
+    along z.
 
-    The forces of R pairs have no moment about the centre O of the sphere, so they are
-    unknowns of their own. The force of a contact follows from its moment about O, if the
-    distance of the contact point from O is known. Otherwise it is an unknown too.
+    The reaction of an R pair is a moment about the centre O of the sphere, and a force
+    through O. Neither follows from the other, so all components of the force are unknowns.
+    The force of a contact acts at the contact point. If the distance of this point from O
+    is known, the force follows from its moment about O. Otherwise it is an unknown too.
     """
     floating_pairs = set()
     contacts_with_friction = set()
@@ -475,6 +476,7 @@ def _list_force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
             contacts_with_friction.add(load.pair)
     columns = []
     for pair_number, pair in enumerate(mechanism.pairs):
+        # R pairs have an axis, contacts have none.
         if pair.kind.has_axis:
             columns += [(pair_number, TANGENT_FORCE), (pair_number, NORMAL_FORCE)]
             # Floating bearings let the links slide along the axis z, without any force.

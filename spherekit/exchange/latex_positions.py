@@ -384,10 +384,10 @@ class PositionFormulas:
     def _place_driven_link(self, pair: int, parent: int, child: int) -> None:
         """Write the frame of a link that an input joins to a link with a known frame.
 
-        In each of its links, the pair has a reference arc. It leads from the axis of the
-        pair to the first axis that the file lists for this link, other than that of the
-        pair. Let t1 and t2 be the tangents of the reference arcs of the first and second
-        link at the axis of the pair. Two rotations about this axis lead from t1 to t2:
+        In each of its links, the pair has a reference arc. It begins at the axis of the
+        pair and ends at another axis of the link: the first one that the file lists. Let t1
+        and t2 be the tangents, at the axis of the pair, of the reference arcs of the first
+        and second link. Two rotations about this axis lead from t1 to t2:
 
         1. Rotated by a fixed angle, the zero of the pair, t1 becomes the zero direction z.
         2. Rotated by the input angle, z becomes t2.
@@ -400,7 +400,6 @@ class PositionFormulas:
             Numbers of the link with the known frame, and of the link to be placed.
         """
         input_angle = self.pair_angles[pair]
-        axis = self._find_axis(child, pair)
         rotation = AngleExpression(
             input_angle, function("cos", input_angle), function("sin", input_angle)
         )
@@ -423,17 +422,18 @@ class PositionFormulas:
                 pair, zero_direction, self._declare_zero(pair), -1.0
             )
         tangent = self._formula_list.write(self._tangent_symbol(child, pair), right_side)
-        # The frame of the child follows from its first axis, and from the tangent there of
+        # The frame of the child follows from its first axis k, and from the tangent at k of
         # the arc to any other axis.
         child_axes = self._axes_by_link[child]
+        axis = self._find_axis(child, pair)
         if axis is child_axes[0]:
             self._write_frame(
                 child, first_vector=axis.vector, tangent=tangent, axis=child_axes[1]
             )
         else:
-            # The axis u of the pair is not the first axis k of the child. The arc a from u
-            # to k begins with the tangent t, so k = cos(a) u + sin(a) t. At k the tangent
-            # of the arc back to u is sin(a) u - cos(a) t.
+            # The axis u of the pair is not k, so the reference arc leads from u to k. Its
+            # length is a (`axis.arc`), its tangent at u is t. Then k = cos(a) u + sin(a) t.
+            # At k the tangent of the arc back to u is sin(a) u - cos(a) t.
             first_vector = axis.arc.cosine * axis.vector + axis.arc.sine * tangent
             back_tangent = axis.arc.sine * axis.vector - axis.arc.cosine * tangent
             self._write_frame(child, first_vector, back_tangent, axis)

@@ -537,12 +537,13 @@ class MujocoModel:
     def _add_loops(self, tendons: Element, equalities: Element) -> None:
         """Add the constraints that close loops, and those of rolling contacts.
 
-        A pair that closes a loop is a constraint: one point of its axis coincides in both
-        links. With the centre of the sphere, which all links share, this fixes the axis.
-
-        In MuJoCo, springs and torques act only at joints. If such a load acts at the pair,
-        the pair is therefore the joint of a second body (twin) of the link, which is welded
-        to the first body. In a rolling contact a sum of joint angles is constant.
+        - A pair that closes a loop is a constraint: one point of its axis coincides in both
+          links, parent and child. With the centre of the sphere, which all links share,
+          this fixes the axis.
+        - In MuJoCo, springs and torques act only at joints. If such a load acts at the
+          pair, the child is divided into two bodies. One of them, the twin, hangs on the
+          parent by a joint, the pair. The constraint welds the twin to the other body.
+        - In a rolling contact a sum of joint angles is constant.
 
         Parameters
         ----------

@@ -155,8 +155,8 @@ def _pair_table(mechanism: Mechanism, pair: Pair) -> _Table:
     for link, profile in zip(pair.links, pair.profiles or (), strict=False):
         profile_table = table_of(profile)
         if profile.points:
-            # The default of this key depends on the kind of the curve. It is always
-            # written.
+            # A curve through points can be closed or open, which is always written. Other
+            # curves are closed, and do not have this key.
             profile_table["closed"] = profile.closed
         table.setdefault("profiles", {})[link] = profile_table
     return table

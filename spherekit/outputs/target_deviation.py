@@ -278,7 +278,9 @@ class TargetDeviation:
         this system is a_v . f_v = 0, with the axis a_v of the variable: the pair turns
         freely about it. All f_v are zero if the link is on the target.
         """
-        spring_force = np.vecmat(self.remaining_rotation, self.output_jacobian)  # G^T d
+        # G^T d, the generalised forces of the spring at the variables. The reactions m
+        # balance them. (The moment d itself is added at the pairs that carry the link.)
+        spring_force = np.vecmat(self.remaining_rotation, self.output_jacobian)
         moments = self._moments_at_pairs(
             output_moment=self.remaining_rotation, force=spring_force
         )

@@ -93,16 +93,14 @@ class CarriedContact(NamedTuple):
     angles f and g. The circles have the radii r and s (rad) on the unit sphere. Rolling
     keeps sin(r) f - sin(s) g constant.
 
-    A circle on the sphere has two centres, opposite to each other. Here both circles have
-    the centre on the same side of their common tangent at the contact. So the relation
-    always is that of an internal contact. If the wheels touch from outside, the centre of
-    one circle is therefore opposite to the centre of its wheel. The radius and the angle of
-    this circle are then measured from and about the opposite centre.
+    A circle on the sphere has two centres, opposite to each other. If the wheels touch from
+    outside, one circle is described by the centre opposite to that of its wheel. The same
+    relation, that of an internal contact, then holds for all wheels.
 
     Attributes
     ----------
     mesh
-        This relation, with each angle as a sum of variables of R pairs with signs.
+        The relation, with each angle as a sum of variables of R pairs with signs.
     first_wheel, second_wheel
         Circles of the first and the second link of the contact.
     """

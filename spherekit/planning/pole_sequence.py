@@ -263,13 +263,13 @@ def _find_smallest_block(
         if pebble_game is None:
             part_by_pole[pole] = set(empty_plan.bodies)
         elif pole not in part_by_pole:
-            # `find_rigid_part` gathers pebbles on the two bodies. Rigid parts were merged
-            # to one body each before, so that it finds none. Four pebbles are then free on
-            # the two bodies: three for the motion of the whole, and one for their relative
-            # motion. `reachable_bodies` adds all bodies to which constraints point from the
-            # two, directly or in several steps. No other pebble in this set is free, and
-            # their constraints point to bodies of the set. So it is the smallest set with
-            # both bodies and one degree of freedom.
+            # `find_rigid_part` moves free pebbles to the two bodies. There is no rigid part
+            # that contains both, because such parts were merged to one body each before. So
+            # the two bodies have four free pebbles: three for the motion of the whole, and
+            # one for their relative motion. `reachable_bodies` adds all bodies to which
+            # constraints lead from the two. In this set of b bodies, only four of the 3 b
+            # pebbles are free, and constraints within the set have taken all others. It
+            # therefore has one degree of freedom, and no smaller set with both bodies has.
             rigid_part = pebble_game.find_rigid_part(*pole)
             assert rigid_part is None, "rigid parts are merged before"
             part_by_pole[pole] = pebble_game.reachable_bodies(pole)

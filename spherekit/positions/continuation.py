@@ -132,8 +132,9 @@ class CurveContinuation(ABC, Generic[Node]):
 
         Returns
         -------
-        The ends of the steps, whether each step passed all tests of `step_tests`, and how
-        much the equations of the curve change in each step.
+        The ends of the steps; whether each step passed all tests, with the limits
+        `step_tests`; and the change of the Jacobian of the curve in each step, relative to
+        a change after which it may be singular.
         """
 
     @abstractmethod

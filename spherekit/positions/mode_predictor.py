@@ -233,10 +233,13 @@ def follow_each(
 def _follow_from_dead_centre(
     closure: Closure, driven: int, values: Floats, low: float, high: float
 ) -> ModeCurve:
-    """Return the assembly mode through a dead centre, by a curve that leaves it.
+    """Return the assembly mode through a dead centre.
 
     At a dead centre the input is stationary on the curve of configurations. Derivatives by
-    the input are infinite there, so the mode is followed from a point near it.
+    the input are infinite there, so the mode is followed from a point near it. Several
+    curves may leave the dead centre. From a point near it on each, the curve is followed to
+    both ends of the range of the input. The first curve that leads back to the dead centre
+    is the mode.
 
     Parameters
     ----------
@@ -251,10 +254,8 @@ def _follow_from_dead_centre(
 
     Returns
     -------
-    A curve from a point near the dead centre is followed in both directions of the input.
-    The first one of which an end comes near to the dead centre is returned, with the dead
-    centre as its end. If there is none, the result is the curve from the dead centre
-    itself.
+    The first curve with an end near the dead centre, extended to the dead centre. If there
+    is none, the curve that was followed from the dead centre itself.
     """
     # (k, variables) points near the dead centre, one on each branch of a curve through it.
     # There may be curves along which the input does not move. They belong to no mode and
@@ -262,13 +263,13 @@ def _follow_from_dead_centre(
     points = find_outgoing_points(closure, values)
     input_changes = points[:, driven] - values[driven]
     points = points[np.abs(input_changes) > MIN_INPUT_CHANGE_RAD]
-    # The first curve that comes back to the dead centre is returned. Points are sorted, so
-    # that it is the same one whatever the rounding errors are. The key is the rounded
-    # difference to the dead centre. Its sign puts points with larger variables first.
-    ordered = sorted(points, key=lambda point: tuple(np.round(values - point, 6)))
+    # Points are sorted, so that rounding errors do not decide which curve is the first. The
+    # key is the rounded difference to the dead centre. Its sign puts points with larger
+    # variables first.
+    sorted_points = sorted(points, key=lambda point: tuple(np.round(values - point, 6)))
     # The last start is the dead centre itself. Its derivatives by the input are infinite or
     # inaccurate, so its curve is the result only if no other one reaches the dead centre.
-    starts = _evaluate_nodes(closure, driven, np.array([*ordered, values]))
+    starts = _evaluate_nodes(closure, driven, np.array([*sorted_points, values]))
     curves = _follow_from_nodes(closure, driven, starts=starts, low=low, high=high)
     # The result states how many steps were tried on all these curves.
     tried_steps = sum(curve.tried_steps for curve in curves)

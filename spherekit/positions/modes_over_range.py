@@ -342,7 +342,7 @@ class ModesOverRange:
                 self._compute_modes_at(q[:1])
             # The input determines only some phases, or none: the wheels are free.
             if not solver.gear_phases.all_known:
-                return self._find_on_one_curve()
+                return self._find_with_free_wheels()
         if can_find_all_modes(solver):
             # None if a polynomial could not be solved completely at one of the inputs.
             claim = self._find_by_elimination()
@@ -373,17 +373,17 @@ class ModesOverRange:
             ),
         )
 
-    def _find_on_one_curve(self) -> Completeness:
-        """Find the modes on one curve, if wheels can be put together in any position.
+    def _find_with_free_wheels(self) -> Completeness:
+        """Find some of the modes, if wheels can be put together in any position.
 
         The input does not determine how far the wheels have rolled. Each position in which
         they can be put together has its own curve of configurations, so there are
-        infinitely many curves. Only one is followed:
+        infinitely many curves. These are followed:
 
         - If the reference pose has a mode in the range, it is in `assembly_modes` already.
           Its curve is followed beyond the ends of the mode.
-        - Otherwise all configurations are searched at a few inputs in turn, until some are
-          found at one of them. The curves through these are followed.
+        - Otherwise all configurations are searched at a few inputs in turn, until one input
+          has some. The curves through these are followed.
 
         Returns
         -------
@@ -396,7 +396,7 @@ class ModesOverRange:
         for row in dict.fromkeys(rows.tolist()):
             if self.assembly_modes:
                 break
-            self._compute_modes_at(q[row : row + 1])
+            self._compute_modes_at(q[row : row + 1])  # adds 1 to `probes`
         self._follow_modes_beyond_their_ends()
         # `probes` is the number of inputs at which configurations were searched. It is 0 in
         # the first case.

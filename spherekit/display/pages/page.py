@@ -358,7 +358,7 @@ class PageMaker:
         return tuple(variable_keys)
 
     def _omit_axes_by_directions(self, keys: Names) -> Names:
-        """Return keys of sizes, without axes that the file does not contain.
+        """Return keys for sliders, without those of axes that the file does not contain.
 
         In a P pair one link slides along an arc of a great circle on the other one. Its
         axis is the pole of that circle. The file may state two directions on the arc
@@ -368,7 +368,8 @@ class PageMaker:
         Parameters
         ----------
         keys
-            Keys of numbers in the file. That of a number of an axis is ``pairs.NAME...``.
+            Keys of numbers in the file. Those of pair NAME begin with ``pairs.NAME``. A P
+            pair has no other numbers than its axis, so all its keys are left out.
         """
         pairs_without_axis = [
             name
