@@ -80,6 +80,38 @@ def test_findings_count_aspects_and_singular_curves_as_the_tables_do(five_bar_ru
     assert any("type II of output 3/1" in text for text in result.summary["warnings"])
 
 
+def test_the_screen_says_how_many_singular_curves_there_are_and_where(five_bar_run):
+    """Points of the table that are inside the ranges are on the curves that are counted."""
+    result, _ = five_bar_run
+    (summary,) = result.summary["analyses"]
+    (table,) = summary["screen_tables"]
+    assert table["title"].startswith("Singularities of the output 3/1 in the ranges")
+    points = result.frame("singularities")
+    rows = {row[0].split(" (")[0].removeprefix("type "): row for row in table["rows"]}
+    for kind in ("I", "II"):
+        of_kind = points[points.kind == kind]
+        inside = of_kind[of_kind.inside == "yes"]
+        count = inside.curve.nunique()
+        _, inside_text, outside_text, reach = rows[kind]
+        word = "curve" if count == 1 else "curves"
+        assert inside_text == (f"{count} {word}" if count else "none")
+        outside = of_kind.curve.nunique() - count
+        assert outside_text.startswith(str(outside) if outside else "none")
+        reaches = [
+            [[float(x) for x in part.split(" = ")[1].split(" to ")] for part in parts]
+            for parts in (text.split(", ") for text in reach.split("; ") if text != "-")
+        ]
+        degrees = np.degrees(inside[["q_21", "q_51"]].to_numpy())
+        for point in degrees:
+            assert any(
+                all(
+                    limits[0] - 0.5 <= angle <= limits[-1] + 0.5
+                    for limits, angle in zip(curve, point, strict=True)
+                )
+                for curve in reaches
+            )
+
+
 def test_recording_has_the_curves_on_the_sphere_and_in_the_plane_of_inputs(
     five_bar_run,
 ):

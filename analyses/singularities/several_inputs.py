@@ -19,9 +19,12 @@ from spherekit.plugin import (
     Portrait,
     Primitive,
     Scene,
+    ScreenColumn,
+    ScreenTable,
     SphereCurves,
     Surface,
     counted,
+    degrees_text,
     input_columns,
     numbered,
 )
@@ -104,6 +107,16 @@ SURFACE_INPUT_COUNT = 3
 DEFAULT_ASPECT_SAMPLES = 11
 """Values of each input for aspects by default. Larger: narrow aspects are found, in more
 time."""
+
+
+EFFECTS: Mapping[str, str] = {
+    "I": "the output loses a direction of motion",
+    "II": "the locked inputs do not hold the output",
+    SELF_MOTION: "links move while inputs and output rest",
+}
+"""What each kind of singularity means for the mechanism."""
+MAX_LISTED_REACHES = 4
+"""Number of curves or surfaces whose inputs are printed; the table of points has all."""
 
 
 def no_aspects(mechanism: Mechanism) -> str:
@@ -443,6 +456,8 @@ class SeveralInputs:
 
         - The summary has for each output the kinds that occur in every configuration, the
           numbers of curves or of vertices of surfaces, and the guarantee of each search.
+        - The table for the screen has the number of curves or surfaces of each kind, and
+          the inputs that they reach over.
         - Warnings concern rows near a singularity.
         - Remarks describe everything else.
         """
@@ -450,6 +465,7 @@ class SeveralInputs:
         summary: dict[str, Any] = {"slices": self.slice_count}
         warnings: list[str] = []
         remarks: list[str] = []
+        table_rows: list[tuple[str, ...]] = []
         is_singular_everywhere = False
         for output in batch.mechanism.outputs:
             # 1. Loci.
@@ -457,26 +473,30 @@ class SeveralInputs:
             loci = self.loci[output.name]
             kinds_everywhere = [locus.kind for locus in loci if locus.everywhere]
             is_singular_everywhere |= bool(kinds_everywhere)
-            sentences = [
-                f"{of_kind(kind)} in every configuration" for kind in kinds_everywhere
+            remarks += [
+                f"The output {name} has singularities {of_kind(kind)} in every "
+                "configuration."
+                for kind in kinds_everywhere
             ]
             summary[name] = {"everywhere": sorted(kinds_everywhere)}
             for locus in loci:
-                if not locus.everywhere:
-                    counts, words = _describe_locus(locus)
-                    suffix = locus.kind.replace("-", "_")
-                    for key, value in counts.items():
-                        summary[name][f"{key}_{suffix}"] = value
-                    sentences.append(f"{words}; {counts['claim']}")
+                if locus.everywhere:
+                    continue
+                suffix = locus.kind.replace("-", "_")
+                for key, value in _summarize_locus(locus).items():
+                    summary[name][f"{key}_{suffix}"] = value
+                table_rows.append((name, *self._locus_cells(locus)))
+                remarks += _describe_search(locus, name)
 
             # 2. Rows of the motion: assembly modes that are singular in every row, by the
             # type, and rows near a singularity.
             rows = self.coefficients[output.name]
             singular_modes = {} if kinds_everywhere else _singular_modes(batch, rows)
             for kind, modes in singular_modes.items():
-                modes_in_words = numbered("assembly mode", modes)
-                sentences.append(f"{of_kind(kind)} in every row of {modes_in_words}")
-            remarks += [f"output {name}: {sentence}" for sentence in sentences]
+                remarks.append(
+                    f"The output {name} has singularities {of_kind(kind)} in every row of "
+                    f"{numbered('assembly mode', modes)}."
+                )
             for kind, sines in (("I", rows.type_one), ("II", rows.type_two)):
                 if kind not in kinds_everywhere:
                     modes = singular_modes.get(kind, [])
@@ -484,7 +504,7 @@ class SeveralInputs:
 
         # 3. Aspects.
         if self.input_grid is None and len(batch.mechanism.inputs) > MAX_OUTPUT_FREEDOMS:
-            remarks.append(f"no aspects: {no_aspects(batch.mechanism)}")
+            remarks.append(f"There are no aspects: {no_aspects(batch.mechanism)}.")
         found_aspects = self._search_result.aspects
         if found_aspects is not None:
             summary["aspects"] = found_aspects.sizes.tolist()
@@ -494,15 +514,41 @@ class SeveralInputs:
             has_none_unexpectedly = (
                 len(found_aspects.sizes) == 0 and not is_singular_everywhere
             )
-            if found_aspects.note or has_none_unexpectedly:
+            if len(found_aspects.sizes) or found_aspects.note or has_none_unexpectedly:
                 remark = (
-                    f"{counted(len(found_aspects.sizes), 'aspect')}; "
-                    f"{counted(found_aspects.singular, 'configuration')} met are singular"
+                    f"{counted(len(found_aspects.sizes), 'aspect')} (sets of "
+                    "configurations within which no singularity is passed)"
                 )
+                if found_aspects.singular:
+                    remark += (
+                        f"; {counted(found_aspects.singular, 'configuration')} met are "
+                        "singular"
+                    )
                 if found_aspects.note:
                     remark += f"; {found_aspects.note}"
-                remarks.append(remark)
-        return Findings(summary, tuple(warnings), tuple(remarks))
+                remarks.append(f"{remark}.")
+        tables = (_locus_table(table_rows),) if table_rows else ()
+        return Findings(summary, tuple(warnings), tuple(remarks), tables)
+
+    def _locus_cells(self, locus: Locus) -> tuple[str, ...]:
+        """Return the cells of a locus: kind, numbers inside and outside, inputs reached."""
+        inputs = self.batch.moving_inputs
+        kind = f"{name_kind(locus.kind)} ({EFFECTS[locus.kind]})"
+        if isinstance(locus, SingularSurface):
+            components = np.unique(locus.component)
+            count_text = counted(len(components), "surface") if len(components) else "none"
+            parts = [locus.points.inputs[locus.component == part] for part in components]
+            return kind, count_text, "-", _reach_text(parts, inputs)
+        parts = []
+        for curve in locus.curves:
+            if np.any(curve.points.inside):
+                # Nodes are too far apart to show where a curve leaves the ranges.
+                points = self._dense_points(curve)
+                parts.append(points.inputs[points.inside])
+        count_text = counted(len(parts), "curve") if parts else "none"
+        outside = len(locus.curves) - len(parts)
+        outside_text = counted(outside, "curve") if outside else "none"
+        return kind, count_text, outside_text, _reach_text(parts, inputs)
 
     def _warn_of_near_rows(
         self, kind: str, output: str, sines: Floats, singular_modes: Sequence[int]
@@ -527,15 +573,17 @@ class SeveralInputs:
         if not np.any(is_near):
             return []
         row = int(np.nanargmin(angles_deg))
-        inputs = ", ".join(f"{q:.6g}" for q in np.degrees(batch.inputs[row]))
+        inputs = ", ".join(
+            f"{pair} = {degrees_text(q)}"
+            for pair, q in zip(batch.moving_inputs, batch.inputs[row], strict=True)
+        )
         modes = numbered("assembly mode", np.unique(batch.assembly_mode[is_near]))
         # Adding zero turns a negative zero into zero.
         nearest_deg = round(angles_deg[row], ANGLE_DECIMALS) + 0.0
         return [
-            f"type {kind} of output {output} comes within {self.near:g} deg of "
-            f"{modes}, nearest sample {nearest_deg:.3g} "
-            f"deg on assembly mode {batch.assembly_mode[row]} at inputs "
-            f"{inputs} deg"
+            f"Samples of {modes} come within {self.near:g} deg of type {kind} of output "
+            f"{output}, where {EFFECTS[kind]}. The nearest one is {nearest_deg:.3g} deg "
+            f"away, in assembly mode {batch.assembly_mode[row]} at {inputs} deg."
         ]
 
     @property
@@ -816,40 +864,96 @@ def _certainty_columns(claim: Completeness) -> Columns:
     return {"double": "no", "certain": "yes", "guarantee": claim.guarantee.value}
 
 
-def _describe_locus(locus: Locus) -> tuple[dict[str, Any], str]:
-    """Return the size of a locus (all singularities of one kind) as numbers and in words.
+def _summarize_locus(locus: Locus) -> dict[str, Any]:
+    """Return the size of a locus (all singularities of one kind) as numbers.
 
     The numbers count curves inside and outside of the ranges of the inputs, or vertices of
     surfaces. The entry ``claim`` says in words how complete the search was; for a surface
     it also states the length of edges of the mesh.
+    """
+    if isinstance(locus, SingularSurface):
+        return {
+            "vertices": len(locus.nodes),
+            "irregular": locus.irregular,
+            "claim": locus.guarantee,
+        }
+    count = sum(bool(np.any(curve.points.inside)) for curve in locus.curves)
+    outside = len(locus.curves) - count
+    return {"curves": count, "curves_outside": outside, "claim": str(locus.claim)}
+
+
+def _reach_text(parts: Sequence[Floats], inputs: Sequence[str]) -> str:
+    """Return the ranges of the inputs that curves or surfaces reach over, as text.
+
+    Parameters
+    ----------
+    parts
+        (n, inputs) inputs (rad) of the points of each curve or surface.
+    inputs
+        Names of the inputs.
+    """
+    texts = []
+    for points in parts:
+        ranges = []
+        lowest = np.degrees(np.min(points, axis=0))
+        highest = np.degrees(np.max(points, axis=0))
+        for pair, low, high in zip(inputs, lowest, highest, strict=True):
+            # Points are about a degree apart. Adding zero turns a negative zero into zero.
+            low_text, high_text = f"{low + 0.0:.0f}", f"{high + 0.0:.0f}"
+            range_text = low_text if low_text == high_text else f"{low_text} to {high_text}"
+            ranges.append(f"{pair} = {range_text}")
+        texts.append(", ".join(ranges))
+    # Curves of several modes can reach over the same inputs.
+    distinct_texts = list(dict.fromkeys(texts))
+    listed = "; ".join(distinct_texts[:MAX_LISTED_REACHES])
+    further = len(distinct_texts) - MAX_LISTED_REACHES
+    return f"{listed} and {further} more" if further > 0 else listed or "-"
+
+
+def _locus_table(rows: Sequence[tuple[str, ...]]) -> ScreenTable:
+    """Return the table of the loci for the screen.
+
+    Parameters
+    ----------
+    rows
+        For each locus the output and the cells of `_locus_cells`.
+    """
+    columns = [
+        ScreenColumn("kind"),
+        ScreenColumn("in the ranges"),
+        ScreenColumn("outside"),
+        ScreenColumn("over the inputs, about (deg)"),
+    ]
+    outputs = list(dict.fromkeys(row[0] for row in rows))
+    if len(outputs) == 1:
+        title = f"Singularities of the output {outputs[0]} in the ranges of the inputs:"
+        return ScreenTable(tuple(columns), tuple(row[1:] for row in rows), title)
+    title = "Singularities of the outputs in the ranges of the inputs:"
+    return ScreenTable((ScreenColumn("output"), *columns), tuple(rows), title)
+
+
+def _describe_search(locus: Locus, output: str) -> list[str]:
+    """Return sentences on how complete the search for a locus was, and what it left out.
 
     Irregular configurations are singular ones that the search met, but from which it could
-    not follow a curve or surface, for example where curves cross. The words count them for
-    both shapes, the numbers only for surfaces.
+    not follow a curve or surface, for example where curves cross.
     """
     if isinstance(locus, SingularSurface):
         shape = "surface"
         irregular = locus.irregular
-        count = len(locus.nodes)
-        # `guarantee` is `claim` with the length of edges.
-        counts = {"vertices": count, "irregular": irregular, "claim": locus.guarantee}
-        words = f"{count} vertices of surfaces {of_kind(locus.kind)}"
+        claim = locus.guarantee
     else:
         shape = "curve"
         # `stray` are the irregular configurations themselves.
         irregular = len(locus.stray)
-        count = sum(bool(np.any(curve.points.inside)) for curve in locus.curves)
-        outside = len(locus.curves) - count
-        counts = {"curves": count, "curves_outside": outside, "claim": str(locus.claim)}
-        words = f"{counted(count, 'curve')} {of_kind(locus.kind)}"
-        if outside:
-            words += f" and {outside} outside the ranges"
+        claim = locus.claim.sentence or str(locus.claim)
+    sentences = [f"Search for singularities {of_kind(locus.kind)} of {output}: {claim}."]
     if irregular:
-        words += (
-            f"; {counted(irregular, 'configuration')} met are singular where the locus is "
-            f"not a regular {shape}, and not listed"
+        sentences.append(
+            f"{counted(irregular, 'configuration')} {of_kind(locus.kind)} met are not on a "
+            f"regular {shape}, and are not listed."
         )
-    return counts, words
+    return sentences
 
 
 def _singular_modes(batch: Batch, rows: OutputCoefficients) -> Mapping[str, list[int]]:

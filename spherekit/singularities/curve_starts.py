@@ -246,7 +246,11 @@ class LocusPointSearch:
                 gaps = self.section.gaps
                 sides = " by ".join(f"{np.degrees(gap):.3g}" for gap in gaps)
                 reason = f"but for {item}s within a box of {sides} deg between slices"
-                return Completeness(Guarantee.TO_BOX, reason, max(gaps))
+                sentence = (
+                    f"complete, except perhaps for {item}s that lie within a box of "
+                    f"{sides} deg of the inputs between neighbouring slices"
+                )
+                return Completeness(Guarantee.TO_BOX, reason, max(gaps), sentence)
         return Completeness(Guarantee.SAMPLED, "; ".join(filter(None, [reason, *notes])))
 
 
