@@ -17,17 +17,17 @@ HEADING = "# Benchmarks"
 METHOD = """\
 ## How the times were taken
 
-Each time is the median of several repetitions. If times are compared, the tasks alternate
-within one run, and a ratio is the median of the ratios of the rounds. Ratios are similar
-on other machines and under load; single times are not.
+Each time is the median of several repetitions. If times of two tasks are compared, the
+tasks alternate within one run, and the ratio is the median of the ratios of all rounds. On
+other machines, or while other programs run, ratios are similar, but single times are not.
 
 To repeat the measurements, run `pip install -e '.[test,peers]'` and then `python -m
-benchmarks` in the root of the repository. The extra `peers` has the other programs; those
-that are not installed are skipped. Names select benchmarks, as in `python -m benchmarks
-planning peers`, and `--quick` makes a short run. `--add docs/benchmarks.json` adds the
-results to the record of this page, and `python docs/make_benchmarks.py` then writes the
-page. Further measurements are on the pages that they belong to: [rows of a
-run](engine.md#rows-at-once), [long runs](runs.md#how-long-how-large), [cost](cost.md),
+benchmarks` in the root of the repository. The extra `peers` installs the other programs;
+programs that are not installed are skipped. To run some benchmarks only, give their names,
+as in `python -m benchmarks planning peers`; `--quick` makes a short run. `--add
+docs/benchmarks.json` adds the results to the record of this page, and `python
+docs/make_benchmarks.py` then writes the page. Other pages have further measurements: [rows
+of a run](engine.md#rows-at-once), [long runs](runs.md#how-long-how-large), [cost](cost.md),
 [accuracy](accuracy.md), [proof](proof.md) and [extreme cases](extremes.md)."""
 """How the results were measured, and how to measure them again."""
 
