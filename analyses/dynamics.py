@@ -277,9 +277,9 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
     """
     remarks = describe_largest_torques(summary["inputs"], TORQUE_KEY, "driving torque")
     if not summary["masses"]:
-        remarks += ("the file has no masses: the torques are against loads alone",)
+        remarks += ("the file has no masses: the torques balance only the loads",)
     if not summary["loads"]:
-        remarks += ("the file has no loads: the torques are against inertia alone",)
+        remarks += ("the file has no loads: the torques balance only the inertia",)
     warnings: tuple[str, ...] = ()
     # In these rows the mechanism can move while the inputs rest. No torques at the inputs
     # can then hold it against its loads.

@@ -135,7 +135,8 @@ class Poles(AbstractAnalysis):
                     "conditioning",
                     "",
                     "relative speed of the two links divided by the sum of their speeds: "
-                    "1 for axes of pairs; digits of the pole cancel if it is small",
+                    "1 for axes of pairs; if it is small, digits of the pole are lost "
+                    "by cancellation",
                     scale="none",
                 ),
                 Column(

@@ -75,7 +75,7 @@ class ReactionAnalysis(AbstractAnalysis):
 
     name = "reactions"
     version = "2"
-    summary = "what the pairs and bearings carry, and contacts that lift off"
+    summary = "forces and moments in pairs and bearings, and contacts that lift off"
     rowwise = True
     tables = (
         Table(
@@ -676,6 +676,7 @@ def _describe_open_forces(summary: Mapping[str, Any]) -> list[str]:
     if not open_pairs:
         return []
     return [
-        f"forces through the centre are undetermined in the pairs {listing(open_pairs)}; a "
-        f"file that says {listing(summary['forces_need']['wanted'])} determines them"
+        "forces through the centre are undetermined in the pairs "
+        f"{listing(open_pairs)}; to determine them, state in the file: "
+        f"{listing(summary['forces_need']['wanted'])}"
     ]

@@ -146,7 +146,7 @@ class SensitivityAnalysis(AbstractAnalysis):
 
     name = "sensitivity"
     version = "1"
-    summary = "derivatives by sizes, and tolerances of sizes"
+    summary = "derivatives with respect to sizes, and the effect of tolerances of sizes"
     cites = (
         "derived in docs/sensitivity.md: the velocity equations of the loops, with the "
         "rate at which a size opens them on their right side",
@@ -536,7 +536,7 @@ class SensitivityAnalysis(AbstractAnalysis):
                 f"{inputs} deg, mostly from {record['size']}"
             )
         if independent:
-            remarks.append(f"{listing(independent)}: changed by none of the sizes varied")
+            remarks.append(f"{listing(independent)}: no varied size changes this")
         return Findings(figures=summary, remarks=(*remarks, sizes))
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:

@@ -54,7 +54,10 @@ PRINCIPAL_STIFFNESSES = ("least", "middle", "largest")
 """Names of the principal stiffnesses of an output, in their order."""
 
 HOLDING_TORQUES = Column(
-    "tau", "N m", "holding torque at the driven pair against all loads", per_input=True
+    "tau",
+    "N m",
+    "torque at the driven pair that holds the mechanism at rest against all loads",
+    per_input=True,
 )
 ADVANTAGES = Column(
     "advantage",
@@ -103,8 +106,8 @@ class Statics(AbstractAnalysis):
                         Column(
                             f"stiffness_{number}",
                             "N m/rad",
-                            f"{words} principal stiffness of the output; infinite if no "
-                            "drive yields about its axis",
+                            f"{words} principal stiffness of the output; infinite if "
+                            "the output cannot yield about this axis",
                         ),
                         *(
                             Column(

@@ -79,7 +79,10 @@ class WorkspaceAnalysis(AbstractAnalysis):
 
     name = "workspace"
     version = "1"
-    summary = "what an output reaches under constraints, with its area"
+    summary = (
+        "directions or orientations that an output reaches within limits, with their "
+        "area or volume"
+    )
     cites = (
         "C. Gosselin and J. Angeles, IEEE Trans. Robotics and Automation 6(3), 1990",
         "Z. Chen et al., 2021, doi 10.21203/rs.3.rs-258461",
@@ -146,7 +149,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 Column(
                     "constraint",
                     "",
-                    "name of the limit that ends the workspace here",
+                    "name of the limit that bounds the workspace here",
                     "text",
                 ),
             ),

@@ -149,5 +149,5 @@ def _bind_message(
     unknown = [keyword for keyword in keywords if keyword not in names]
     if unknown and not takes_any_keyword:
         ending = choices(unknown[0], names, "Arguments", MAX_LISTED_ARGUMENTS)
-        return f'no argument is "{unknown[0]}"{ending}'
+        return f'there is no argument "{unknown[0]}"{ending}'
     return f"{bind_error}. Arguments: {listing(names, MAX_LISTED_ARGUMENTS)}"

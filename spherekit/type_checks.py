@@ -77,7 +77,7 @@ def type_fault(name: str, value: Any, annotation: Any) -> str:
         allowed += "; spherekit.load reads it by its name or path"
     hints = "".join(f". {hint}" for hint in _argument_hints(annotation))
     return (
-        f"{name} is {shown_value} ({type(value).__name__}), it has to be {allowed}{hints}"
+        f"{name} is {shown_value} ({type(value).__name__}); it has to be {allowed}{hints}"
     )
 
 

@@ -250,6 +250,6 @@ def test_checked_functions_accept_numpy_numbers_and_lists_and_refuse_other_types
     missing = "function: missing a required argument: 'count'"
     with pytest.raises(SpherekitError, match=missing):
         function()
-    misspelt = r'function: no argument is "cnt"; did you mean'
+    misspelt = r'function: there is no argument "cnt"; did you mean'
     with pytest.raises(SpherekitError, match=misspelt):
         function(cnt=3)

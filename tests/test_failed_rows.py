@@ -170,7 +170,7 @@ def test_numbers_that_are_never_finite_are_refused_in_one_sentence(
     [
         ("bevel_differential", "dynamics", "it is 0 in every row"),
         ("five_bar", "statics", "no loads, so there is nothing to hold"),
-        ("five_bar", "dynamics", "no loads: the torques are against inertia alone"),
+        ("five_bar", "dynamics", "no loads: the torques balance only the inertia"),
     ],
 )
 def test_a_run_says_why_torques_are_zero_and_prints_no_rounding_errors(

@@ -67,5 +67,5 @@ def test_the_help_of_sweep_lists_every_reduction(capsys):
     with pytest.raises(SystemExit):
         main(["sweep", "--help"])
     help_text = " ".join(capsys.readouterr().out.split())
-    listed = help_text.partition("a figure of merit: how (")[2].partition(")")[0]
+    listed = help_text.partition("that a reduction (")[2].partition(")")[0]
     assert set(listed.split(", ")) == set(REDUCTION_BY_NAME)

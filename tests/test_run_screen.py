@@ -455,5 +455,5 @@ def test_tables_of_findings_are_checked():
         def findings(self, batch):
             return Findings(tables=(ScreenTable((ScreenColumn("a"),), ((1.5,),)),))
 
-    with pytest.raises(PluginError, match=r"the cell 1.5 is a float, it has to be a text"):
+    with pytest.raises(PluginError, match=r"the cell 1.5 is a float; it has to be a text"):
         compute_findings(Analysis(), None, None)

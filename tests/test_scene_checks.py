@@ -117,11 +117,11 @@ RIGHT = {
 WRONG = {
     "Series as a column": (
         unchecked(Series, "plots/x", "s", "g", LINE[:, None]),
-        "Series 'plots/x': values has the shape (5, 1), it needs (n,)",
+        "Series 'plots/x': values has the shape (5, 1), but needs (n,)",
     ),
     "Series too short": (
         unchecked(Series, "s", "s", "g", LINE[:3]),
-        "values has the shape (3,), it needs (n,); n is 5, the 5 samples of the block",
+        "values has the shape (3,), but needs (n,); n is 5, the 5 samples of the block",
     ),
     "Series of texts": (unchecked(Series, "s", "s", "g", ["a"] * 5), "<U1 values"),
     "Series None": (unchecked(Series, "s", "s", "g", None), "values holds None"),
@@ -131,16 +131,16 @@ WRONG = {
     ),
     "path is a number": (
         unchecked(Series, 3, "s", "g", LINE),
-        "path is 3, it has to be a text",
+        "path is 3; it has to be a text",
     ),
     "InputMarks 1-D": (unchecked(InputMarks, "i", "i", np.zeros(3)), "needs (k, axes)"),
     "InputMarks of two inputs": (
         unchecked(InputMarks, "i", "i", np.zeros((3, 2))),
-        "inputs has 2 columns, it needs one for each axis: 1",
+        "inputs has 2 columns, but needs one for each axis: 1",
     ),
     "SphereCurves of a plane": (
         unchecked(SphereCurves, "c", "c", [N3, N3[:, :2]]),
-        "curves[1] has the shape (5, 2), it needs (k, 3)",
+        "curves[1] has the shape (5, 2), but needs (k, 3)",
     ),
     "SphereCurves not in a list": (
         unchecked(SphereCurves, "c", "c", N3),
@@ -149,7 +149,7 @@ WRONG = {
     "SphereCurves None": (unchecked(SphereCurves, "c", "c", None), "curves is a NoneType"),
     "marks of a plane": (
         unchecked(SphereCurves, "c", "c", [N3], 0, [unchecked(Mark, "m", np.zeros(2))]),
-        "marks[0]: place has the shape (2,), it needs (d,); d is 3, coordinates",
+        "marks[0]: place has the shape (2,), but needs (d,); d is 3, coordinates",
     ),
     "marks as arrays": (
         unchecked(SphereCurves, "c", "c", [N3], 0, [N3[0]]),
@@ -163,9 +163,9 @@ WRONG = {
     ),
     "Body labels": (
         unchecked(Body, "b", "b", [N3], N3[:2], ("1",), 0, None),
-        "joint_labels has 1 items, it needs 2, as many as the j of joints",
+        "joint_labels has 1 items, but needs 2, as many as the j of joints",
     ),
-    "Portrait": (portrait(y=LINE[:4]), "y has the shape (4,), it needs (n,)"),
+    "Portrait": (portrait(y=LINE[:4]), "y has the shape (4,), but needs (n,)"),
     "Portrait range": (portrait(x_range=(0, 1, 2)), "x_range has the shape (3,)"),
     "Portrait curve": (
         portrait(curves=[unchecked(PlaneCurve, N3)]),
@@ -174,7 +174,7 @@ WRONG = {
     "Portrait curve as an array": (portrait(curves=[N3]), "has to be a PlaneCurve(...)"),
     "SphereMap values": (
         unchecked(SphereMap, "m", "m", CORNERS, ONE_TRIANGLE, LINE),
-        "values has the shape (5,), it needs (v,); v is 3, the v of vertices",
+        "values has the shape (5,), but needs (v,); v is 3, the v of vertices",
     ),
     "SphereMap corner": (
         unchecked(SphereMap, "m", "m", CORNERS, ONE_TRIANGLE + 1, LINE[:3]),
@@ -186,15 +186,15 @@ WRONG = {
     ),
     "Surface axes": (
         unchecked(Surface, "u", "u", CORNERS, ONE_TRIANGLE, ("x", "y")),
-        "axes has 2 items, it needs 3",
+        "axes has 2 items, but needs 3",
     ),
-    "Diagram names": (diagram(names=("a",)), "names has 1 items, it needs 2"),
+    "Diagram names": (diagram(names=("a",)), "names has 1 items, but needs 2"),
     "Diagram words": (diagram(words=("a",)), "words has 1 texts"),
     "Graph": (
         unchecked(Graph, "g", (("a", "a", 0),), (), ((0, 0), (1, 1))),
-        "nodes has 1 items, it needs 2",
+        "nodes has 1 items, but needs 2",
     ),
-    "Text": (unchecked(Text, "t", "t", None), "markdown is None, it has to be a text"),
+    "Text": (unchecked(Text, "t", "t", None), "markdown is None; it has to be a text"),
     "no primitive": (LINE, "primitives has a ndarray; allowed are Body, Arrow"),
     "a Mark alone": (unchecked(Mark, "m", N3[0]), "primitives has a Mark; allowed are"),
 }
@@ -231,7 +231,7 @@ def test_wrong_scenes_are_refused_in_a_sentence(name):
             unchecked(Scene, 0.5, ()),
             "a page is the number of an assembly mode, a title, or None",
         ),
-        (unchecked(Scene, 0, None), "primitives is a NoneType, it has to be a tuple"),
+        (unchecked(Scene, 0, None), "primitives is a NoneType; it has to be a tuple"),
         (unchecked(Scene, "own", (), (LINE,)), "over has to be a tuple of Axis(...)"),
         (
             unchecked(Scene, "own", (), (unchecked(Axis, "a", "", N3),)),

@@ -195,7 +195,7 @@ def test_errors_for_want_of_memory_are_reported_as_such(fault, capsys, monkeypat
 
     monkeypatch.setattr("spherekit.cli.mechanisms.execute", execute)
     assert main(["mechanisms"]) == command.BAD_INPUT
-    assert "there is not enough memory" in capsys.readouterr().err
+    assert "not enough memory" in capsys.readouterr().err
 
 
 def test_usable_memory_is_below_a_limit_of_the_address_space():

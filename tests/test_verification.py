@@ -205,7 +205,8 @@ def test_a_wrong_pole_direction_is_outside_its_bound(change_pole_fields):
     change_pole_fields(falsify_direction)
     verification = verify_run(samples=9, verify=4)
     failures = verification_failures(verification)
-    assert any("4 of 24 pole directions have an error above" in failure for failure in failures)
+    fault = "4 of 24 pole directions have an error above"
+    assert any(fault in failure for failure in failures)
     directions = verification["directions"]
     assert directions["within_bound"] == directions["count"] - 4
     assert directions["subject"]["link"] == "4"

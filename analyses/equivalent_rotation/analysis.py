@@ -114,7 +114,9 @@ class EquivalentRotation(AbstractAnalysis):
 
     name = "equivalent_rotation"
     version = "1"
-    summary = "rotation about a fixed axis between two poses, in time"
+    summary = (
+        "rotation about a fixed axis from one pose to another, also as a function of time"
+    )
     cites = (
         "Z. Chen et al., Motion characteristics analysis of a novel spherical two-degree-"
         "of-freedom parallel mechanism, 2021, doi 10.21203/rs.3.rs-258461",

@@ -69,7 +69,10 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
 
     name = "inverse_kinematics"
     version = "1"
-    summary = "inputs of poses of an output in every mode, and back"
+    summary = (
+        "inputs for given poses of an output in every working mode, and poses for given "
+        "inputs"
+    )
     cites = ("C. Gosselin and J. Angeles, IEEE Trans. Robotics and Automation 6(3), 1990",)
     reads_samples = False
     tables = (INVERSE, FORWARD, PAIRS)

@@ -348,9 +348,9 @@ def _export_coupling_table(table: CouplingTable, target: Path) -> Exported:
     notes: Names = ()
     if sure_count < cell_count:
         note = (
-            f"{cell_count - sure_count} of {cell_count} cells with a mode in all "
-            f"corners are not sure to {table.tolerance:g} rad and are not read; more "
-            "samples make more sure"
+            f"{cell_count - sure_count} of {cell_count} cells with a mode at all corners "
+            f"are not used, because their error may exceed {table.tolerance:g} rad; with "
+            "more samples there are fewer of these cells"
         )
         notes = (note,)
     holds = (

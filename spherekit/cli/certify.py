@@ -84,47 +84,57 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--at",
         metavar="ANGLE[,ANGLE...]",
         help=(
-            "values of the inputs, such as 40 or 0.7rad, in place of the range of the "
-            f"only input; {UNIT_RULE}"
+            "prove the assembly modes at these values of the inputs, such as 40, 0.7rad "
+            f"or 10,20,30 (default: over the range of the inputs); {UNIT_RULE}"
         ),
     )
     parser.add_argument(
         "--poles",
         action="store_true",
-        help="with --at: also enclose every pole axis and velocity coefficient",
+        help=(
+            "with --at: also compute proven bounds of every pole axis and velocity "
+            "coefficient"
+        ),
     )
     parser.add_argument(
         "--range",
         nargs=2,
         metavar=("FROM", "TO"),
-        help=f"another range of the only input; {UNIT_RULE}",
+        help=(
+            "with one input: prove over this range instead of that of the file; "
+            f"{UNIT_RULE}"
+        ),
     )
     parser.add_argument(
         "--clear-of",
         metavar="ANGLE",
         help=(
-            "over a range: print how far the input can move from this value before it "
-            "reaches a singularity"
+            "with one input: print a proven distance from this value of the input "
+            "within which there is no singularity"
         ),
     )
     parser.add_argument(
         "--cell",
         metavar="ANGLE",
         help=(
-            "with two inputs: the number of modes is proven for small rectangles of "
-            f"inputs; this is their largest side (default: 0.01rad); {UNIT_RULE}"
+            "with two inputs, whose ranges are divided into small rectangles: largest "
+            f"side of a rectangle (default: 0.01rad); {UNIT_RULE}"
         ),
     )
     parser.add_argument(
         "--figure",
         metavar="PNG",
-        help="with two inputs: draw the map of the number of modes into this file",
+        help=(
+            "with two inputs: draw a map of the number of modes over the inputs, and "
+            "write it to this file"
+        ),
     )
     parser.add_argument(
         "--tolerance",
         metavar="ANGLE",
         help=(
-            "by how much sizes may be off, such as 1e-9rad (default: the file is exact); "
+            "prove the results for all sizes that deviate from those of the file by at "
+            "most this much, such as 1e-9rad (default: the sizes are exact); "
             f"{UNIT_RULE}"
         ),
     )
@@ -132,7 +142,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "-o",
         "--out",
         metavar="JSON",
-        help="write the certificate into this file",
+        help="write the certificate, a record of the proof, into this file",
     )
 
 

@@ -28,14 +28,15 @@ COMMAND_GROUPS = {
     "analyse": {
         "run": "compute motion and analyses; write tables, figures and a recording",
         "plan": "show how the pole axes can be constructed one after another",
-        "explain": "predict what a run computes, and the sizes of its tables",
+        "explain": "predict what a run would compute, and the sizes of its tables",
         "analyses": "list the analyses, or describe one",
         "certify": "prove assembly modes and singularities; write a certificate",
-        "trade": "measure the speed and accuracy of the settings of a run",
+        "trade": "measure how fast and how accurate each setting of a run is",
     },
     "design": {
         "sweep": "compare designs: vary sizes and compute figures of merit",
-        "synthesize": "find the sizes that generate a function or minimise an objective",
+        "synthesize": "find sizes with which the output follows a function, or that "
+        "minimise an objective",
     },
     "show and export": {
         "view": "show a recording or a mechanism in the viewer, or make a picture",
@@ -97,7 +98,7 @@ class CommandLineParser(argparse.ArgumentParser):
         """Print what is wrong and where to read more, and exit."""
         if message.endswith("expected one argument"):
             # argparse takes the value -0.5 for an option.
-            message += "; one that starts with - is written --OPTION=-VALUE"
+            message += "; a value that starts with - is written --OPTION=-VALUE"
         end = "" if message.endswith(("?", ".")) else "."
         print(f"{self.prog}: {message}{end} See: {self.prog} --help", file=sys.stderr)
         sys.exit(USAGE_ERROR)
@@ -149,7 +150,7 @@ def _suggest_command_for_file(word: str) -> str:
     is_recording = word.endswith(".rrd")
     if is_recording or word.endswith(".toml") or any(pack.path(word) for pack in shipped()):
         command = "view" if is_recording else "run"
-        return f"; that is a file: spherekit {command} {word}."
+        return f"; this is a file; try: spherekit {command} {word}."
     return ""
 
 
@@ -178,9 +179,11 @@ class CommandParser(CommandLineParser):
             "-T",
             "--traceback",
             action="store_true",
-            help="print the Python traceback of an error",
+            help="if an error occurs, also print its Python traceback",
         )
-        self.add_argument("-q", "--quiet", action="store_true", help="print errors only")
+        self.add_argument(
+            "-q", "--quiet", action="store_true", help="print nothing but errors"
+        )
         self.add_argument(
             "-v",
             "--verbose",

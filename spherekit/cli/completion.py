@@ -17,7 +17,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "shell",
         choices=("bash", "zsh", "fish"),
-        help="the shell whose completion script is printed",
+        help="the shell for which the completion script is printed",
     )
 
 

@@ -40,20 +40,25 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--analysis",
         metavar="NAME[:key=value,...]",
         action="append",
-        help="analysis to explain, may be repeated (default: the study's, or poles)",
+        help=(
+            "analysis to explain; may be repeated (default: those of the study, "
+            "otherwise poles)"
+        ),
     )
     set_completer(analysis_argument, complete_analyses)
     parser.add_argument(
         "--only-needed",
         action="store_true",
-        help="as for `run`: leave out links and pairs that no analysis needs",
+        help=(
+            "leave out links and pairs that no analysis needs, as `run --only-needed` does"
+        ),
     )
     parser.add_argument(
         "--recording",
         action="store_true",
         # Its size follows from those of two short recordings, which are made for this.
         help=(
-            "also predict the size of the recording, from two short ones (takes a "
+            "also predict the size of the recording, by making two short ones (takes a "
             "second or two)"
         ),
     )
@@ -207,7 +212,8 @@ def _make_report(description: Facts, link_count: int, with_recording: bool) -> S
     analyses_with_search = description["other_configurations"]
     if analyses_with_search:
         report.results.append(
-            f"Further configurations between the samples: {', '.join(analyses_with_search)}"
+            "Analyses that compute further configurations between the samples: "
+            f"{', '.join(analyses_with_search)}"
         )
     # Most analyses work block by block. A run that is stopped keeps the tables of complete
     # blocks. Analyses that need all samples at once have no such tables.

@@ -54,10 +54,11 @@ def add_arguments(parser: ArgumentParser) -> None:
         choices=tuple(FORMAT_NAMES),
         required=True,
         help=(
-            "c, cpp, js, python, julia, casadi: source code of all formulas; latex: "
-            "the formulas for print; model: functions that need no mechanism (.npz "
-            "or source); mjcf: a MuJoCo model; coupling: a table for controllers "
-            "(.csv, .npz or .h)"
+            "format of the file. c, cpp, js, python, julia, casadi: source code of all "
+            "formulas; latex: formulas for print; model: functions that are stored as "
+            "series and work without the mechanism (.npz or source code); mjcf: a "
+            "MuJoCo model; coupling: a table of passive angles over the inputs, for "
+            "controllers (.csv, .npz or .h)"
         ),
     )
     parser.add_argument(
@@ -81,23 +82,25 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs="*",
         metavar="KEY",
         help=(
-            "for source code and latex: numbers of the file that become arguments of "
-            "the functions, such as links.2.arc"
+            "for source code and latex: numbers of the mechanism file that become "
+            "arguments of the functions, or symbols, such as links.2.arc"
         ),
     )
     parser.add_argument(
         "--assembly-mode",
         metavar="N-or-NAME",
         help=(
-            "assembly mode, by number or name (default: 0; source code and coupling: all)"
+            "number or name of the assembly mode (default: 0; for source code and "
+            "coupling: all)"
         ),
     )
     parser.add_argument(
         "--crossings",
         choices=("end", "pass"),
         help=(
-            "sources: where curves of configurations cross, modes keep the signs of dyads "
-            "(end, the default), or follow the smooth curve through the crossing (pass)"
+            "for source code: what a mode does where two curves of configurations "
+            "cross: end = it keeps the signs of its dyads (default); pass = it follows "
+            "its smooth curve through the crossing"
         ),
     )
     parser.add_argument(
@@ -105,15 +108,18 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs="*",
         metavar="POLE",
         help=(
-            "for model and coupling: poles to include, such as 3/1 (default: all for "
-            "a model of one input, otherwise none)"
+            "for model and coupling: poles to include, such as 3/1 for the pole of "
+            "links 3 and 1 (default: all for a model with one input, otherwise none)"
         ),
     )
     pairs_argument = parser.add_argument(
         "--pairs",
         nargs="*",
         metavar="PAIR",
-        help="for coupling: passive pairs to include (default: all)",
+        help=(
+            "for coupling: passive pairs (pairs that are not inputs) to include "
+            "(default: all)"
+        ),
     )
     set_completer(pairs_argument, complete_pairs)
     parser.add_argument(
@@ -121,8 +127,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="N[xM...]",
         type=sample_counts,
         help=(
-            "for coupling: number of nodes along each input (default: as many as "
-            "--tol needs)"
+            "for coupling: number of values of each input in the table (default: as "
+            "many as --tol needs)"
         ),
     )
     parser.add_argument(
@@ -130,17 +136,18 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="T",
         type=number,
         help=(
-            "model: error of every function, relative to its largest value (default: "
-            "1e-13, of several inputs 1e-11); coupling: error of angles, rad "
-            "(default: 1e-6)"
+            "for model: largest error of every function, relative to its largest value "
+            "(default: 1e-13; with several inputs 1e-11); for coupling: largest error "
+            "of angles, in rad (default: 1e-6)"
         ),
     )
     parser.add_argument(
         "--at",
         metavar="Q[,Q...]",
         help=(
-            "mjcf: inputs of the pose, such as 30deg (default: the first on the way "
-            f"through their ranges); {UNIT_RULE}"
+            "for mjcf: values of the inputs at which the model is posed, such as 30deg "
+            "(default: the first ones in their ranges at which it can be assembled); "
+            f"{UNIT_RULE}"
         ),
     )
 

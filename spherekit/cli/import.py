@@ -25,15 +25,15 @@ def add_arguments(parser: ArgumentParser) -> None:
         "-o",
         "--output",
         metavar="X",
-        help="file to write (default: name of the model with .toml)",
+        help="file to write (default: the name of the model, with the ending .toml)",
     )
     parser.add_argument(
         "--within",
         metavar="METRES",
         type=number,
         help=(
-            "how far axes may pass by their common point (default: 1e-6 of the size of the "
-            "model)"
+            "largest distance in metres between an axis and the common point of all "
+            "axes (default: 1e-6 times the size of the model)"
         ),
     )
 

@@ -165,12 +165,15 @@ def _system_message(error: Exception) -> str:
         text = str(cause)
         if isinstance(cause, MemoryError) or any(part in text for part in MEMORY_MESSAGES):
             return (
-                f"there is not enough memory ({text or 'no more is given'}); allow "
-                "more (ulimit -v), or ask for fewer samples"
+                f"not enough memory ({text or 'the system gives no more'}); raise the "
+                "memory limit of this process (ulimit -v), or request fewer samples"
             )
         cause = cause.__cause__ or cause.__context__
     if isinstance(error, OSError) and _is_output_error(error):
-        return f"standard output cannot be written: {error.strerror}; let it go elsewhere"
+        return (
+            f"standard output cannot be written: {error.strerror}; redirect it to another "
+            "file or program"
+        )
     return ""
 
 

@@ -40,16 +40,17 @@ def add_arguments(parser: ArgumentParser) -> None:
         "what",
         choices=("mechanism", "analysis"),
         help=(
-            "a mechanism file, commented, complete, ready to run; or a distribution with "
-            "an analysis, complete, tested, ready to install"
+            "mechanism: write a complete mechanism file with comments, ready to run; "
+            "analysis: write a Python package with an analysis and its tests, ready to "
+            "install"
         ),
     )
     parser.add_argument(
         "name",
         metavar="NAME",
         help=(
-            "of the mechanism: writes NAME.toml; of the analysis: writes a folder of that "
-            "name"
+            "name of the mechanism, which is written to NAME.toml, or of the analysis, "
+            "which is written to a folder NAME"
         ),
     )
     exclusive = parser.add_mutually_exclusive_group()
@@ -68,7 +69,9 @@ def add_arguments(parser: ArgumentParser) -> None:
     like_argument = exclusive.add_argument(
         "--like",
         metavar="FILE",
-        help="start from a mechanism: path or shipped name",
+        help=(
+            "start from a copy of this mechanism: path of a file, or name of a shipped one"
+        ),
     )
     set_completer(like_argument, complete_mechanisms)
     parser.add_argument(
@@ -77,8 +80,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="A,B,C,D[,...]",
         help=(
             "with --kind vertex: the sector angles, counter-clockwise, in degrees "
-            "(default: 100,60,80,120). In the file, all creases but three are driven, over "
-            "ranges in which the vertex closes"
+            "(default: 100,60,80,120). In the new file, all creases except three are "
+            "driven, over ranges in which the vertex can be assembled"
         ),
     )
 

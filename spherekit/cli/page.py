@@ -36,8 +36,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs="*",
         metavar="KEY",
         help=(
-            "numbers of the file that get a slider, such as links.2.arc (default: "
-            "all arcs and angles of links, or the axes of the reference pose)"
+            "numbers of the mechanism file that the page lets you change with a slider, "
+            "such as links.2.arc (default: all arcs and angles of links, or the axes of "
+            "the reference pose)"
         ),
     )
     parser.add_argument(

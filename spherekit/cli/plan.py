@@ -40,7 +40,10 @@ def add_arguments(parser: ArgumentParser) -> None:
     input_argument = parser.add_argument(
         "--input",
         metavar="PAIR",
-        help=("the input that moves while the others are locked (default: each in turn)"),
+        help=(
+            "plan the poles while this input moves and the others are locked (default: "
+            "one plan for each input)"
+        ),
     )
     set_completer(input_argument, complete_pairs)
     parser.add_argument(
@@ -49,8 +52,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs="+",
         metavar="POLE",
         help=(
-            "only these poles and those that they need; 3/1 is the pole of link 3 "
-            "relative to link 1"
+            "plan only these poles and those from which they are constructed; 3/1 is "
+            "the pole of link 3 relative to link 1"
         ),
     )
     exclusive = parser.add_mutually_exclusive_group()

@@ -82,7 +82,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     exclusive.add_argument(
         "--restart",
         action="store_true",
-        help="discard the interrupted run in DIR and start again",
+        help="discard the interrupted run in DIR and start again from the beginning",
     )
     parser.add_argument(
         "--deg",
@@ -115,9 +115,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         type=Path,
         action="append",
         help=(
-            "choose settings for --tol from the measurement that `spherekit trade -o "
-            "DIR` has stored; once for each analysis. For a simulation, --tol is "
-            "then the error of the tables"
+            "choose the settings for --tol from a measurement that `spherekit trade -o "
+            "DIR` has stored; give the option once for each analysis. For a simulation, "
+            "--tol is then the largest accepted error of the tables"
         ),
     )
     parser.add_argument(
@@ -125,8 +125,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         choices=("auto", "numpy", "compiled"),
         default="auto",
         help=(
-            "integrator of a simulation (default: auto, the one that is expected to "
-            "be faster)"
+            "integrator of a simulation (default: auto, which chooses the one that is "
+            "expected to be faster)"
         ),
     )
     parser.add_argument(
@@ -136,24 +136,23 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="ROWS",
         type=row_count,
         help=(
-            "recompute ROWS rows (default: 16) with 50 digits and print the error of "
-            "each table column"
+            "recompute this many rows (default: 16) with 50 digits, and print the error "
+            "of each table column"
         ),
     )
     parser.add_argument(
         "--prove",
         action="store_true",
         help=(
-            "enclose every pole of every row with proven error bounds (table "
-            "proven_poles), and check the error bounds of the table poles against "
-            "them"
+            "compute proven bounds of every pole in every row (table proven_poles), and "
+            "check the error bounds of the table poles with them"
         ),
     )
     parser.add_argument(
         "--only-needed",
         action="store_true",
         help=(
-            "leave out links and pairs that no analysis needs; assembly modes are "
+            "leave out links and pairs that no analysis needs; the assembly modes are "
             "then those of the remaining part"
         ),
     )
@@ -177,7 +176,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--log-every",
         metavar="K",
         type=whole_number,
-        help="record every K-th sample (default: every sample; fewer in long runs)",
+        help="record only every K-th sample (default: every sample, or fewer in long runs)",
     )
     exclusive = parser.add_mutually_exclusive_group()
     exclusive.add_argument(
@@ -187,13 +186,14 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="PORT",
         type=whole_number,
         help=(
-            "serve the recording at this port while the run is in progress (default: 9876)"
+            "serve the recording to viewers at this network port while the run is in "
+            "progress (default: 9876)"
         ),
     )
     exclusive.add_argument(
         "--connect",
         metavar="URL",
-        help="send the recording to a viewer that is already open",
+        help="send the recording to a viewer that is already open at this address",
     )
     exclusive.add_argument(
         "--view",

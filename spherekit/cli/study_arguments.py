@@ -34,8 +34,8 @@ def add_lock_argument(parser: ArgumentParser) -> None:
         metavar="PAIR=VALUE",
         action="append",
         help=(
-            "fix an R pair at an angle, such as 21=30deg, so that its two links "
-            "become one; may be repeated; "
+            "lock an R pair at an angle, such as 21=30deg, so that its two links become "
+            "one; may be repeated; "
             f"{UNIT_RULE}"
         ),
     )
@@ -48,8 +48,8 @@ def add_input_argument(parser: ArgumentParser) -> None:
         metavar="PAIR",
         action="append",
         help=(
-            "drive this pair instead of the inputs of the file; give the option once "
-            "for each degree of freedom"
+            "drive this pair, and not the inputs of the file; give the option once for "
+            "each degree of freedom"
         ),
     )
     set_completer(input_argument, complete_pairs)

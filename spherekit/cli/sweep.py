@@ -47,9 +47,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         action="append",
         required=True,
         help=(
-            "a number of the file, such as links.2.arc, and what it takes on in the file's "
-            "unit: LOW:HIGH:COUNT, a list A,B,C, or LOW:HIGH with --designs; may be "
-            "repeated"
+            "a number of the mechanism file, such as links.2.arc, and its values in the "
+            "unit of the file: LOW:HIGH:COUNT, a list A,B,C, or LOW:HIGH with "
+            "--designs; may be repeated"
         ),
     )
     analysis_argument = parser.add_argument(
@@ -65,9 +65,10 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="[NAME=]HOW(EXPR)",
         action="append",
         help=(
-            "a figure of merit: how (min, max, mean, rms, range, swing, sum, argmin, "
-            "argmax, at) the values of an expression over the motion become one "
-            "number, such as swing(theta_41); angles in rad; may be repeated"
+            "a figure of merit: one number that a reduction (min, max, mean, rms, "
+            "range, swing, sum, argmin, argmax, at) computes from the values of an "
+            "expression over the motion, such as swing(theta_41); angles are in rad; "
+            "may be repeated"
         ),
     )
     parser.add_argument(
@@ -90,7 +91,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--designs",
         metavar="N",
         type=whole_number,
-        help="number of designs, spread over the ranges LOW:HIGH, instead of a grid",
+        help=(
+            "compute this many designs, spread over the ranges LOW:HIGH, instead of a grid"
+        ),
     )
     parser.add_argument(
         "--scheme",
@@ -119,18 +122,21 @@ def add_arguments(parser: ArgumentParser) -> None:
         const="png",
         nargs="?",
         choices=("png", "pdf", "svg"),
-        help="draw the figures of merit over the varied sizes into DIR/_figures",
+        help=(
+            "draw the figures of merit over the varied sizes, and write the figures "
+            "into DIR/_figures"
+        ),
     )
     parser.add_argument(
         "--workers",
         metavar="N",
         type=whole_number,
-        help="number of processes (default: one for each core)",
+        help="number of processes that compute in parallel (default: one for each core)",
     )
     parser.add_argument(
         "--dask",
         metavar="ADDRESS",
-        help="address of a Dask scheduler, whose workers compute the sweep",
+        help="compute the sweep on a Dask cluster, whose scheduler has this address",
     )
     parser.add_argument(
         "--json",

@@ -35,7 +35,10 @@ def add_arguments(parser: ArgumentParser) -> None:
     synthesis_argument = parser.add_argument(
         "synthesis",
         metavar="SYNTHESIS",
-        help="file with the wanted function, the sizes that may vary, and conditions",
+        help=(
+            "synthesis file: the wanted function or the objectives, the sizes that may "
+            "vary, and conditions"
+        ),
     )
     set_completer(synthesis_argument, complete_toml_files)
     parser.add_argument(
@@ -130,8 +133,8 @@ def _make_report(result: "Synthesis") -> ScreenReport:
         # design of the synthesis beats.
         tolerances = " and ".join(f"{value:.2g}" for value in result.tolerance)
         title = (
-            f"Pareto front: {counted(len(frame), 'design')}, to none of which a design was "
-            f"found that is better in all objectives (by more than {tolerances}):"
+            f"Pareto front: {counted(len(frame), 'design')}, for none of which a design "
+            f"was found that is better in all objectives (by more than {tolerances}):"
         )
     if len(frame) > len(printed_rows):
         title = title.removesuffix(":") + f"; {len(printed_rows)} of {len(frame)}:"

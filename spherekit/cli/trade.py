@@ -44,7 +44,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--tol",
         metavar="T",
         type=number,
-        help=("recommend the fastest setting whose largest error of any column is below T"),
+        help=(
+            "recommend the fastest setting with which the error of every column is below T"
+        ),
     )
     parser.add_argument(
         "--rounds",
@@ -61,15 +63,15 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="DIR",
         type=Path,
         help=(
-            "write trade.csv, trade.json and, if matplotlib is installed, trade.png "
-            "into this folder"
+            "write the results into this folder: trade.csv, trade.json and, if "
+            "matplotlib is installed, trade.png"
         ),
     )
     parser.add_argument(
         "--save",
         metavar="X.rrd",
         type=Path,
-        help="write a recording of the chart",
+        help="write a recording of the chart, for the viewer Rerun",
     )
     parser.add_argument(
         "--json",
@@ -124,7 +126,7 @@ def execute(options: Namespace) -> int:
             words = [*options.words, "--tol", "1e-9"]
             command = (
                 shlex.join(["spherekit", *words]),
-                "name a setting for this error",
+                "recommend the fastest setting with this error",
             )
             report.next_steps = [command]
         report.print(options)

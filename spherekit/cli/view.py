@@ -29,25 +29,26 @@ def add_arguments(parser: ArgumentParser) -> None:
         "file",
         metavar="FILE|DIR",
         help=(
-            "recording (X.rrd), folder of a run, or mechanism (X.toml or a shipped name)"
+            "what to show: a recording (X.rrd), the folder of a run, or a mechanism "
+            "(X.toml or a shipped name)"
         ),
     )
     set_completer(file_argument, complete_recordings)
     parser.add_argument(
         "--png",
         metavar="PNG",
-        help="write a picture instead of opening the viewer; needs no display",
+        help="write a picture to this file instead of opening the viewer; needs no display",
     )
     parser.add_argument(
         "--web",
         action="store_true",
-        help="show it in a browser; the page is served on this computer until Ctrl-C",
+        help="show it in a browser; this computer serves the page until you press Ctrl-C",
     )
     parser.add_argument(
         "--sample",
         metavar="N",
         type=whole_number,
-        help="number of the sample to show",
+        help="number of the sample to show, from 0",
     )
     parser.add_argument(
         "--front",

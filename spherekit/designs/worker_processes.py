@@ -111,7 +111,9 @@ def compute_in_processes(
                 _report_death(sweep, event, "another process computes it")
                 crew.compute_again(event.number)
             else:
-                _report_death(sweep, event, "it is computed again when no other is at work")
+                _report_death(
+                    sweep, event, "it is computed again when no other process is running"
+                )
                 postponed_parts.append(event.number)
     # The other workers have ended, so a single worker can use all of the memory.
     for number in sorted(postponed_parts):

@@ -267,10 +267,13 @@ def _simulate_problem(
     return end_at_lift_off(simulation)
 
 
-REQUESTED_REASON = "it was asked for"
+REQUESTED_REASON = "it was requested"
 """Reason for an engine that the user chose."""
 
-FORECAST_REASON = "expected NumPy {numpy:.2g} s more, compiled {compiled:.2g} s"
+FORECAST_REASON = (
+    "expected times: {numpy:.2g} s more with NumPy, {compiled:.2g} s with the compiled "
+    "engine"
+)
 """Reason for the engine that is expected to finish first."""
 
 
@@ -311,7 +314,7 @@ def _simulate_by_choice(
         )
         # Reasons to use the compiled engine at once.
         if compile_seconds == 0.0:
-            reason = "it was compiled before"
+            reason = "its code was compiled before"
         if tolerance < MIN_TOLERANCE_BY_ENGINE["numpy"]:
             reason = "NumPy does not reach the tolerance"
         if not has_smooth_loads(mechanism):

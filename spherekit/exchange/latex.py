@@ -39,12 +39,12 @@ $\mathbf{u}_{ik}$ of a pair $\mathbf{t}^j_{ik}$ is the tangent to the arc of lin
 $\mathbf{z}_{ik}$ is where that of the pair's second link is at the angle 0.
 """
 SECTION_INTRODUCTIONS = {
-    "Positions": r"""The links of a dyad follow from three axes: the middle one is at given
-arcs from two that are known, on the side that the sign $s_k$ says.""",
-    "Velocity coefficients": r"""Per unit rate of the input link $j$ turns by
-$\mathbf{w}_j = m_{jf} \, \mathbf{u}_{jf}$ against the ground $f$. The poles of three links
-lie on one great circle (Aronhold and Kennedy); where two of them meet a ratio is 0/0, with
-a finite limit.""",
+    "Positions": r"""The links of a dyad follow from three axes. Two of them are known. The
+middle one is at given arcs from these, on the side that the sign $s_k$ states.""",
+    "Velocity coefficients": r"""While the input turns at unit rate, link $j$ turns at the
+angular velocity $\mathbf{w}_j = m_{jf} \, \mathbf{u}_{jf}$ relative to the ground $f$. The
+poles of three links lie on one great circle (Aronhold and Kennedy); if two of them
+coincide, a ratio is 0/0 and has a finite limit.""",
     "Acceleration coefficients": r"""Axes of pairs turn with their links; poles and
 coefficients change with them.""",
     "Coefficients between moving links": "They are seen along the poles.",
@@ -52,7 +52,7 @@ coefficients change with them.""",
 as these turn with the link, its derivative is that of the vector along them.""",
 }
 POLE_INTRODUCTION = (
-    r"Each pole is where two great circles meet, case (a): $\mathbf{n}_{ij|k}$ is at"
+    r"Each pole is where two great circles intersect, case (a): $\mathbf{n}_{ij|k}$ is at"
     "\n"
     r"right angles to the plane of $\mathbf{u}_{ik}$ and $\mathbf{u}_{jk}$."
 )
@@ -248,7 +248,7 @@ def _document_lines(
         yield "\\begin{align}\n" + " \\\\\n".join(rows) + "\n\\end{align}"
     if latex_formulas.omitted_loads:
         friction = latex_text(listing(latex_formulas.omitted_loads))
-        yield f"Friction of {friction} follows from reactions and is left out."
+        yield f"Friction of {friction} depends on reactions and is left out."
     yield "\\end{document}\n"
 
 

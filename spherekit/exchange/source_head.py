@@ -160,13 +160,17 @@ def _method_sentences(source: Source) -> str:
             "variables of a mode below or of the sample before: repeat until what it "
             "returns, by how much loops were open (rad), is small."
         )
-    method = "Nothing is iterated; results are NaN where the mode does not close."
+    method = (
+        "No iteration is needed; results are NaN at inputs at which the mode cannot be "
+        "assembled."
+    )
     follows_smooth_curves = source.formulas.mode_table.smooth is not None
     if follows_smooth_curves:
         return method
     return method + (
-        " A mode is one side of each dyad: where a dyad is in line at an input, at a "
-        "change point, a motion without a jump may continue on the other side."
+        " A mode is one side of each dyad. At a change point, an input at which the "
+        "arcs of a dyad are in one plane, a motion without a jump may continue on the "
+        "other side."
     )
 
 

@@ -171,7 +171,10 @@ def _pack(entry: EntryPoint) -> Pack:
             entries = sorted(Path(folder).iterdir())
         except OSError as error:
             # A package that was installed as a zip archive has no folder.
-            return broken_pack(f"{folder}: {error.strerror}; install the pack unpacked")
+            return broken_pack(
+                f"{folder}: {error.strerror}; install the pack as a folder, not as a "
+                "zip archive"
+            )
         for path in entries:
             if not path.name.endswith(_SUFFIX):
                 continue

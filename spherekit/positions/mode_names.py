@@ -71,7 +71,10 @@ def assign_mode_names(
         # `reason` states why no mode has the name. It is empty if one has it.
         index, reason = _find_named_mode(solver, assembly_modes, angles_by_pair)
         if not reason and index in names:
-            reason = f"it is mode {assembly_modes[index].number}, as {names[index]} is"
+            reason = (
+                f"it is mode {assembly_modes[index].number}, which already has the name "
+                f"{names[index]}"
+            )
         if reason:
             unused_names.append(f"modes.{name}: {reason}; no mode has this name")
         else:

@@ -59,7 +59,9 @@ def _find_class_faults(cls: Any) -> Iterator[str]:
     # The contract is the number of the version of the interface between spherekit and
     # plugins.
     if cls.contract != CONTRACT:
-        yield f"written for contract {cls.contract}, this spherekit has {CONTRACT}"
+        yield (
+            f"it is written for contract {cls.contract}, but this spherekit has {CONTRACT}"
+        )
     if cls.__abstractmethods__:
         yield f"methods missing: {listing(sorted(cls.__abstractmethods__))}"
     dataclass_parameters = getattr(cls, "__dataclass_params__", None)
@@ -91,13 +93,16 @@ def _find_table_faults(tables: Sequence[Table]) -> Iterator[str]:
     """
     for table in tables:
         if not NAME_PATTERN.fullmatch(table.name):
-            yield f"the name {table.name!r} of a table is not letters, digits, underscores"
+            yield (
+                f"the name {table.name!r} of a table may contain only letters, digits and "
+                "underscores"
+            )
         if not isinstance(table.columns, tuple) or not table.columns:
             yield f"table {table.name}: columns have to be a tuple with at least one Column"
         for column in table.columns:
             where = f"table {table.name}: column {column.name}"
             if not NAME_PATTERN.fullmatch(column.name):
-                yield f"{where}: its name is not letters, digits and underscores"
+                yield f"{where}: its name may contain only letters, digits and underscores"
             if not is_unit(column.unit):
                 yield (
                     f"{where}: {column.unit!r} is not a unit; tables are in SI units and "
@@ -116,9 +121,9 @@ def _find_table_faults(tables: Sequence[Table]) -> Iterator[str]:
                 break
         names = [column.name for column in table.columns]
         if len(set(names)) < len(names):
-            yield f"table {table.name}: two columns have one name: {listing(names)}"
+            yield f"table {table.name}: two columns have the same name: {listing(names)}"
     if len({table.name for table in tables}) < len(tables):
-        yield f"two tables have one name: {listing(table.name for table in tables)}"
+        yield f"two tables have the same name: {listing(table.name for table in tables)}"
 
 
 NEEDS_OF_LINK_NUMBERS = ("directions", "rates", "planes", "turns", "links")
@@ -158,7 +163,7 @@ def check_needs(analysis: AbstractAnalysis, mechanism: Mechanism) -> Needs:
 def _find_needs_fault(needs: Any, mechanism: Mechanism) -> str:
     """Return what is wrong with declared needs, empty if nothing is."""
     if not isinstance(needs, Needs):
-        return f"needs returns a {type(needs).__name__}, it has to return Needs(...)"
+        return f"needs returns a {type(needs).__name__}; it has to return Needs(...)"
     for field, annotation in get_type_hints(Needs).items():
         if fault := type_fault(field, getattr(needs, field), annotation):
             return f"Needs: {fault}"

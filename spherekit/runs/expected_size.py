@@ -82,10 +82,12 @@ def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int
         If the mechanism cannot be assembled over its range.
     """
     if study.start is not None:
-        return {"reason": "the motion follows from the loads, and is not known before"}
+        return {
+            "reason": "the motion follows from the loads, so it is not known beforehand"
+        }
     samples = study.count
     if samples < MIN_PREDICTED_SAMPLES:
-        return {"reason": f"a run of {samples} samples is over before it is predicted"}
+        return {"reason": f"a run of {samples} samples takes less time than its prediction"}
     has_many_poles = poles > MAX_POLES
     finds_modes = assembly.has_closed_form and not has_many_poles
     measured_study = study if finds_modes else replace(study, search=False)

@@ -167,7 +167,7 @@ def load_analysis(name: str) -> type[AbstractAnalysis]:
         ) from problem
     fault = find_class_fault(cls)
     if not fault and cls.name != name:
-        fault = f"the class calls itself {cls.name!r}"
+        fault = f"the class has another name, {cls.name!r}"
     if fault:
         raise PluginError(f"analysis {name} of {origin}: {fault}")
     return cls  # type: ignore[no-any-return]

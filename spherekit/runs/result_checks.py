@@ -164,7 +164,7 @@ def _check_column(where: str, column: Column, data: Any) -> Array | Interleaved:
         ) from None
     if values.ndim != 1:
         raise PluginError(
-            f"{where} has the shape {values.shape}, it needs one value in each row"
+            f"{where} has the shape {values.shape}, but needs one value in each row"
         )
     # NumPy's letters: f, i, u and b for floats, signed and unsigned integers and booleans,
     # U for texts. Texts may also be objects, and whole numbers may be given as floats. All
@@ -211,7 +211,7 @@ def compute_findings(
             findings = analysis.joined(before, findings)
     if not isinstance(findings, Findings):
         raise PluginError(
-            f"{analysis.name}: findings returned a {type(findings).__name__}, it has to "
+            f"{analysis.name}: findings returned a {type(findings).__name__}; it has to "
             "return Findings(...)"
         )
     if not all(isinstance(table, ScreenTable) for table in findings.tables):
@@ -223,7 +223,7 @@ def compute_findings(
             if not isinstance(cell, str):
                 raise PluginError(
                     f"{analysis.name}: findings: tables: the cell {cell!r} is a "
-                    f"{type(cell).__name__}, it has to be a text; number_text makes one"
+                    f"{type(cell).__name__}; it has to be a text; number_text makes one"
                 )
     # The text is not used. This only finds values that cannot be written.
     with convert_plugin_errors(analysis.name, "findings: making JSON of its figures"):

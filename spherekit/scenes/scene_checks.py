@@ -170,7 +170,7 @@ def check_scene(
     """
     if not isinstance(scene, Scene):
         raise PluginError(
-            f"{analysis}: scene returned a {type(scene).__name__}, it has to return a "
+            f"{analysis}: scene returned a {type(scene).__name__}; it has to return a "
             "tuple of Scene(...)"
         )
     # The page: an assembly mode of the run, a title, or None.
@@ -198,7 +198,7 @@ def check_scene(
         rows = _SceneRows(samples, (inputs, 1), f"the {samples} samples of the block")
     if not isinstance(scene.primitives, Sequence) or isinstance(scene.primitives, str):
         type_name = type(scene.primitives).__name__
-        raise PluginError(f"{where}: primitives is a {type_name}, it has to be a tuple")
+        raise PluginError(f"{where}: primitives is a {type_name}; it has to be a tuple")
     primitives = tuple(
         _check_primitive(where, primitive, rows) for primitive in scene.primitives
     )
@@ -287,14 +287,14 @@ def _check_primitive(where: str, primitive: Any, rows: _SceneRows) -> Primitive:
         column_count = changes["inputs"].shape[1]
         if column_count not in rows.input_column_counts:
             raise PluginError(
-                f"{where}: inputs has {column_count} columns, it needs one for each axis: "
+                f"{where}: inputs has {column_count} columns, but needs one for each axis: "
                 f"{rows.input_column_counts[0]}"
             )
     if isinstance(primitive, SphereMap | Surface):
         _check_triangles(where, changes["triangles"], len(changes["vertices"]))
     if isinstance(primitive, Diagram) and len(primitive.words) not in (0, rows.count):
         raise PluginError(
-            f"{where}: words has {len(primitive.words)} texts, it needs none or one for "
+            f"{where}: words has {len(primitive.words)} texts, but needs none or one for "
             f"each of {rows.words}"
         )
     return replace(primitive, **changes)
@@ -325,7 +325,7 @@ def _check_fields(where: str, item: Any, sizes: dict[str, _SharedSize]) -> Facts
     for name in TEXT_FIELDS:
         if name in field_names and not isinstance(getattr(item, name), str):
             value = getattr(item, name)
-            raise PluginError(f"{where}: {name} is {value!r}, it has to be a text")
+            raise PluginError(f"{where}: {name} is {value!r}; it has to be a text")
     for name, shape in ARRAY_SHAPES[type(item)].items():
         value = getattr(item, name)
         if value is None and (type(item), name) in OPTIONAL_FIELDS:
@@ -341,7 +341,7 @@ def _check_fields(where: str, item: Any, sizes: dict[str, _SharedSize]) -> Facts
         if length != needed.length:
             reason = f", as many as {needed.words}" if needed.words else ""
             raise PluginError(
-                f"{where}: {name} has {length} items, it needs {needed.length}{reason}"
+                f"{where}: {name} has {length} items, but needs {needed.length}{reason}"
             )
     return arrays
 
@@ -379,10 +379,10 @@ def _check_numbers(
         else:
             content = f"{array.dtype} values"
         raise PluginError(
-            f"{where} holds {content}, it has to be an array {needed} of numbers"
+            f"{where} holds {content}; it has to be an array {needed} of numbers"
         )
     if array.ndim != len(shape):
-        raise PluginError(f"{where} has the shape {array.shape}, it needs {needed}")
+        raise PluginError(f"{where} has the shape {array.shape}, but needs {needed}")
     field_name = where.rpartition(": ")[2]
     for length, size in zip(array.shape, shape, strict=True):
         if isinstance(size, str):
@@ -395,7 +395,7 @@ def _check_numbers(
             if expected.words:
                 meaning = f"; {size} is {expected.length}, {expected.words}"
             raise PluginError(
-                f"{where} has the shape {array.shape}, it needs {needed}{meaning}"
+                f"{where} has the shape {array.shape}, but needs {needed}{meaning}"
             )
     return array
 
@@ -414,12 +414,12 @@ def _check_sequence(where: str, name: str, value: Any, kind: type | None = None)
     """
     if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
         raise PluginError(
-            f"{where}: {name} is a {type(value).__name__}, it has to be a sequence"
+            f"{where}: {name} is a {type(value).__name__}; it has to be a sequence"
         )
     for k, item in enumerate(value):
         if kind is not None and not isinstance(item, kind):
             raise PluginError(
-                f"{where}: {name}[{k}] is a {type(item).__name__}, it has to be a "
+                f"{where}: {name}[{k}] is a {type(item).__name__}; it has to be a "
                 f"{kind.__name__}(...)"
             )
     return value
@@ -439,7 +439,7 @@ def _check_triangles(where: str, triangles: Array, vertex_count: int) -> None:
     """
     if len(triangles) and triangles.dtype.kind not in "iu":
         raise PluginError(
-            f"{where}: triangles contains {triangles.dtype} values, it has to contain the "
+            f"{where}: triangles contains {triangles.dtype} values; it has to contain the "
             "numbers of vertices"
         )
     wrong_corners = triangles[(triangles < 0) | (triangles >= vertex_count)]

@@ -96,7 +96,10 @@ class Figures(Mapping[str, Figure]):
             names = [key for key in self if key.startswith(f"{name}/")]
         if not names:
             # There are no figures if no analysis of the run returned something to draw.
-            all_names = listing(self, len(self)) or "none, as nothing was to be seen"
+            all_names = (
+                listing(self, len(self))
+                or "none, because no analysis of this run draws a figure"
+            )
             suggestion = nearest(name, [*self, *subject_by_name.values()])
             raise AnalysisError(
                 f"this run has no figure {name!r}{suggestion or '.'} Figures: {all_names}"

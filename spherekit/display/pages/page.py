@@ -190,8 +190,9 @@ class PageMaker:
         # an error otherwise. With other numbers at the sliders there may be some.
         if self._crossings == "pass" and not has_closed_form:
             self.notes.append(
-                "no curves are known to cross with the sizes of the file; where they do "
-                "with others, modes end, as positions have no closed form"
+                "with the sizes of the file, no curves are known to cross; if they "
+                "cross with other sizes, modes end there, because positions have no "
+                "closed form"
             )
         model = self.make_model(
             shown_names, row_formulas.results, has_closed_form=has_closed_form

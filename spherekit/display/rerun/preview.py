@@ -127,7 +127,10 @@ def _assemble(mechanism: Mechanism) -> tuple[PositionAnalysis, Motion, str]:
         mode for mode in motion.assembly_modes if mode.number in first_sample.assembly_mode
     )
     motion = replace(first_sample, samples=1, assembly_modes=modes)
-    note = f"it does not close where its inputs begin; shown at {inputs}"
+    note = (
+        "it cannot be assembled at the start of its input ranges, so it is shown at "
+        f"{inputs}"
+    )
     return position_analysis, motion, note
 
 
