@@ -25,7 +25,7 @@ BROKEN_AT_IMPORT = {
         "helpers.broken_plugins:TABLE",
         "not a subclass of AbstractAnalysis",
     ),
-    "misnamed": ("helpers.broken_plugins:Tuned", "calls itself 'tuned'"),
+    "misnamed": ("helpers.broken_plugins:Tuned", "the class has another name, 'tuned'"),
     "old": ("helpers.broken_plugins:Old", "written for contract 0"),
     "unfinished": ("helpers.broken_plugins:Unfinished", "methods missing: compute"),
     "exits_at_import": ("exits_at_import:Thing", "SystemExit"),

@@ -94,7 +94,7 @@ def test_names_are_those_of_the_modes_whatever_their_order():
         ({"any": {"21": 60.0}}, "modes.any: no mode has these angles at 21 = 60 deg"),
         (
             {"one": {"21": 60.0, "41": 52.8}, "two": {"21": 0.0, "41": 53.7}},
-            "modes.two: it is mode 1, as one is",
+            "modes.two: it is mode 1, which already has the name one",
         ),
     ],
 )

@@ -155,8 +155,8 @@ WRONG = {
         unchecked(SphereCurves, "c", "c", [N3], 0, [N3[0]]),
         "has to be a Mark(...)",
     ),
-    "Arrow (3, n)": (unchecked(Arrow, "a", "a", N3.T, False), "it needs (n, 3); n is 5"),
-    "GreatCircle one": (unchecked(GreatCircle, "c", "c", N3[0]), "it needs (n, 3)"),
+    "Arrow (3, n)": (unchecked(Arrow, "a", "a", N3.T, False), "but needs (n, 3); n is 5"),
+    "GreatCircle one": (unchecked(GreatCircle, "c", "c", N3[0]), "but needs (n, 3)"),
     "Trace quaternions": (
         unchecked(Trace, "t", "t", N3, 0, N3),
         "quaternions has the shape (5, 3)",

@@ -415,7 +415,7 @@ def test_a_full_disk_keeps_the_old_file(room_in_bytes, tmp_path):
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (room_in_bytes, hard))
     try:
-        with pytest.raises(OutputError, match="make room"):
+        with pytest.raises(OutputError, match="free some space"):
             record_both_modes(path, 8)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))

@@ -309,13 +309,13 @@ def table_notes(summary: Any, table: ScreenTable | None) -> Lines:
         notes.append(f"Further rows are in summary.json: {row_count} modes and outputs.")
     if step_text := PlaceText(overview).step_text:
         notes.append(
-            f"Samples are {step_text} apart, so that extremes and places of rest between "
+            f"Samples are {step_text} apart, so extremes and places of rest between "
             "them can be missed."
         )
     sample_count = summary["samples"]
     if overview["examined_samples"] < sample_count:
         notes.append(
-            f"The table is from {overview['examined_samples']} of {sample_count} samples."
+            f"The table uses {overview['examined_samples']} of the {sample_count} samples."
         )
     return notes
 

@@ -108,8 +108,8 @@ def _describe_type_2(summary: Any) -> Lines:
                 beginning = f"A singularity of {meaning} is nearly met"
             place = inputs_text(summary, nearest.inputs)
             end = (
-                f"; nearest to one is mode {nearest.mode} at {place}, where the "
-                f"transmission {nearest.measure_text}"
+                f"; the closest configuration is in mode {nearest.mode} at {place}, where "
+                f"the transmission {nearest.measure_text}"
             )
         lines.append(f"{beginning} {extent}{end}.")
     return lines
@@ -252,8 +252,8 @@ def _describe_type_1(summary: Any, number: int) -> Lines:
                 quantity = "smallest singular value of the velocity Jacobian"
             place = inputs_text(summary, nearest["inputs_rad"])
             end = (
-                f"; nearest to one is mode {nearest_mode} at {place}, where the {quantity} "
-                f"is {number_text(least_value, RATIO_ERROR, 2)}"
+                f"; the closest configuration is in mode {nearest_mode} at {place}, where "
+                f"the {quantity} is {number_text(least_value, RATIO_ERROR, 2)}"
             )
         lines.append(f"{beginning} {extent}{end}.")
     return lines
