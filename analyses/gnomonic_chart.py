@@ -41,10 +41,11 @@ def chart_axes(mechanism: Mechanism, chart: ChartAxis = "yes") -> tuple[int, int
 def chart_coordinates(directions: Floats) -> tuple[Floats, Floats]:
     """Return the angles xi and zeta (n,) of axes, rad, between -pi/2 and pi/2.
 
-    These are the pseudo-Cartesian coordinates of the lecture. Both directions of an axis
-    have the same coordinates. At an axis parallel to the plane of the chart (x = 0), which
-    is a point at infinity, the coordinates are those of its end on the positive shell: y is
-    positive, or y is zero and z is positive.
+    They are defined by tan xi = y/x and tan zeta = z/x, so that both directions of an axis
+    have the same angles. R. Di Gregorio calls them pseudo-Cartesian coordinates (lecture 2,
+    Barcelona 2019). An axis with x = 0 is parallel to the plane of the chart, and a point
+    at infinity in it. Its angles are those of one of its two directions: that with positive
+    y, or with positive z if y is zero.
 
     Parameters
     ----------
@@ -52,8 +53,9 @@ def chart_coordinates(directions: Floats) -> tuple[Floats, Floats]:
         (n, 3) vectors along the axes, in the axes x, y, z of the chart.
     """
     x, y, z = np.moveaxis(directions, 1, 0)
-    is_on_negative_shell = (x < 0.0) | ((x == 0.0) & ((y < 0.0) | ((y == 0.0) & (z < 0.0))))
-    x, y, z = np.where(is_on_negative_shell, -1.0, 1.0) * np.stack([x, y, z])
+    # The first of x, y and z that is not zero has to be positive.
+    is_reversed = (x < 0.0) | ((x == 0.0) & ((y < 0.0) | ((y == 0.0) & (z < 0.0))))
+    x, y, z = np.where(is_reversed, -1.0, 1.0) * np.stack([x, y, z])
     x = x + 0.0  # -0.0 becomes 0.0, for which arctan2 returns angles up to pi/2
     return np.arctan2(y, x), np.arctan2(z, x)
 
@@ -75,8 +77,9 @@ def circle_coordinates(normals: Floats) -> tuple[Floats, Floats]:
         normals of a plane give the same result.
     """
     a, b, c = np.moveaxis(normals, 1, 0)
-    is_opposite = (c < 0.0) | ((c == 0.0) & (b > 0.0))
-    a, b, c = np.where(is_opposite, -1.0, 1.0) * np.stack([a, b, c])
+    # The normal is reversed if it would give a direction beyond the range of epsilon.
+    is_reversed = (c < 0.0) | ((c == 0.0) & (b > 0.0))
+    a, b, c = np.where(is_reversed, -1.0, 1.0) * np.stack([a, b, c])
     c = c + 0.0  # -0.0 becomes 0.0, for which arctan2 returns angles up to pi/2
     size = np.hypot(b, c)
     epsilon = np.where(size > 0.0, np.arctan2(-b, c), np.nan)

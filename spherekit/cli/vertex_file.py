@@ -59,6 +59,11 @@ class FoldRange:
 def vertex_text(sectors_deg: Sequence[float]) -> str:
     """Return the text of the mechanism file of a vertex, with ``NAME`` as its name.
 
+    A vertex is a point of folded paper at which n creases meet. The sectors s1 ... sn
+    between them are links, and s1 is fixed. The creases c1 ... cn are pairs, of which
+    c1 ... c(n - 3) are driven. Crease ck joins the sectors s(k - 1) and sk, and c1 joins sn
+    and s1.
+
     Parameters
     ----------
     sectors_deg
@@ -87,15 +92,15 @@ def vertex_text(sectors_deg: Sequence[float]) -> str:
         f"to = {sign * fold_range.high:.1f}"
         for k, sign in enumerate(fold_range.signs, 1)
     ]
-    # Only the sectors s(n - 2) and s(n - 1), which crease c(n - 1) joins, move with every
-    # driven crease: sn moves only with c1, and the sectors before s(n - 2) do not move with
-    # c1. Up to seven creases, the sector used is also opposite to s1.
+    # The output is a sector that moves with every driven crease. Only s(n - 2) and s(n - 1)
+    # do so: sn moves only with c1, and the sectors before s(n - 2) do not move with c1. Of
+    # these two the one that is more nearly opposite to s1 is used.
     output_number = max(n // 2 + 1, n - 2)
     output_name = "opposite" if n <= 7 else "sector"
     output = f'[outputs.{output_name}]\nlink = "s{output_number}"'
     if len(inputs) == 2:
-        # Two inputs determine only a direction of the output. Of the two creases of sector
-        # s(n - 2), crease c(n - 2) does not move with c1.
+        # Two inputs determine only a direction of the output. The output is s(n - 2), which
+        # has two creases. Of these, c(n - 2) does not move with c1, so c(n - 1) is used.
         output += f'\naxis = "c{n - 1}"   # the crease that is pointed with'
     replacements = {
         "@DEGREE@": str(n),

@@ -72,12 +72,12 @@ class DesignVariable:
     value
         The value in the file, in the unit of the file.
     is_angle
-        Whether the number is an angle that has a `slot`. Angles of loads and of contact
-        profiles count as other numbers.
+        Whether the number is an angle of a link, pair or output, so that it has a `slot`.
+        Angles of loads and of contact profiles count as other numbers.
     slot
-        Which angle of links, pairs or outputs the number is, as kind and location:
-        ``("arcs", ("2", "32"))`` is the arc of link 2 to the axis of pair 32, and
-        ``("zeros", "41")`` the zero position of pair 41. None if it is no such size.
+        Which of these angles the number is, as kind and location: ``("arcs", ("2", "32"))``
+        is the arc of link 2 to the axis of pair 32, and ``("zeros", "41")`` the zero
+        position of pair 41. None for all other numbers.
     """
 
     key: str

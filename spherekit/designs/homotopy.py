@@ -312,8 +312,9 @@ def converge_solutions(equations: ClosureEquations, values: Array) -> tuple[Arra
     Parameters
     ----------
     equations
-        Function of pair variables (variables, m) of m of the solutions, and of the indices
-        (m,) of these solutions. It returns a Newton step, in which the inputs are constant.
+        Function that returns a Newton step for m of the n solutions. Its arguments are
+        their pair variables (variables, m) and their indices (m,). Inputs are constant in
+        the step.
     values
         (variables, n) approximate solutions (rad), real or complex.
 
@@ -332,7 +333,8 @@ def converge_solutions(equations: ClosureEquations, values: Array) -> tuple[Arra
             newton_step = equations(solutions[:, remaining], remaining)
             solutions[:, remaining] += newton_step.change
             # |sin(a + i b)| grows like exp(|b|) with the imaginary part b, and so do its
-            # rounding errors. A product of two sines grows like exp(2 |b|).
+            # rounding errors. The equations contain products of sines and cosines, which
+            # grow like exp(2 |b|) if they have two factors. Tolerances grow likewise.
             imaginary_part = max_abs(solutions[:, remaining].imag, 0)
             growth = np.exp(2.0 * imaginary_part)
             is_small_step = max_abs(newton_step.change, 0) < FINAL_STEP_RAD * growth

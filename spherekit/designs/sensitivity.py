@@ -326,9 +326,9 @@ class Sensitivity:
     def deviating(self, size: float, singly: Mapping[str, float]) -> tuple[float, ...]:
         """Return how much each number of the file deviates, in rad and SI units.
 
-        The numbers are those of `keys`: sizes of links, pairs and profiles, and numbers of
-        masses and loads. Deviations are the standard deviations or limits of random errors
-        of these numbers (see `SizeDeviations`).
+        The numbers are those of `keys`, by which quantities are differentiated: sizes of
+        links, pairs and profiles, and numbers of masses and loads. Deviations are the
+        standard deviations or limits of random errors of these numbers (`SizeDeviations`).
 
         Parameters
         ----------
@@ -337,7 +337,7 @@ class Sensitivity:
             that are not in `singly` do not deviate.
         singly
             Individual deviations, by the key of the number in the file. They are in degrees
-            for angles, otherwise in the unit of the number.
+            for angles, in deg/s for rates of angles, and in SI units for other numbers.
 
         Returns
         -------

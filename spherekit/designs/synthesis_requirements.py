@@ -163,10 +163,11 @@ class Specification:
     def explain_failure(self) -> str:
         """Return a text that says why no design meets the requirements.
 
-        The first designs of the sweep are evaluated. The text counts designs that close at
-        no sample, designs that are impossible ("cannot be"), with the reason of the first
-        one, and the rows that meet each condition. A row is one assembly mode (way to
-        assemble the mechanism) of a design that closes.
+        The first designs of the sweep are evaluated. The text counts the designs that close
+        at no sample, those that are not valid mechanisms, with the reason of the first one,
+        and the rows that meet each condition. A row is one assembly mode (way to assemble
+        the mechanism) of a design that closes. Other designs have a single row, which
+        states why they have no mode.
         """
         designs = self.sweep.space.compute_designs(0, MAX_EXPLAINED_DESIGNS)
         # `add_match` adds the column "match", the error at the precision points. Objectives

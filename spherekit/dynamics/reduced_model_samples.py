@@ -560,7 +560,10 @@ class CurveSampler(Sampler):
     def _evaluate_directions(
         self, x: Floats, motion: CoordinateMotion
     ) -> dict[Pole, Floats]:
-        """Return the unit vectors (n, 3) of the poles in ground axes, in a smooth sense.
+        """Return the unit vectors (n, 3) of the poles in ground axes.
+
+        A pole is an axis with two opposite directions. The direction is chosen so that it
+        does not jump along the configuration curve.
 
         Parameters
         ----------

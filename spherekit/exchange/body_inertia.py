@@ -87,8 +87,8 @@ class LinkInertias:
         out; a stated mass may be zero.
     are_made_up
         Whether the file has no masses, so that links are taken as wires of 1 kg/m on a
-        sphere of 1 m. General engines move no body without mass. Such a model shows the
-        kinematics, and its forces mean nothing.
+        sphere of 1 m. Programs such as MuJoCo move no body without mass. Such a model shows
+        the kinematics, and its forces mean nothing.
     """
 
     by_link: Mapping[str, LinkInertia]

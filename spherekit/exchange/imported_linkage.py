@@ -344,10 +344,11 @@ class ImportedLinkage:
     def _find_redundant_ball_hinges(self) -> set[int]:
         """Return the numbers of the hinges of ball joints that are to be left out.
 
-        A ball joint at the centre of a spherical mechanism constrains nothing. It is needed
-        only if its two links are not connected by other pairs. Each ball joint was replaced
-        by three hinges. These can reach an orientation of one link relative to the other in
-        two ways, so that they would double the number of assembly modes.
+        A ball joint at the centre of a spherical mechanism constrains nothing. But each
+        link of a mechanism must be connected to the others by pairs. A ball joint is
+        therefore kept, as three hinges, only if its links would not be connected otherwise.
+        Three hinges can reach an orientation of one link relative to the other in two ways.
+        Hinges that are not needed would thus double the number of assembly modes.
 
         A note is added for each ball joint, whether it is left out or not.
         """

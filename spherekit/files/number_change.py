@@ -132,17 +132,18 @@ def number_path(document: Document, key: str) -> KeyPath:
     if key in path_by_key:
         return path_by_key[key]
 
-    # Find the first part of the key that does not exist, for the message.
-    path: KeyPath = ()
-    value: Any = document.data
-    # A key such as "links.2.arcs" leads to a list; "links.2.arc" is its only number.
-    suggestion = nearest(key, path_by_key)
+    # There is no such number. First suppose that the key exists, but leads to something
+    # else, as "links.2.arcs" leads to a list. The message then suggests the most similar
+    # key of a number, and lists the keys that begin alike, here with "links.2.arc".
+    suggestion = nearest(key, path_by_key)  # a question to the user, or ""
     problem = f'"{key}" is not a number{suggestion or ";"}'
     prefix = key.removesuffix("s") if suggestion else key
+    # If a part of the key does not exist, the message names the first such part instead.
+    path: KeyPath = ()
+    value: Any = document.data
     for part in key.split("."):
         if part not in value:
             where = f"{key_path_text(path)}: " if path else ""
-            # The most similar key that exists, as a question to the user, or "".
             suggestion = nearest(part, value)
             problem = f'{where}there is no "{part}"{suggestion or ";"}'
             prefix = ".".join(map(str, path))

@@ -474,9 +474,10 @@ class RegionRefinement:
         The error has two parts. Each may be up to half of the tolerance (sr):
 
         - A segment is the border of the region in one triangle, approximated by a
-          polynomial. Its order is the degree of the polynomial, and its error that of the
-          area beside it. If the sum is too large, orders are raised. Segments that have the
-          highest order already have their triangles cut.
+          polynomial. Its error is that of the area between the segment and the true border.
+          If the sum of these errors is too large, the degrees (orders) of polynomials with
+          large errors are raised. If all of these have the highest order, their triangles
+          are cut.
         - An open triangle may hide a part of the region, so its whole area counts as an
           error. If the sum is too large, open triangles are cut.
         """
@@ -485,7 +486,8 @@ class RegionRefinement:
         share = 0.5 * tolerance
         while True:
             is_counted = ~self.is_open[segments.triangle]
-            # An error near the rounding error of the area cannot be reduced.
+            # The area is integrated along the segments, so its rounding error grows with
+            # their lengths. An error of about this size cannot be reduced.
             rounding_error = EPS * segments.length
             can_improve = segments.error > ROUNDING_FACTOR * rounding_error
             error = np.where(is_counted & can_improve, segments.error, 0.0)

@@ -156,8 +156,9 @@ class RemainingForms:
         R(y1) R(y2) second_weights^p
 
     R is the resultant of the two forms in z, a polynomial in their coefficients that is
-    zero if both have a common zero. It has degree p in cos y and sin y. At y1 and y2 these
-    are fractions with the denominator `second_weights`, which the last factor removes.
+    zero if both have a common zero. It has degree p in cos y and sin y. The product of its
+    values at y1 and y2 is the resultant of R and the form in y, both as polynomials in
+    e^(iy), divided by ``second_weights^p``. The last factor removes this denominator.
 
     Attributes
     ----------

@@ -367,7 +367,8 @@ def _make_group(
     """Return the group of all bodies that some pairs join.
 
     A group is a set of bodies that become one rigid body when all its pairs are closed. A
-    body is a set of links that are rigid already, and has the smallest of their numbers.
+    body is a set of links that are rigid already. The number of a body is the smallest of
+    the numbers of its links.
 
     Parameters
     ----------
@@ -376,13 +377,13 @@ def _make_group(
     body_of_link
         For each link the number of its body.
     base_body
-        The body that comes first in the group, in which the others are placed.
+        The body that comes first in the group. The others are placed relative to it.
     pairs
         Numbers of the pairs of the group.
     redundant
         Whether the group has more equations than unknowns.
     """
-    # The two bodies of each pair, and the links of each of these bodies.
+    # The two bodies that each pair joins, and the links of each of these bodies.
     bodies_of_pairs = []
     for number in pairs:
         link_a, link_b = mechanism.ends[number]
@@ -396,6 +397,7 @@ def _make_group(
     bodies = sorted(
         links_of_body, key=lambda body: (body != base_body, links_of_body[body])
     )
+    # The group counts its bodies from 0 on, in this order.
     position = {body: k for k, body in enumerate(bodies)}
     return Group(
         bodies=tuple(links_of_body[body] for body in bodies),

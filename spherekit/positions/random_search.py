@@ -177,7 +177,8 @@ class SearchStatistics:
 
         An example is "1536 random starts, 812 closed on 3 curves, on each at least 9 times;
         one to which 0.30% of all starts lead would have been found with a probability of
-        99%". The percentages are `missed_share` and 1 - `MISS_PROBABILITY`.
+        99%". A start has closed if it led to a solution. The percentages are `missed_share`
+        and 1 - `MISS_PROBABILITY`.
 
         Parameters
         ----------

@@ -185,13 +185,15 @@ def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
             if group.is_dyad:
                 state, parent = _place_both_modes(state, group)
             elif position in solver.wheel_trains:
+                # The train of wheels is placed in `state` itself, in each row. Rows in
+                # which its loops stay open are left out.
                 train = solver.place_wheel_train(state, position, q[sample])
                 parent = np.flatnonzero(train.closure_residual < CLOSURE_TOLERANCE)
                 state = state.rows(parent)
             else:
                 # The equations of the group are written for each row. Rows of one sample
-                # can have equal equations, which are solved once. In `solutions` each row
-                # counts as a sample, so `solutions.sample` is the row of each solution.
+                # can have equal equations, which are solved once. The field `sample` of the
+                # result has the row to which each solution belongs, not the sample.
                 closure = group_closure(state, group)
                 solutions = _eliminate_distinct_rows(group, closure, sample)
                 is_complete[sample[~solutions.is_complete]] = False
@@ -251,9 +253,10 @@ def _eliminate_distinct_rows(
 ) -> SampleConfigurations:
     """Return the configurations of one group at all rows, and solve equal rows once.
 
-    A row is one configuration of the groups before, so a sample can have several rows. If
-    the position of this group does not depend on those groups, its equations are the same
-    in all rows of a sample. They are then solved only once per sample.
+    Groups of links are placed one after another. A row is one configuration of the groups
+    that are placed before this one, so a sample can have several rows. If the position of
+    this group does not depend on those groups, its equations are the same in all rows of a
+    sample. They are then solved only once per sample.
 
     Parameters
     ----------
@@ -270,8 +273,9 @@ def _eliminate_distinct_rows(
     sample, and `is_complete` has one value per row.
     """
     # `first` is the first row of the sample of each row. A row needs no solution of its own
-    # if the rotations from links to bodies, and therefore the pair frames, are those of
-    # this first row. They are compared for the first and the second links of all pairs.
+    # if its equations are those of this first row. The equations depend on rotations from
+    # links to bodies. (A body is a set of links that do not move relative to each other.)
+    # The rotations are compared for the first and the second links of all pairs.
     all_rows = np.arange(len(sample))
     first = np.searchsorted(sample, sample)
     assert closure.body_from_links is not None

@@ -171,9 +171,10 @@ class CertifiedModes:
                 "modes found"
             )
         else:
+            # Undecided boxes that touch each other are one cluster. Its width is that of
+            # the angle in which it is widest. Without boxes, which does not occur here,
+            # modes could be missing in a whole turn.
             widths = [2.0 * np.max(half_widths) for _, half_widths in self.clusters]
-            # If no exclusion was tried (`undecided_boxes` is None), there are no clusters.
-            # A mode may then be missing anywhere in a full turn of each angle.
             return Completeness(
                 Guarantee.TO_BOX,
                 f"{statement}; undecided in {len(widths)} clusters, nothing else outside; "

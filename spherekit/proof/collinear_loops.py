@@ -494,11 +494,10 @@ class Crossings:
         a planar loop is searched near the centre. Both slopes of g are zero there, because
         F' loses a rank. The saddle point is then itself a zero, so that curves cross there.
         """
-        # Largest distance (rad) of the crossing from the centre in each variable. The
-        # Euclidean distance of v variables is at most sqrt(v) times as large. It is a small
-        # part of half the shortest side of the box (`limits` are half sides), so that the
-        # crossing is surely inside for all v below a million. Larger: crossings nearer to
-        # the border are accepted. Smaller: the box must be centred more accurately.
+        # A crossing that is nearer than this to the centre in each variable (rad) is inside
+        # the box. `limits` are half the sides of the box, which is turned relative to the
+        # variables. The Euclidean distance in v variables is at most sqrt(v) times as
+        # large, so the factor 1e-3 is enough for all v below a million.
         max_distance = 1e-3 * np.min(box.limits)
         centre = exact_balls(box.centre)
         for loop in self.loops:

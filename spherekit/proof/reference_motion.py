@@ -898,7 +898,8 @@ class ExactSimulation:
         The step is computed with the sign that this term has at the start. A condition is
         a Legendre series that is positive while this sign remains, or while a joint is
         within a limit. A sign change is first noticed between two samples in float64, and
-        then located by bisection in all digits.
+        then located by bisection in all digits. The numbers are balls, which are numbers
+        with a bound of their error; ``mid()`` returns the number without the bound.
         """
         # Intervals of positions, from -1 at the start of the step to 1 at its end. The
         # start itself is not examined: a condition that has just changed its sign is zero
@@ -920,8 +921,9 @@ class ExactSimulation:
                     high = middle
                 else:
                     low = middle
-            # In the first interval, a switch that has changed its sign at the end of the
-            # step before would change back at once. The caller ends the motion there.
+            # A sign change in the first interval is marked. If the same switch has changed
+            # at the end of the step before, it would now change back at once. The motion
+            # can be continued with neither sign, and the caller ends it.
             yield _SignChange(x=high, switch=switch, is_at_start=interval == 0)
 
 

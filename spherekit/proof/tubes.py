@@ -380,9 +380,9 @@ class TubeTest:
         Parameters
         ----------
         equations
-            The equations F. A derivative of an equation of any order is at most a constant
-            C (`derivative_bound`) times its degrees in the variables of the derivative. For
-            example, the derivative by the variables 1 and 2 is at most C d_1 d_2.
+            The equations F. Each has a degree d_i in variable i and a constant C
+            (`derivative_bound`). Its derivative by the variables 1 and 2, for example, is
+            at most C d_1 d_2, and its third derivative by variable 1 at most C d_1^3.
         derivatives
             F (k,), F' (k, v) and F'' (k, v, v) at the centre, by the variables.
         tangent_frame
@@ -398,9 +398,10 @@ class TubeTest:
         # (k,) error bound of each equation. Its computed derivatives are wrong by at most
         # this number times the degrees in the variables of the derivative. The first part
         # is the error of the evaluation (`harmonics` evaluates the equations as Fourier
-        # series). The second part is the rounding in the matrix products below. Its size is
-        # relative to the derivatives, which are at most C times the degrees. At most three
-        # products follow each other. The factor 4 is a little more.
+        # series). The second part is the rounding in the matrix products below. Each
+        # product is wrong by at most `PRODUCT_ROUNDING` times the size of its result, which
+        # is at most C times the degrees. At most three products follow each other, so the
+        # factor 4 is more than enough.
         self.error = equations.harmonics.error + 4.0 * PRODUCT_ROUNDING * self.third_bound
         # (k, v) the degrees for derivatives along the columns of the frame. Such a
         # derivative is a sum of derivatives by the variables, times the elements of the

@@ -285,7 +285,11 @@ class ExaminedRows:
         inputs: Floats,
         places: Floats,
     ) -> None:
-        """Extend the range of an angle along a path, and note where it turns back.
+        """Extend the range of an angle along a path, and note where its output rests.
+
+        An output comes to rest where its angle turns back. Samples are identified by a
+        number, their place: the time (s), the first input (rad) or the number of the
+        sample.
 
         The rows are those of a block of samples. If the motion does not close in some of
         them, they are divided into segments. The angle is continued within a segment: whole
@@ -301,8 +305,8 @@ class ExaminedRows:
         ratios
             (m, inputs) velocity ratios.
         rates
-            (m,) rate of the angle, whose zeros are places of rest. None for a path of
-            several inputs, where differences of successive angles take its place.
+            (m,) rate of the angle, which is zero where the output rests. None for a path of
+            several inputs, where differences of successive angles are used instead.
         inputs, places
             (m, inputs) values of the inputs (rad), and (m,) places of the samples.
         """

@@ -158,6 +158,8 @@ class KernelColumns:
         # and the results of ordinary functions in rows that are not certified.
         self._is_replaced = motion.failed.copy()
         self._is_replaced[uncertified] = True
+        # Columns are computed for one slice of rows after another, because the results of a
+        # slice stay in the cache of the processor.
         mode_count = len(motion.assembly_modes)
         self._slices = split_rows(mode_count, motion.samples, SLICE_ROWS)
         # One function for each input, which `set_signs` stores here. The function returns

@@ -105,7 +105,7 @@ class _NameRequest:
     Attributes
     ----------
     path
-        Path of the link that shows the name.
+        The link that shows the name, by its path in the tree of the recording.
     text
         The name, or names, of a link or pair.
     is_pair
