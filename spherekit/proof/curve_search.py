@@ -297,8 +297,10 @@ class CurveSearch:
 
         The configuration is at most `error` (rad) from `position` (v,) in each variable.
         """
-        in_arcs = self._are_inside(slice(None), position, -error - COORDINATE_ROUNDING_RAD)
-        return bool(np.any(in_arcs)) or self.crossings.may_contain(position, error)
+        # A negative reach also accepts positions that are outside of a box by the error.
+        reach = -error - COORDINATE_ROUNDING_RAD
+        is_in_arc = self._are_inside(slice(None), position, reach)
+        return bool(np.any(is_in_arc)) or self.crossings.may_contain(position, error)
 
     def _has_overlapping_chains(self) -> bool:
         """Return whether two chains may have a configuration in common.
@@ -312,6 +314,8 @@ class CurveSearch:
         for number, chain in enumerate(self.chains):
             is_other = chain_of_piece != number
             for piece in self._pieces_in_range(chain):
+                # The centre is known up to an error. A negative reach also accepts centres
+                # that are outside of a box by this error.
                 reach = -piece.centre_error - COORDINATE_ROUNDING_RAD
                 if np.any(self._are_inside(is_other, piece.centre, reach)):
                     return True

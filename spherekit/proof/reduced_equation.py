@@ -257,16 +257,20 @@ class ReducedEquation:
             If the iteration diverges, or a matrix is singular.
         """
         for _ in range(MAX_CRITICAL_POINT_STEPS):
+            # 1. Newton step for F(z) = g l at constant u and v: the `correction` of z and g
+            # removes the residual of this equation.
             _, residual = self.split_residual(position)
             derivatives = self.differentiate(position, residual)
-            # Newton step for F(z) = g l: `correction` removes the residual while u and v
-            # are constant (direction 0 of the derivatives). This changes grad g, to first
-            # order, by the mixed derivatives of g in the directions 0 and u, v. The last
-            # row of `seconds` belongs to g.
-            mixed_derivatives = derivatives.seconds[-1, 0, 1:]
-            slope = exact_centres(derivatives.gradient + mixed_derivatives)
-            # Newton step for grad g = 0, and the change of all variables by both steps.
-            uv_step = solve_balls(exact_centres(derivatives.hessian), -slope[:, None])[:, 0]
+            # The correction changes grad g, to first order, by mixed second derivatives of
+            # g: in the direction of the correction and by u and v. `seconds` has a row for
+            # each variable and, as the last one, for g. Its other two axes are directions:
+            # 0 is the correction, 1 and 2 are u and v.
+            change_of_gradient = derivatives.seconds[-1, 0, 1:]
+            gradient = exact_centres(derivatives.gradient + change_of_gradient)
+            # 2. Newton step of u and v for grad g = 0, and the change of all variables by
+            # both steps.
+            uv_step = solve_balls(exact_centres(derivatives.hessian), -gradient[:, None])
+            uv_step = uv_step[:, 0]
             change = exact_centres(
                 derivatives.correction[:-1] + derivatives.variable_rates @ uv_step
             )

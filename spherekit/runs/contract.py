@@ -224,8 +224,8 @@ Analyses = Sequence[AbstractAnalysis]
 class BrokenAnalysis(AbstractAnalysis):
     """Takes the place of an analysis that cannot be used, so that the others are run.
 
-    Its methods raise an error with the reason `why`, for example that a plugin cannot be
-    imported. The run notes the reason as the failure of this analysis.
+    Its methods raise `PluginError` with the reason `why`, for example that a plugin cannot
+    be imported. The run notes this error as the failure of the analysis.
     """
 
     name: str  # type: ignore[misc]
@@ -235,13 +235,9 @@ class BrokenAnalysis(AbstractAnalysis):
     tables = ()
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Raise `PluginError` with the reason why the analysis cannot be used.
-
-        This object only takes the place of such an analysis. A run asks every analysis
-        first for the quantities that it needs, and notes this error as its failure.
-        """
+        """Raise `PluginError`: a run asks every analysis first for its needs."""
         raise PluginError(self.why)
 
     def compute(self, batch: Batch) -> Mapping[str, TableArrays]:
-        """Raise `PluginError` with the reason why the analysis cannot be used."""
+        """Raise `PluginError`."""
         raise PluginError(self.why)

@@ -72,7 +72,8 @@ class ExaminedRows:
         rows
             The m rows of the mode.
         places
-            (m,) places of their samples, see `OverviewPlan.places`.
+            (m,) place of each sample: its time (s), the first input (rad) or its number,
+            see `OverviewPlan.places`.
         """
         output = self.plan.outputs[number]
         is_ok = self.is_ok[rows]
@@ -150,7 +151,7 @@ class ExaminedRows:
             (m, inputs, 1 or 3) velocity of the output per rate of each input: its angular
             velocity, the velocity of its direction, or the rate of its angle.
         places
-            (m,) places of the samples.
+            (m,) place of each sample: its time (s), the first input (rad) or its number.
         """
         input_count, component_count = jacobian.shape[1:]
         is_known = self.is_ok[rows] & np.all(np.isfinite(jacobian), axis=(1, 2))
@@ -191,7 +192,12 @@ class ExaminedRows:
     def _add_transmission_angle(
         self, overview: OutputOverview, number: int, rows: slice, places: Floats
     ) -> None:
-        """Note the least transmission angle of an output in the rows of a mode."""
+        """Note the least transmission angle of an output in the rows of a mode.
+
+        `overview.transmission_angle` has the least angle (rad) so far and its place, which
+        is the time, the input or the number of a sample. The parameters are those of
+        `add_output`.
+        """
         dyad = self.plan.joining_dyads[number]
         angles = transmission_angle_of_group(dyad, self.motion.axes[rows])
         if not np.any(np.isfinite(angles)):
@@ -204,7 +210,13 @@ class ExaminedRows:
     def _add_transmission(
         self, overview: OutputOverview, number: int, rows: slice, places: Floats
     ) -> None:
-        """Note the least transmission measure of an output in the rows of a mode."""
+        """Note the least transmission measure of an output in the rows of a mode.
+
+        The measure says how well locked inputs hold the output: 0 at a singularity of type
+        II, 1 at best. `overview.transmission` has the least measure so far and its place,
+        which is the time, the input or the number of a sample. The parameters are those of
+        `add_output`.
+        """
         assert self.plan.transmissions is not None
         transmission = self.plan.transmissions[number]
         directions = transmission.output_directions(self.rotations[rows])
@@ -445,7 +457,7 @@ def note_transmission(
     motion, rows
         The configurations of all modes, and the m rows of this mode.
     places
-        (m,) places of the samples of these rows.
+        (m,) place of each sample: its time (s), the first input (rad) or its number.
     """
     for dyad in plan.dyads:
         angles = transmission_angle_of_group(dyad, motion.axes[rows])

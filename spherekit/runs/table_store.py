@@ -66,21 +66,21 @@ class StoredTables:
 
         # If there are several blocks, the rows of a file are sorted by assembly mode (way
         # to assemble the mechanism), so that the final table can have all rows of a mode
-        # together. `mode_rows` lists each mode with the slice of its rows.
+        # together. Otherwise all rows count as those of one mode.
         by_mode = self._has_several_blocks and table.in_assembly_modes
-        mode_rows = sort_by_mode(convert_columns(table, arrays(data)), by_mode)
+        sorted_block = sort_by_mode(convert_columns(table, arrays(data)), by_mode)
         # The file is divided into groups of at most CHUNK_ROWS rows, each of one mode. The
         # notes in the file list the mode of each group.
         group_modes = []
         group_rows = []
-        for mode, rows in mode_rows.mode_rows:
+        for mode, rows in sorted_block.rows_of_modes:
             for start in range(rows.start, rows.stop, CHUNK_ROWS):
                 group_modes.append(mode)
                 group_rows.append(slice(start, min(start + CHUNK_ROWS, rows.stop)))
         key = (analysis, table.name)
         write_columns(
             self._path(key, self._file_counts[key]),
-            columns=mode_rows.columns,
+            columns=sorted_block.columns,
             notes={MODES: group_modes},
             groups=group_rows,
             # The file is only read once, when the tables of the complete run are written.

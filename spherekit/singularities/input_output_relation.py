@@ -367,6 +367,9 @@ def make_relation(
 def _normal_to_third_axis(poles: SixPoles, output_name: str, third_name: str) -> Floats:
     """Return unit vectors in the plane of three axes, at right angles to the third axis.
 
+    The products of such a vector with the axes of output and input are the coefficients of
+    the relation between their rates, because its product with the third axis is zero.
+
     Parameters
     ----------
     poles
@@ -387,11 +390,9 @@ def _normal_to_third_axis(poles: SixPoles, output_name: str, third_name: str) ->
     # A normal of the plane is reversed if it is opposite to that of the row before, so the
     # signs of all rows are products of these reversals. Rows without a plane are left out.
     rows = np.flatnonzero(all_finite(normals, 1))
+    reversals = np.ones(len(rows))
     cosines = np.vecdot(normals[rows[1:]], normals[rows[:-1]])
-    reversals = np.where(cosines < 0.0, -1.0, 1.0)
-    signs = np.cumprod(np.append(1.0, reversals))
-    # If no row has a plane, there are no reversals, and the sign of the first row is left.
-    signs = signs[: len(rows)]
-    normals[rows] *= signs[:, None]
+    reversals[1:] = np.where(cosines < 0.0, -1.0, 1.0)
+    normals[rows] *= np.cumprod(reversals)[:, None]
     # The result is in the plane and at right angles to the third axis.
     return cross(getattr(poles, third_name), normals)

@@ -115,9 +115,11 @@ class JoinedBlocks(Mapping[str, Array]):
         # Number of the mode, number of the block, and the slice of rows in the block.
         mode_spans = []
         for number, block in enumerate(self._blocks):
-            ordered_rows = sort_by_mode(block, by_mode=needs_sorting)
-            self._blocks[number] = dict(ordered_rows.columns)
-            mode_spans += [(mode, number, rows) for mode, rows in ordered_rows.mode_rows]
+            sorted_block = sort_by_mode(block, by_mode=needs_sorting)
+            self._blocks[number] = dict(sorted_block.columns)
+            mode_spans += [
+                (mode, number, rows) for mode, rows in sorted_block.rows_of_modes
+            ]
         self._spans = [[] for _ in self._blocks]
         first = 0
         # Sorted by mode, then by block.
@@ -143,22 +145,22 @@ class JoinedBlocks(Mapping[str, Array]):
 
 
 @dataclass(frozen=True)
-class ModeRows:
+class SortedBlock:
     """Rows of a block, in which the rows of each assembly mode are together.
 
     Attributes
     ----------
     columns
         Columns of the block.
-    mode_rows
+    rows_of_modes
         Number of each assembly mode and the slice of its rows, in the order of the rows.
     """
 
     columns: TableData
-    mode_rows: list[tuple[int, slice]]
+    rows_of_modes: list[tuple[int, slice]]
 
 
-def sort_by_mode(block: TableData, by_mode: bool = True) -> ModeRows:
+def sort_by_mode(block: TableData, by_mode: bool = True) -> SortedBlock:
     """Sort the rows of a block of a table by assembly mode, and each mode by sample.
 
     An assembly mode is one of the ways to assemble the mechanism. Rows of one sample keep
@@ -177,7 +179,7 @@ def sort_by_mode(block: TableData, by_mode: bool = True) -> ModeRows:
     The columns, and the slice of rows of each mode.
     """
     if not by_mode:
-        return ModeRows(block, [(0, slice(0, row_count(block)))])
+        return SortedBlock(block, [(0, slice(0, row_count(block)))])
     # A row of the batch may have several rows in the table, one for each subject, such as a
     # pole. The columns of modes and samples then repeat each number `repeats` times. They
     # can be stored without the repetitions, which `remove_repetitions` returns. If only
@@ -189,15 +191,15 @@ def sort_by_mode(block: TableData, by_mode: bool = True) -> ModeRows:
         # Divide the rows where the mode changes.
         mode_steps = np.diff(modes)
         edges = [0, *(np.flatnonzero(mode_steps) + 1).tolist(), len(modes)]
-        mode_rows = [
+        rows_of_modes = [
             (int(modes[low]), slice(low * repeats, high * repeats))
             for low, high in pairwise(edges)
             if low < high
         ]
         is_falling = (mode_steps == 0) & (np.diff(samples) < 0)
-        has_each_mode_once = len(dict(mode_rows)) == len(mode_rows)
+        has_each_mode_once = len(dict(rows_of_modes)) == len(rows_of_modes)
         if has_each_mode_once and not np.any(is_falling):
-            return ModeRows(block, mode_rows)
+            return SortedBlock(block, rows_of_modes)
     # The rows are not in order yet. After sorting, the call below finds the slices.
     columns = arrays(block)
     order = np.lexsort((columns[SAMPLE.name], columns[ASSEMBLY_MODE.name]))
