@@ -12,7 +12,7 @@ dv . u.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 
@@ -134,7 +134,14 @@ def evaluate_unsigned(
     request_with_links = replace(request, links=frozenset(links))
     row_velocities = RowVelocities(motion, request_with_links, engine, order)
     # The plan is followed only if a row needs it, and at most once.
-    get_planned_poles = cache(partial(PlannedPoles, request.plan, motion, route))
+    get_planned_poles = cache(
+        lambda: PlannedPoles(
+            request.plan,
+            motion,
+            route,
+            axis_separations=row_velocities.separations_of_common_axes(),
+        )
+    )
     if route in ("first", "conditioned"):
         row_velocities.use_planned_velocities(get_planned_poles())
 

@@ -13,8 +13,9 @@ The poles of an irreducible part of the mechanism follow from the null vector of
 velocity equations.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -76,7 +77,13 @@ class PlannedPoles:
         (n,) bound of the error of each direction (rad).
     """
 
-    def __init__(self, plan: Plan, motion: Motion, route: Route = "best") -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        motion: Motion,
+        route: Route = "best",
+        axis_separations: Mapping[Pole, Floats] = MappingProxyType({}),
+    ) -> None:
         """Compute the directions and errors of all poles, step by step.
 
         A step of the plan gives a pole as the axis of a pair, as the intersection of two
@@ -90,6 +97,10 @@ class PlannedPoles:
         route
             "first" takes the first two great circles of each pole. All other routes take
             those with the smallest errors at each row.
+        axis_separations
+            (n,) for poles of bodies that are the common axis of several pairs: angle (rad)
+            by which the rounding of these axes can turn the pole. It is a part of the
+            errors of all poles that are computed from this one.
         """
         self.plan = plan
         self.motion = motion
@@ -102,7 +113,12 @@ class PlannedPoles:
             for step in plan.steps:
                 if isinstance(step, PrimaryPole):
                     self.directions[step.pole] = self._pair_axis(step.pair)
-                    self.errors[step.pole] = np.full(n, EPS)
+                    separation = axis_separations.get(step.pole, np.zeros(n))
+                    # A separation is infinite or NaN if the bodies do not move relative to
+                    # each other.
+                    self.errors[step.pole] = np.fmin(
+                        EPS + separation, MAX_DIRECTION_ERROR_RAD
+                    )
                 elif isinstance(step, LinePole):
                     circles = self._choose_great_circles(step.pole, step.via, step.contacts)
                     normals = circles.first_normal, circles.second_normal

@@ -18,7 +18,7 @@ import numpy as np
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.geometry.vectors import nans, norm_columns
 from spherekit.mechanism.pair_frames import SAME_AXIS_SINE
-from spherekit.planning.pole_plan import Pole
+from spherekit.planning.pole_plan import Pole, PrimaryPole
 from spherekit.positions.motion import Motion
 from spherekit.status import Status
 from spherekit.tolerances import (
@@ -601,6 +601,35 @@ class RowVelocities:
             for name, error in errors.items():
                 error[written_rows] = bounds[name][has_rates] if name in bounds else np.nan
 
+    def separations_of_common_axes(self) -> dict[Pole, Floats]:
+        """Return by which angle the rounding of common axes can turn poles of the plan.
+
+        Returns
+        -------
+        (n,) angles (rad) for the poles of bodies that are the common axis of several pairs,
+        if the axes of these pairs differ by rounding.
+        """
+        plan = self.request.plan
+        return {
+            step.pole: self._separation_of_axes(step.pole)
+            for step in plan.steps
+            if isinstance(step, PrimaryPole)
+            and step.round > 0
+            and step.pair in plan.rounded_axes
+        }
+
+    def _separation_of_axes(self, links: Pole) -> Floats:
+        """Return by which angle (n,) the rounding of common axes can turn a pole.
+
+        `SAME_AXIS_SINE` is the largest sine of axes that count as equal. `rate_size` is the
+        sum of the sizes of all terms of the velocity equations, which are rates times unit
+        vectors. The product is the error of the relative angular velocity v. It turns the
+        direction v / |v| by at most the angle that is returned.
+        """
+        v_size = norm_columns(self.relative_velocity(links))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return SAME_AXIS_SINE * self._bound("rate_size") / v_size
+
     def _add_errors_of_common_axes(self) -> None:
         """Increase the errors of poles that are the common axis of several pairs.
 
@@ -628,12 +657,8 @@ class RowVelocities:
                 continue
             v_size = norm_columns(self.relative_velocity(links))
             dv_size = norm_columns(self.relative_velocity_derivative(links))
-            # `SAME_AXIS_SINE` is the largest sine of axes that count as equal. `rate_size`
-            # is the sum of the sizes of all terms of the velocity equations, which are
-            # rates times unit vectors.
             v_error = SAME_AXIS_SINE * self._bound("rate_size")
-            # An error of v turns the direction u = v / |v| by this angle.
-            direction_error = v_error / v_size
+            direction_error = self._separation_of_axes(links)
             # The acceleration coefficient dv . u has two errors: that of dv, and that of u
             # times |dv|. `acceleration_size` is the same as `rate_size` for the
             # acceleration equations.
