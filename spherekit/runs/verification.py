@@ -230,7 +230,8 @@ class Verifier:
     ) -> None:
         """Select rows of a block that may be verified at the end of the run.
 
-        `_count` rows of the run are verified: those with the largest residuals, error
+        Verification compares rows of the run with values that are computed in many digits
+        (the reference). `_count` rows are verified: those with the largest residuals, error
         bounds and condition numbers, and others spread evenly over all samples of the run.
         After each block they are selected anew, from the selection so far and the rows of
         the block. So only few rows are in memory.

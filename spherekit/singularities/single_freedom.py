@@ -609,11 +609,12 @@ class SingleFreedomSingularities:
         # and d never vanish, and no note is needed.
         is_input = {*self.outputs[output]} == {*self.input}
         relations: list[RelationAt] = []
-        # The type of the configuration, with which the relations are compared.
+        # By the rates, the configuration is of type III on each curve. A relation gives a
+        # type, too: `relation.type`. If it is not III, `_compare_relations` adds a note. It
+        # is None if neither c nor d vanishes, and the note is then replaced here.
         types = [Type.III] * curve_count
         for relations_of_curve in self._compare_relations(output, links, types):
             for relation in relations_of_curve:
-                # The type is None if neither c nor d vanishes.
                 if relation.type is None and not is_input:
                     relation = replace(relation, note=ONE_CURVE_NOTE)
                 relations.append(relation)

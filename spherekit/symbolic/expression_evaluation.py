@@ -187,9 +187,9 @@ class _ProgramStep:
     Attributes
     ----------
     operation
-        Operation of an `ExpressionNode`, such as ``sin``, or ``positive``. The function
-        `numpy.positive` (the unary operator +) copies its argument. It gives an output that
-        is only a constant, an input or another output a place of its own.
+        Operation of an `ExpressionNode`, such as ``sin``, or ``positive``, the unary
+        operator +. The latter copies a value. It is used if an output is nothing but a
+        constant, an input or another output.
     arguments
         Names of the values on which it operates.
     result

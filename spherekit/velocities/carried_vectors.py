@@ -210,10 +210,10 @@ def _rolling_vector(
 
     - ``slide``, the first derivative of the vector: (k1 - k2) t + (k1 - k2)' p.
     - ``slide_length``, the length of ``slide``.
-    - ``slide_change``, a part of a bound of the length of the second derivative, which is
-      2 (k1 - k2)' t + (k1 - k2) (k n - p) + (k1 - k2)'' p. It is the sum of the lengths of
-      the first two terms. There is no expression of k''. `CarriedVector.slide_change_bound`
-      adds its largest value along the profile.
+    - ``slide_change``, a bound of the length of the first two terms of the second
+      derivative 2 (k1 - k2)' t + (k1 - k2) (k n - p) + (k1 - k2)'' p. The third term is
+      missing, because there are no expressions of k1'' and k2''.
+      `CarriedVector.slide_change_bound` adds their largest values along the profiles.
 
     Parameters
     ----------
@@ -260,8 +260,9 @@ def _vector_along_profile(
 
     - The derivative of n + k p, ``slide``, is k' p, because n' = -k t and p' = t.
     - The second derivative is k' t + k'' p. Bounds of rates need a bound of its length.
-      ``slide_change`` is ``|k'|``. There is no expression of k'', for which
-      `CarriedVector.slide_change_bound` adds the largest value along the profile.
+      ``slide_change`` is that of the first term, ``|k'|``. The second term is missing,
+      because there is no expression of k''. `CarriedVector.slide_change_bound` adds the
+      largest value of k'' along the profile.
 
     Parameters
     ----------

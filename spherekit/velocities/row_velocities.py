@@ -295,24 +295,26 @@ class RowVelocities:
             dv_error = errors["acceleration_coefficient_error"]
             v_size = norm_columns(self.relative_velocity(pole))
             dv_size = norm_columns(self.relative_velocity_derivative(pole))
-            # The bound `dv_error` of dv . u is a sum of two: that of the vector dv, and
-            # that of u times |dv|. The error of du consists of the same two, where the
-            # second one counts twice, divided by |v|. It is at most 2 dv_error / |v|.
+            # 1. The direction is accurate. Let e(x) be a bound of the error of x. The
+            # products in dv . u and in du give
+            #     dv_error = e(dv) + |dv| e(u),
+            #     e(du) = (e(dv) + 2 |dv| e(u)) / |v| <= 2 dv_error / |v|.
             # The errors of u and du, each relative to its limit, may add up to 1:
             #     direction_error / MAX_CERTIFIED_ERROR_RAD
             #     + (2 dv_error / |v|) / MAX_DIRECTION_DQ_ERROR <= 1.
             # `uncertainty` is the left side times `MAX_CERTIFIED_ERROR_RAD`. If v is zero,
-            # it is infinite or NaN, and only the next test can certify.
+            # it is infinite or NaN.
             uncertainty = (
                 direction_error
                 + 2.0 * MAX_CERTIFIED_ERROR_RAD / MAX_DIRECTION_DQ_ERROR * dv_error / v_size
             )
-            # The links do not move relative to each other: v and dv are zero within their
-            # error bounds. With a large error bound they could still move, so that of dv
-            # must not exceed the limit `NO_MOTION` (1e-9).
+            is_accurate = uncertainty <= MAX_CERTIFIED_ERROR_RAD
+            # 2. Or the links do not move relative to each other: v and dv are zero within
+            # their error bounds. With a large error bound they could still move, so that of
+            # dv must not exceed the limit `NO_MOTION` (1e-9).
             has_no_motion = (v_size <= v_error) & (dv_size <= dv_error)
             has_no_motion &= dv_error <= NO_MOTION
-            is_certified &= (uncertainty <= MAX_CERTIFIED_ERROR_RAD) | has_no_motion
+            is_certified &= is_accurate | has_no_motion
         return is_certified
 
     def _find_reordered_rows(
