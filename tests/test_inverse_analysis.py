@@ -196,7 +196,7 @@ def test_remarks_list_the_configurations_at_each_set_of_inputs():
     analysis = "inverse_kinematics:poses=21=60+51=100+21=40+51=50"
     remarks = sk.run("five_bar", analysis).summary["remarks"]
     assert "4 configurations at 2 sets of inputs" in remarks[0] and len(remarks) == 5
-    assert "inputs 1: azimuth = 64.2121 deg, tilt = 113.683 deg, working mode" in remarks[4]
+    assert "Inputs 1: azimuth = 64.2121 deg, tilt = 113.683 deg, working mode" in remarks[4]
 
 
 def test_columns_of_a_file_state_an_orientation_in_five_ways(tmp_path):

@@ -71,11 +71,14 @@ class ForwardSolutions:
         without_pose = np.sum(pose_counts == 0)
         warnings: tuple[str, ...] = ()
         if without_pose:
-            warnings = (f"at {without_pose} of {input_count} inputs no pose was found",)
+            warnings = (
+                f"No pose was found at {without_pose} of "
+                f"{counted(input_count, 'set')} of inputs.",
+            )
         remarks = [
             f"{counted(np.sum(has_pose), 'configuration')} at "
-            f"{counted(input_count, 'set')} of "
-            f"inputs{describe_omitted_solutions(self.solver)}"
+            f"{counted(input_count, 'set')} of inputs.",
+            *describe_omitted_solutions(self.solver),
         ]
         if input_count <= MAX_DESCRIBED_INPUTS:
             remarks += self._describe_poses(has_pose)
@@ -98,7 +101,7 @@ class ForwardSolutions:
                     angles.append(self._describe_angle(name, row))
             # The column is named as in inverse kinematics, where poses are numbered.
             input_set = columns["pose"][row]
-            sentence = f"inputs {input_set}: {', '.join(angles)}"
+            sentence = f"Inputs {input_set}: {', '.join(angles)}"
             if columns["working_mode"][row]:
                 kind = "working mode"
                 mode = columns["working_mode"][row]

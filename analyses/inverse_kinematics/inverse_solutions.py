@@ -14,12 +14,17 @@ from spherekit.plugin import (
     Mechanism,
     Primitive,
     Scene,
+    ScreenColumn,
+    ScreenTable,
     SphereMap,
     Status,
     Text,
     counted,
+    degree_range_text,
     input_columns,
     link_bodies,
+    listing,
+    number_text,
     numbered,
 )
 from spherekit.plugin.rotations import quaternion
@@ -50,6 +55,9 @@ MAX_CHECKED_POSES = 200
 """Poses whose configurations are inserted into the closure equations, spread evenly."""
 MAX_DESCRIBED_POSES = 3
 """Poses whose configurations are described one by one."""
+
+MEASURE_ERROR = 1e-9
+"""Measures of singularities that are not larger are printed as 0."""
 
 Columns = dict[str, Any]
 """Columns of a table by name."""
@@ -220,8 +228,8 @@ class InverseSolutions:
           the least measures of singularities in each working mode. The measure of type I is
           0 if an input moves while the output rests, that of type II if the output can move
           while the inputs rest.
-        - Warnings concern poses without a configuration, and singular rows.
-        - A remark says how many configurations there are.
+        - Remarks say how many configurations there are, and which poses have none.
+        - A table for the screen has the configurations, or the working modes.
         """
         # 1. Summary. Only some poses, evenly chosen, are inserted into the closure
         # equations.
@@ -250,62 +258,118 @@ class InverseSolutions:
             ),
         }
 
-        # 2. Warnings. Only a closed form has named limits of its reach. A search without
-        # them does not always prove that a pose has no configuration.
-        warnings = []
-        without_solution = np.sum(self.solution_counts == 0)
-        if without_solution:
-            doubt = "" if solutions.limits else "; not every search proves that"
-            warnings.append(
-                f"{without_solution} of {pose_count} poses have no configuration{doubt}"
-            )
-        at_singularity = np.sum(solutions.status == Status.AT_SINGULARITY)
-        if at_singularity:
-            warnings.append(f"{counted(at_singularity, 'row')} at a singularity")
-        # Rows at a singularity have a configuration, so they are not out of reach.
+        # 2. Sentences. The run itself warns of rows out of reach and of singular ones.
         out_of_reach = np.sum(~solutions.solved)
-        has_closed_form = isinstance(self.solver, ClosedKinematics)
-        if has_closed_form and self.nearest_count < out_of_reach:
-            warnings.append(
-                f"the nearest reachable pose is given for {self.nearest_count} of "
-                f"{counted(out_of_reach, 'row')} out of reach; ask for more with "
-                f"nearest={out_of_reach}"
-            )
+        most = np.max(self.solution_counts, initial=0)
         remark = (
             f"{counted(row_count - out_of_reach, 'configuration')} of "
-            f"{counted(pose_count, 'pose')}, at "
-            f"most {np.max(self.solution_counts, initial=0)} of "
-            f"one{describe_omitted_solutions(self.solver)}"
+            f"{counted(pose_count, 'pose')}"
         )
-        return Findings(summary, tuple(warnings), (remark, *self._describe_rows()))
+        if pose_count > 1:
+            remark += f", at most {most} of one pose"
+        remarks = [f"{remark}.", *describe_omitted_solutions(self.solver)]
+        without_solution = np.sum(self.solution_counts == 0)
+        if without_solution:
+            # Only a closed form has named limits of its reach. A search without them does
+            # not always prove that a pose has no configuration.
+            doubt = "" if solutions.limits else ", which not every search proves"
+            verb = "has" if without_solution == 1 else "have"
+            remarks.append(
+                f"{without_solution} of {counted(pose_count, 'pose')} {verb} no "
+                f"configuration{doubt}."
+            )
+        has_closed_form = isinstance(self.solver, ClosedKinematics)
+        if has_closed_form and self.nearest_count < out_of_reach:
+            remarks.append(
+                f"The table has the nearest reachable pose for {self.nearest_count} of "
+                f"{counted(out_of_reach, 'row')} out of reach; nearest={out_of_reach} "
+                "computes it for all."
+            )
+        remarks += self._describe_rows_out_of_reach()
+        table = self._screen_table()
+        if table is None:
+            return Findings(summary, (), tuple(remarks))
+        remarks.append(
+            "The measures are 0 at singularities: that of type I where the output loses a "
+            "direction of motion, that of type II where the locked inputs do not hold it."
+        )
+        return Findings(summary, (), tuple(remarks), (table,))
 
-    def _describe_rows(self) -> list[str]:
-        """Return a sentence for each row of the solutions, if there are only a few poses.
+    @property
+    def _has_few_poses(self) -> bool:
+        """Whether the configurations of each pose are printed."""
+        return len(np.unique(self.solutions.pose)) <= MAX_DESCRIBED_POSES
 
-        The sentence has the inputs of the configuration, or the nearest reachable pose if
-        the row is out of reach. Modes with the same sentence are listed together.
+    def _screen_table(self) -> ScreenTable | None:
+        """Return a table for the screen; None without a configuration.
+
+        It has each configuration of a few poses. For many poses it has each working mode:
+        how many poses it reaches, the ranges of the inputs, and the least measures.
         """
         solutions = self.solutions
-        if len(np.unique(solutions.pose)) > MAX_DESCRIBED_POSES:
+        if not np.any(solutions.solved):
+            return None
+        pairs = self.mechanism.input_pairs
+        least_type_1 = np.min(solutions.type_1, axis=1)
+        # Working modes with the same cells share a row, with all their names.
+        modes_by_cells: dict[tuple[str, ...], list[str]] = {}
+        if self._has_few_poses:
+            several = len(np.unique(solutions.pose)) > 1
+            headings = [
+                *(["pose"] if several else []),
+                *(f"{pair} (deg)" for pair in pairs),
+            ]
+            headings += ["type I measure", "type II measure"]
+            for row in np.flatnonzero(solutions.solved).tolist():
+                cells = [str(solutions.pose[row])] if several else []
+                cells += [format_degrees(q) for q in solutions.inputs[row]]
+                cells.append(_measure_text(least_type_1[row]))
+                cells.append(_measure_text(solutions.type_2[row]))
+                modes_by_cells.setdefault(tuple(cells), []).append(str(solutions.mode[row]))
+        else:
+            headings = ["poses", *(f"{pair} (deg)" for pair in pairs)]
+            headings += ["least type I measure", "least type II measure"]
+            for mode in self.modes:
+                is_solved = solutions.solved & (solutions.mode == mode)
+                cells = [str(len(np.unique(solutions.pose[is_solved])))]
+                if np.any(is_solved):
+                    for angles in solutions.inputs[is_solved].T:
+                        lowest, highest = float(np.min(angles)), float(np.max(angles))
+                        cells.append(degree_range_text(lowest, highest))
+                    cells.append(_measure_text(np.nanmin(least_type_1[is_solved])))
+                    cells.append(_measure_text(np.nanmin(solutions.type_2[is_solved])))
+                else:
+                    cells += ["-"] * (len(pairs) + 2)
+                modes_by_cells.setdefault(tuple(cells), []).append(str(mode))
+        columns = (
+            ScreenColumn("working mode"),
+            *(ScreenColumn(heading, "right") for heading in headings),
+        )
+        rows = [(listing(modes), *cells) for cells, modes in modes_by_cells.items()]
+        return ScreenTable(columns, tuple(rows))
+
+    def _describe_rows_out_of_reach(self) -> list[str]:
+        """Return a sentence for each row out of reach, if there are only a few poses.
+
+        The sentence has the nearest reachable pose. Modes with the same sentence are listed
+        together. Rows without a nearest pose have no sentence.
+        """
+        solutions = self.solutions
+        if not self._has_few_poses:
             return []
         modes_of_sentence: dict[str, list[str]] = {}
         for row, mode in enumerate(solutions.mode.tolist()):
-            if solutions.solved[row]:
-                result = self._describe_inputs(row)
-            elif np.isfinite(self.nearest_distances[row]):
-                # The limit that the pose violates, -1 if it is not known.
-                limit_number = solutions.limiting[row]
-                by_limit = ""
-                if limit_number >= 0 and solutions.limits[limit_number]:
-                    by_limit = f" by {solutions.limits[limit_number]}"
-                nearest = describe_nearest_pose(
-                    self.nearest_poses[row], self.nearest_distances[row]
-                )
-                result = f"out of reach{by_limit}; {nearest}"
-            else:
-                # Out of reach, and the nearest pose was not computed.
+            if solutions.solved[row] or not np.isfinite(self.nearest_distances[row]):
                 continue
-            sentence = f"pose {solutions.pose[row]}: {result}"
+            # The limit that the pose violates, -1 if it is not known.
+            limit_number = solutions.limiting[row]
+            by_limit = ""
+            if limit_number >= 0 and solutions.limits[limit_number]:
+                by_limit = f" by {solutions.limits[limit_number]}"
+            nearest = describe_nearest_pose(
+                self.nearest_poses[row], self.nearest_distances[row]
+            )
+            sentence = f"Pose {solutions.pose[row]}: out of reach{by_limit}; {nearest}"
             modes_of_sentence.setdefault(sentence, []).append(mode)
         return [
             f"{sentence}, {numbered('mode', modes)}"
@@ -440,3 +504,10 @@ def _grid_triangles(grid_shape: tuple[int, ...] | None) -> NDArray[np.int64]:
     rows, columns = counts
     _, triangles = sphere_mesh(columns - 1, rows - 1)
     return triangles
+
+
+def _measure_text(measure: float) -> str:
+    """Return a measure of type I or II for the screen; "-" if it is not known."""
+    if not np.isfinite(measure):
+        return "-"
+    return number_text(float(measure), MEASURE_ERROR, digits=2)

@@ -18,14 +18,14 @@ def summarize_solver(solver: OutputKinematics) -> dict[str, Any]:
     }
 
 
-def describe_omitted_solutions(solver: OutputKinematics) -> str:
-    """Return which configurations the method of solution leaves out, in words."""
+def describe_omitted_solutions(solver: OutputKinematics) -> list[str]:
+    """Return a sentence on configurations that the method leaves out, if there are any."""
     if solver.solved_by != "mid-plane":
-        return ""
-    return (
-        "; these are the ones whose base and output mirror each other, in closed form; "
-        "graph=true looks for all others too"
-    )
+        return []
+    return [
+        "Only configurations in which the output is a mirror image of the base were "
+        "computed (closed form); graph=true searches for others, too."
+    ]
 
 
 def count_values(numbers: NDArray[np.int64]) -> dict[str, int]:

@@ -421,9 +421,12 @@ def _status_warnings(summary: Any) -> Lines:
                 for status, count in count_by_status.items()
                 if status not in summary["status"]
             }
+            source = analysis["name"]
+            if table != source:  # the main table of an analysis has its name
+                source = f"table {table} of {source}"
             for status, count in further.items():
                 warnings.append(
-                    f"{counted(count, 'row')} of table {table} of {analysis['name']} "
+                    f"{counted(count, 'row')} of {source} "
                     f"{'has' if count == 1 else 'have'} no result, {status}: "
                     f"{meanings[status]}."
                 )
