@@ -122,10 +122,10 @@ def redescribe(
                     changes[name] = tuple(link_names.get(link, link) for link in links)
                 case "profiles", (_, _) as profiles:
                     # A contact has a profile on each of its two links, in the axes of that
-                    # link. `rotate_pair_profile` is an argument of `redescribe`. Its last
-                    # argument is the contact, because it may refuse some: rotated axes
-                    # change the point of a circle from which its arc length is counted.
-                    # This matters for a rolling contact, but not for a sliding one.
+                    # link. `rotate_pair_profile` is an argument of `redescribe`: a function
+                    # of the profile, the rotation and the contact. It may refuse a rolling
+                    # contact, because a circle in rotated axes counts its arc length from
+                    # another point.
                     changes[name] = tuple(
                         rotate_pair_profile(profile, rotations[link], part)
                         if link in rotations

@@ -183,20 +183,18 @@ class DyadChain:
         self.joints = joints
         self.base = base
         self.posed_link = posed_link
-        # Two methods are cached, because their results are the same in all poses.
-        # `axis_source` finds the link that is placed first among those in which the axis of
-        # a pair is fixed. `vector_weights` expresses a vector of a link by the axes of its
-        # pairs.
+        # The methods `axis_source` and `vector_weights` remember their results, which are
+        # the same in all poses.
         self._cache_methods()
         self.dyads = tuple(self._make_dyad(group) for group in assembly.groups)
         self.dyad_of_link: dict[int, int] = {}
         self.dyad_of_pair: dict[int, int] = {}
-        # The sign of a dyad, 1 or -1, says which of its two possible assemblies it has.
-        # This mapping tells on the signs of which dyads a quantity depends. A quantity that
-        # depends on few of them is computed once for all combinations of the other signs.
-        # A key is the name of a method of `WorkingMode` with its arguments; the value has
-        # the numbers of the dyads. `WorkingMode` adds a key when it computes the quantity
-        # for the first time.
+        # The sign of a dyad, 1 or -1, says which of its two possible assemblies it has. A
+        # quantity may depend on the signs of some dyads only. It is then computed once for
+        # all combinations of the other signs. This mapping has, for each quantity, the
+        # numbers of the dyads on whose signs it depends. A key is the name of a method of
+        # `WorkingMode` with its arguments. `WorkingMode` adds a key when it computes the
+        # quantity for the first time.
         self.sign_dependencies: dict[Hashable, frozenset[int]] = {}
         # The words near and far only distinguish the two ends of a dyad.
         for number, dyad in enumerate(self.dyads):

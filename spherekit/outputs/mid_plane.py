@@ -29,11 +29,12 @@ can be missed. Smaller: more time.
 
 @dataclass(frozen=True)
 class ElbowFeet:
-    """The two possible elbows of each leg at n mid-planes.
+    """The two possible elbows of each leg at m poses.
 
-    The elbow is the axis between the two links of a leg, as a unit vector. All elbows are
-    in the mid-plane, the plane with the unit normal n in which base and end effector mirror
-    each other. The two elbows of a leg are ``foot + height * direction`` with
+    A leg has two links of equal arcs a. The first one leads from the base axis of the leg
+    to its elbow, the axis between both links. Axes are unit vectors. At each pose, all
+    elbows are in the mid-plane, in which base and end effector mirror each other. Its unit
+    normal is n. The two elbows of a leg are ``foot + height * direction`` with
     ``height = s * sqrt(height_square)`` and the sign s = 1 or -1.
 
     The height is the triple product n . (base axis x elbow), so its sign s is the mode of
@@ -44,13 +45,13 @@ class ElbowFeet:
     Attributes
     ----------
     foot
-        (n, legs, 3) point of the mid-plane half-way between both elbows.
+        (m, legs, 3) point of the mid-plane half-way between both elbows.
     direction
-        (n, legs, 3) vector of the length 1 / cos(h) in the mid-plane, at right angles to
+        (m, legs, 3) vector of the length 1 / cos(h) in the mid-plane, at right angles to
         the base axis. It points towards the elbow of the sign 1.
     height_square
-        (n, legs) square of the height, by its formula sin(a + h) sin(a - h) with the arc a
-        of the leg. It is negative where the leg does not reach the mid-plane.
+        (m, legs) square of the height, by its formula sin(a + h) sin(a - h). It is negative
+        where the leg does not reach the mid-plane.
     """
 
     foot: Floats

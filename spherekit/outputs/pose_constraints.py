@@ -135,10 +135,10 @@ class AngleLimit:
     cosine
         Function that returns the cosine (n,) of the angle at n poses in one working mode.
     unit
-        Factor from the limited angle to the reported one, usually 1.0. It is 0.5 for the
-        distance b from a singularity. Known is sin b, a measure that is 0 at the
-        singularity. Reports state b. The limited angle is 2 b, because its cosine
-        1 - 2 sin^2 b is a polynomial of the measure and therefore smooth.
+        Factor from the limited angle to the reported one, usually 1.0. It is 0.5 for limits
+        of the distance b from a singularity. The limited angle is then 2 b, and reports
+        state b. The reason is that a measure of the singularity is sin b. The cosine
+        1 - 2 sin^2 b of 2 b is a polynomial of this measure, and therefore smooth.
     """
 
     name: str

@@ -135,7 +135,9 @@ class UnwrappedStretch:
         # `DEAD_CENTRE_SLACK_RAD` beyond an end therefore count as at the end.
         lowest = low - DEAD_CENTRE_SLACK_RAD
         highest = high + DEAD_CENTRE_SLACK_RAD
-        # 1. The input less whole periods, so that it is in the period from `lowest` on.
+        # 1. The input is reduced by whole periods (laps), so that it is in the period that
+        # begins at `lowest`. If this period began at `low`, an input just below `low` would
+        # get to its upper end, and not to the end of the curve that is near.
         from_lowest = values[:, self.input_variable] - low + DEAD_CENTRE_SLACK_RAD
         laps = np.floor(from_lowest / self.period)
         reduced_input = lowest + np.mod(from_lowest, self.period)

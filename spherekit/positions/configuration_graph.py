@@ -419,9 +419,9 @@ class ConfigurationGraph:
         # sample in `target`, for no node in `ends`, and for no path in `_partner`.
         target = self._neighbours[direction][self.sample]
         is_candidate = (target >= 0) & self._is_regular & ~self._is_tried[direction]
-        # A path in this direction has already ended at these nodes. `_partner` of a node in
-        # the opposite direction is the node at which this path started. No second path can
-        # end at the same node.
+        # Whether a path in this direction has already ended at each node. The path is also
+        # stored as one that leads back, from its end in the opposite direction. No second
+        # path can end at the same node.
         opposite_direction = direction + 1 if direction % 2 == 0 else direction - 1
         is_reached = self._partner[opposite_direction] >= 0
         # The candidates are examined in portions, because the arrays below have an entry

@@ -430,17 +430,17 @@ def pole_table(modes: CertifiedModes) -> list[dict[str, Any]]:
 def singular_table(located: CertifiedSingularities) -> dict[str, Any]:
     """Return the part of a certificate with the singularities over a range of the input.
 
-    In a singularity of type I the output is stationary along a configuration curve, in type
-    II the input is. The angle of the output is the variable of the pair that joins the
-    output link to its reference link. Without such a pair, the rate of the output is not
-    known, so that type I is not found. The entries are:
+    The configurations of the mechanism over the range are curves. A singularity is a point
+    of such a curve at which the output is stationary (type I) or the input is (type II).
+    The entries are:
 
-    - "found": the singularities. "curve" is the number of the configuration curve, "place"
-      has the values (rad) of all variables, and "off" is their error bound (rad);
-    - "undecided_parts": number of parts of curves in which there may be further ones;
-    - "outputs_without_pair": the outputs for which type I is not found;
-    - "at_rest_along_curves": each output that is stationary all along a curve, with the
-      number of the curve.
+    - "found": the singularities. "curve" is the number of the curve, "place" has the values
+      (rad) of all variables, and "off" is their error bound (rad).
+    - "undecided_parts": number of parts of curves in which there may be further ones.
+    - "outputs_without_pair": the outputs for which type I is not searched. No pair joins
+      the output link to its reference link, so that the angle of the output is no variable.
+    - "at_rest_along_curves": outputs that are stationary not at single points but along a
+      whole curve, each with the number of the curve.
     """
     return {
         "undecided_parts": located.undecided,
