@@ -206,15 +206,17 @@ class LocusPointSearch:
     def completeness(self, item: str) -> Completeness:
         """Return what is known of curves or surfaces that the search may have missed.
 
-        The points of the search are singular configurations of one type. They were searched
-        on slices (curves of configurations with all inputs but one locked), or from random
-        starts. If all slices were searched, a missed curve or surface is within a box
-        between neighbouring slices. Otherwise the search is a sample without such a bound.
-        If every configuration of the mechanism is singular (`is_everywhere`), there are no
-        curves or surfaces.
+        The search looks for singular configurations of one type. There are three cases:
 
-        An example of the result as text is "complete to a box of 10 deg: but for curves
-        within a box of 10 by 10 deg between slices".
+        - Every configuration of the mechanism is singular (`is_everywhere`), so there are
+          no curves or surfaces.
+        - The search used slices: curves of configurations with all inputs but one locked.
+          `section` is the set of all slices. If all were searched, a missed curve or
+          surface is within a box between neighbouring slices. An example of the result as
+          text is "complete to a box of 10 deg: but for curves within a box of 10 by 10 deg
+          between slices".
+        - The search used random starts (`section` is None). It is then a sample, without a
+          bound of what it missed.
 
         Parameters
         ----------
@@ -230,7 +232,7 @@ class LocusPointSearch:
             return Completeness(Guarantee.SAMPLED, reason)
         # A note says what was left out because of the time limit. It can be empty.
         notes = [self.time_limit.note]
-        if self.section is None:
+        if self.section is None:  # random starts
             starts_without_result = self._rounds_without_result * CURVE_STARTS_PER_ROUND
             reason = (
                 f"{self._random_starts} random starts in the ranges of the inputs led to "
@@ -240,8 +242,7 @@ class LocusPointSearch:
         else:
             notes = [self.section.note, *notes]
             reason = f"{self._searched_slice_curves} curves on slices were searched"
-            # Without notes all slices were searched, and nothing but a box between them
-            # remains.
+            # If there is no note, all slices were searched.
             if not any(notes):
                 gaps = self.section.gaps
                 sides = " by ".join(f"{np.degrees(gap):.3g}" for gap in gaps)

@@ -760,8 +760,9 @@ class DesignExpressions:
         """
         self._refuse_reaction_friction(moving)
         rates = self.coordinate_rates
-        # Loads such as springs depend on whole revolutions of their pairs. Those of passive
-        # pairs are symbols, in rad (2 pi for each revolution).
+        # Angles of passive pairs are computed without whole revolutions, on which loads
+        # such as springs depend. `revolution_symbols` has the angle of the whole
+        # revolutions (rad) of each of these pairs. `LoadState` needs their number.
         angles = self._angles()
         revolutions = {
             self._variable(pair): angle * (1.0 / TURN)
@@ -798,8 +799,8 @@ class DesignExpressions:
 
         Reactions are not computed here, but the runs of designs compute them. The message
         therefore names the column of a run that has the torque at the input number
-        `moving`. It ends with "..., which a kernel of designs does not solve for; runs
-        do: --reduce ...".
+        `moving`. Its sentence is "... its friction depends on the reaction of pair 3, which
+        a kernel of designs does not solve for; runs do: --reduce ...".
         """
         if len(self.inputs) == 1:
             column = "eksergian.eksergian: abs(tau)"

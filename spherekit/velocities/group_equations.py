@@ -403,10 +403,14 @@ def _solve_private_rates(
 
     Private variables occur in no other loop. The rates of the other variables of the group
     are solved already, times the determinant D of its equations. The private rates satisfy
-    x a + y b + s = 0 with the vectors a and b of the private variables. s is D times the
-    known vector c, plus the sum of vector times rate of all other unknown variables of the
-    loop. The component of this equation along a x b is among the equations that were solved
-    before. So s is in the plane of a and b, and two components give x and y.
+    the vector equation of the loop,
+
+        x a + y b + s = 0,
+
+    with the vectors a and b of the private variables. s is D times the known vector c, plus
+    the sum of vector times rate of all other unknown variables of the loop. The component
+    of the equation along a x b contains neither x nor y. It was used to solve the other
+    rates, so s is in the plane of a and b. Two components remain, which give x and y.
 
     Parameters
     ----------
@@ -424,7 +428,8 @@ def _solve_private_rates(
     """
     a, b = (vectors[v] for v in private)
     other_variables = [v for v in vectors if v not in private]
-    # A dyad has one loop with three unknown variables. Two are private, so one is left.
+    # A group with a single loop of three unknown variables is a dyad. Two of them are
+    # private, so only one rate of the group is solved already, and it is of this loop.
     is_dyad = len(rates) == 1 and len(other_variables) == 1
     if is_dyad:
         (third_variable,) = other_variables
