@@ -53,11 +53,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments
         The words after ``spherekit``; by default the command line of the process.
     """
+    is_process = arguments is None  # not called from another program
+    words = sys.argv[1:] if arguments is None else [*arguments]
     try:
-        with raise_on_interrupt(process_ends=arguments is None):
+        # Ctrl-C raises `KeyboardInterrupt` in this block. If the process goes on after it,
+        # the former handling of Ctrl-C is restored.
+        with raise_on_interrupt(process_ends=is_process):
+            # Files that the command opens must not get the number of a closed stdout.
             _open_closed_streams()
             try:
-                return _run_command(sys.argv[1:] if arguments is None else [*arguments])
+                return _run_command(words)
             finally:
                 sys.stdout.flush()
     except BrokenPipeError:  # the program that reads stdout has ended

@@ -547,6 +547,7 @@ def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
     outputs = summary["overview"]["outputs"] if summary["assembly_modes"] else []
     steps = []
     if "simulation" in summary:
+        # The same simulation again, with the options of this run (`output.words`).
         same_run = shlex.join(["spherekit", *output.words])
         if output.folder is None:
             steps.append((f"{same_run} -o DIR --figures", "tables and figures over time"))

@@ -101,8 +101,7 @@ class DesignSamples:
         SolveError
             If a range is empty, or the samples do not fit the number of inputs.
         """
-        # The inputs are those of the file. `driven_at` checks that there are some.
-        mechanism = driven_at(study.mechanism)
+        mechanism = driven_at(study.mechanism)  # itself, after a check of its inputs
         if study.start is not None:
             raise DesignError(
                 f"{study.name}: designs are compared at samples of the inputs, not along "

@@ -135,8 +135,8 @@ class StoredModel:
         Raises
         ------
         SolveError
-            At a single point outside the domain. If many points are given over a box, the
-            torques of those outside are NaN.
+            At a point outside the domain. If many points are given over a box, the torques
+            of those outside are NaN instead.
         """
         if self._is_single(x):
             # At a single point, numbers take less time than arrays. First the values of

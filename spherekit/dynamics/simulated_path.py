@@ -251,8 +251,9 @@ class CoordinateMomentumConversion:
 
         Returns
         -------
-        (n, m, variables) `frame` for each state: it says to which coordinates the momenta
-        belong.
+        (n, m, variables) the frame, repeated for each state. It defines the coordinates of
+        the momenta: each coordinate is a sum of pair variables, with the coefficients in
+        its row. With one degree of freedom the frame differs from state to state.
         """
         equation = self.equation
         scale = np.sqrt(total_moment_of_inertia(equation.mechanism))

@@ -499,9 +499,11 @@ def _write_smooth_modes(source: Source, scalar: str) -> Iterator[str]:
         """Return an array without its outer braces, which the template has."""
         return nested_with_nan(values, "{}", "NAN", "INFINITY")[1:-1]
 
+    # Names and numbers that are inserted in the template, such as the name of the function,
+    # the inputs at which intervals start ("starts") and the mode values ("places").
     fields = source.smooth_mode_fields
-    # Lines of C that move an input q outside of the range into it by whole periods, or as
-    # near to it as these lead.
+    # Lines of C that move an input q outside of the range into it by whole periods. If the
+    # range is shorter than a period, q may end beside it, as near as possible.
     moved = C_MOVED_INPUT_TEMPLATE.format(**fields) if source.is_periodic else ""
     input_lines = ""
     return_line = ""

@@ -561,11 +561,12 @@ class PositionFormulas:
     def _place_by_two_axes(self, side: DyadSide) -> None:
         """Write the frame of a link of a dyad from its known axes u and v.
 
-        u and v are its axes at two pairs of the dyad. The link may have others. Its frame
-        is defined by its first axis k, and by the tangent at k of the arc from k to v.
+        u and v are its axes at two pairs of the dyad. The link may have others. Let k be
+        the first axis of the link in the mechanism file. The frame of the link is defined
+        by k, and by the tangent at k of the arc from k to v.
 
-        If u is the first axis, then k = u. Otherwise let a_u and a_v be the arcs from k to
-        u and v, b the angle at k from the first arc to the second, and c = u . v. Solving
+        If u is this axis, then k = u. Otherwise let a_u and a_v be the arcs from k to u and
+        v, b the angle at k from the first arc to the second, and c = u . v. Solving
         u . k = cos a_u, v . k = cos a_v and (u x v) . k = sin a_u sin a_v sin b gives
 
             k = ((cos a_u - c cos a_v) u + (cos a_v - c cos a_u) v
@@ -577,15 +578,17 @@ class PositionFormulas:
             If the arc from k to v is 0 or 180 degrees. It then has no tangent at k.
         """
         link = side.link
+        # An axis has its symbol (`vector`), the arc to it from k (`arc`), and the angle of
+        # this arc about k (`turn`).
         axis_u = side.first_axis
         axis_v = side.second_axis
         if axis_v.arc.sine == 0.0:
             raise self._refuse_link(link)
-        first_axis = self._axes_by_link[link][0]
-        # Formulas contain the first axis as a symbol, k. `k_formula` is its right side.
-        k = first_axis.vector
+        axis_k = self._axes_by_link[link][0]
+        # Formulas contain the symbol k. `k_formula` is the right side of its own formula.
+        k = axis_k.vector
         k_formula: Expr = axis_u.vector
-        if axis_u is not first_axis:
+        if axis_u is not axis_k:
             cosine_uv = self._write_arc_cosine(side)  # c
             triple_product = (
                 axis_u.arc.sine * axis_v.arc.sine * axis_v.turn.subtract(axis_u.turn).sine

@@ -373,16 +373,15 @@ class _OrientationCells:
     def _sample(self, boxes: _Boxes) -> tuple[Floats, Floats]:
         """Return the k margins at the samples and check points of n cells.
 
-        A margin is NaN where it cannot be computed. A point with NaN is always outside of
-        the set:
+        Margins are functions of the orientation. The set that is measured consists of the
+        orientations at which all margins are at least 0. A margin is NaN where it cannot be
+        computed. A point with NaN is outside of the set, and the NaN is replaced:
 
-        - If no other margin is negative there, the orientation cannot be reached. The NaN
-          is replaced by -1, which excludes the point.
-        - Otherwise the negative margin excludes the point. The NaN must not change that,
-          and must not look like a border of the set either: a change of the sign of its own
-          margin in the cell. It is replaced by the largest value of this margin in the
-          cell, which has the sign of the others if they all have the same one. If there is
-          no other value, it is replaced by 1.
+        - If no other margin is negative at the point, by -1, which excludes it.
+        - Otherwise the negative margin excludes the point already. The margin with NaN
+          should not seem to have a border in the cell, so it should not change its sign
+          there because of the replacement. It gets the largest of its values in the cell,
+          or 1 if there is none.
 
         The orientation whose smallest margin is the largest so far is stored, too.
 
@@ -417,11 +416,12 @@ class _OrientationCells:
         if smallest[best] > self.depth:
             self.deepest = quaternions[best]
             self.depth = float(smallest[best])
+        # Axes: point, cell, margin.
         values = margins[inverse].reshape(*cubes.shape, -1)
-        is_missing = np.isnan(values)
         has_negative = np.any(values < 0.0, axis=2, keepdims=True)
-        largest = np.nan_to_num(np.fmax.reduce(values, axis=0), nan=1.0)
-        values = np.where(is_missing, np.where(has_negative, largest, -1.0), values)
+        largest_in_cell = np.nan_to_num(np.fmax.reduce(values, axis=0), nan=1.0)
+        replacements = np.where(has_negative, largest_in_cell, -1.0)
+        values = np.where(np.isnan(values), replacements, values)
         return values[:27], values[27:]
 
 

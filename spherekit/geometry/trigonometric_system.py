@@ -769,8 +769,9 @@ def _start_angles(equations: Numbers, first_angles: Complexes) -> Complexes:
     three equations, 2 for two. Each solution with that first angle is near one of them.
     """
     forms = _reduce_to_forms(equations, first_angles)
-    # 1. The second angle: (n, r, 2) zeros of its form. A system of two equations has none,
-    # so that `second_zeros` and this array have one placeholder instead of two zeros.
+    # 1. The second angle: (n, r, 2) zeros of its form, from their cosines and sines. A
+    # system of two equations has no second angle, and this array has one placeholder
+    # instead of two zeros.
     second_angles = _angles_from_factors(forms.second_zeros)
 
     # 2. The last angle. For each system, first angle and zero of the second angle, there
