@@ -609,8 +609,11 @@ class RowVelocities:
         Returns
         -------
         (n,) angles (rad) for the poles of bodies that are the common axis of several pairs,
-        if the axes of these pairs differ by rounding.
+        if the axes of these pairs differ by rounding. They are unknown, and left out, if
+        the velocity equations are singular at all rows.
         """
+        if not self._column_indices:
+            return {}
         plan = self.request.plan
         return {
             step.pole: self._separation_of_axes(step.pole)
