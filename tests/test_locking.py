@@ -6,14 +6,13 @@ import re
 import numpy as np
 import pytest
 from helpers.refusals import TABLES, check_call, mechanism_text
-from mechanism_examples.named_mechanisms import direction_at_colatitude, posed_three_rrr
+from mechanism_examples.named_mechanisms import posed_three_rrr, two_followers
 from oracles.newton_euler import with_point_masses
 
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.files.mechanism_reader import loads
 from spherekit.files.time_law import ConstantSpeed
-from spherekit.mechanism.elements import Input, LinkSizes, Pair, Profile, SizeGeometry
 from spherekit.positions.position_analysis import PositionAnalysis
 
 CASES = {
@@ -123,43 +122,6 @@ def test_locking_a_pair_keeps_the_name_of_a_link_with_a_contact():
     assert "5" in sk.lock(loads(text), {"54": 20.0}, angle_unit="deg").links
 
 
-def make_two_followers(contact_links, contact):
-    """Return cams 2 and 3, which pair 23 joins, with the followers 4 and 5 on the ground.
-
-    All profiles are circles. The order of the links of contact 35 can be chosen, and
-    whether it is internal or external.
-    """
-    degree = np.pi / 180.0
-    arcs = (60.0 * degree, 80.0 * degree)
-    sizes = {
-        "1": LinkSizes(("12", "14", "15"), arcs, (50.0 * degree,)),
-        "2": LinkSizes(("12", "23"), (40.0 * degree,)),
-        "3": LinkSizes(("23",)),
-        "4": LinkSizes(("14",)),
-        "5": LinkSizes(("15",)),
-    }
-
-    def circle(colatitude_deg, radius_deg):
-        centre = direction_at_colatitude(colatitude_deg * degree)
-        return Profile("circle", centre, radius_deg * degree)
-
-    # The first circle of an internal contact is inside the second one.
-    first, second = contact_links
-    radii_deg = {first: 15.0, second: 60.0 if contact == "internal" else 20.0}
-    circles = {"3": circle(12.0, radii_deg["3"]), "5": circle(50.0, radii_deg["5"])}
-    pairs = (
-        Pair("12", "R", ("1", "2")),
-        Pair("23", "R", ("2", "3")),
-        Pair("14", "R", ("1", "4")),
-        Pair("15", "R", ("1", "5")),
-        Pair("24", "Cs", ("2", "4"), (circle(10.0, 20.0), circle(45.0, 12.0))),
-        Pair("35", "Cs", (first, second), (circles[first], circles[second]), contact),
-    )
-    inputs = (Input("12", 0.0, 1.0), Input("23", 0.5, 0.9))
-    geometry = SizeGeometry(sizes)
-    return sk.Mechanism("cams", "1", tuple("12345"), pairs, geometry, inputs=inputs)
-
-
 @pytest.mark.parametrize(
     ("contact_links", "contact"),
     [(("3", "5"), "external"), (("5", "3"), "external"), (("5", "3"), "internal")],
@@ -170,7 +132,7 @@ def test_a_displacement_whose_zero_is_moved_by_a_lock_is_announced(contact_links
     The number in the warning is the difference of the displacements of both mechanisms in
     the same configuration.
     """
-    mechanism = make_two_followers(contact_links, contact)
+    mechanism = two_followers(contact_links, contact)
     path = np.array([[0.0, 0.7], [0.2, 0.7]])
     motion = PositionAnalysis(mechanism, path=path, assembly_mode=0).motion()
     with pytest.warns(UserWarning, match="s_35_3 .* becomes s_35_2") as warned:

@@ -1,5 +1,7 @@
 """Searches for modes: what exists is found, and what may be missed is said."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers.refusals import mechanism_text
@@ -9,6 +11,7 @@ from mechanism_examples.linkages import (
     random_axes,
     random_chain,
 )
+from mechanism_examples.named_mechanisms import two_followers
 from mechanism_examples.searched_mechanisms import random_cam_chain, ten_bar
 from oracles.configuration_search import count_missing, search_configurations
 
@@ -214,3 +217,18 @@ def test_modes_of_wheels_are_looked_for_in_the_middle_of_the_range_first(tmp_pat
     position_analysis = PositionAnalysis(sk.load(path), samples=21)
     assert len(position_analysis.assembly_modes) == 2
     assert position_analysis.claim.reason == "modes found at 2 inputs"
+
+
+@pytest.mark.slow
+def test_the_group_that_does_not_close_is_named_after_groups_that_do():
+    """Cam 3 cannot reach the small circle of its follower; cam 2 reaches its own."""
+    cams = two_followers()
+    small = replace(cams.pair("35").profiles[1], radius=0.01)
+    pairs = [
+        replace(pair, profiles=(replace(pair.profiles[0], radius=0.01), small))
+        if pair.name == "35"
+        else pair
+        for pair in cams.pairs
+    ]
+    with pytest.raises(SolveError, match="of pairs 15, 35 did not close from any start"):
+        sk.trace(replace(cams, pairs=tuple(pairs)), samples=3)

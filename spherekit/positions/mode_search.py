@@ -52,6 +52,12 @@ RANKED_CONFIGURATIONS = 5
 
 Some of them may be singular, and have a larger mobility than the mechanism.
 """
+EXPLAINED_SAMPLES = 3
+"""Samples at which the groups of a mechanism that does not close are tried again.
+
+They show which group is at fault. Larger: more time until the error. Smaller: a group is
+named although it closes at other samples.
+"""
 
 
 class ModeSearch:
@@ -296,8 +302,8 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
 
     Its groups are placed one after another. The first groups are dyads in many mechanisms.
     If one of them closes at no sample, in whichever way the dyads before it close, the
-    message names it. Otherwise it names the first group that is not a dyad, or the last
-    group if all are dyads.
+    message names it. Otherwise the groups are closed one after another at a few samples,
+    and the message names the last one that is tried.
     """
     name = solver.mechanism.name
     inputs = solver.mechanism.names_of(solver.assembly.inputs)
@@ -332,8 +338,21 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
                     f"cannot be assembled at any of the inputs {degrees}; change the arcs "
                     "of its links or the range"
                 )
-    # `group` is the group at which the loop ended. The cure is what the user can change. A
-    # file with a reference pose has no arcs.
+    # `group` is the group at which the loop ended, a group that is not a dyad. Groups after
+    # it are tried where it closes.
+    position = solver.assembly.groups.index(group)
+    for sample in spread_rows(len(input_grid), EXPLAINED_SAMPLES):
+        methods: list[SolutionMethod | None] = [None] * len(solver.assembly.groups)
+        q = input_grid.q[sample]
+        if enumerate_modes(solver, q[None], max_modes=1, methods=methods):
+            # All groups close. The fault is not in one of them.
+            position = solver.assembly.groups.index(group)
+            break
+        tried = [k for k, method in enumerate(methods) if method is not None]
+        position = max(position, *tried)
+    group = solver.assembly.groups[position]
+    pairs = ", ".join(solver.mechanism.names_of(group.pairs))
+    # The cure is what the user can change. A file with a reference pose has no arcs.
     cure = "its arcs, profiles or the range, or give a reference pose"
     if isinstance(solver.mechanism.geometry, PoseGeometry):
         cure = "the axes of its pose, profiles or the range"

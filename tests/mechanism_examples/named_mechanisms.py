@@ -272,3 +272,40 @@ def crank_rocker(base=60.0, crank=20.0, coupler=70.0, rocker=40.0, zero=0.0, **m
     links = {link: {**LINKS[link], "arcs": [arc]} for link, arc in arcs.items()}
     hinge = {"links": ["base", "rocker"], "zero": zero}
     return four_bar_from_file(links=links, pairs={**PAIRS, "hinge": hinge}, **more)
+
+
+def two_followers(contact_links=("3", "5"), contact="external"):
+    """Return cams 2 and 3, which pair 23 joins, with the followers 4 and 5 on the ground.
+
+    All profiles are circles. The order of the links of contact 35 can be chosen, and
+    whether it is internal or external.
+    """
+    degree = np.pi / 180.0
+    arcs = (60.0 * degree, 80.0 * degree)
+    sizes = {
+        "1": LinkSizes(("12", "14", "15"), arcs, (50.0 * degree,)),
+        "2": LinkSizes(("12", "23"), (40.0 * degree,)),
+        "3": LinkSizes(("23",)),
+        "4": LinkSizes(("14",)),
+        "5": LinkSizes(("15",)),
+    }
+
+    def circle(colatitude_deg, radius_deg):
+        centre = direction_at_colatitude(colatitude_deg * degree)
+        return Profile("circle", centre, radius_deg * degree)
+
+    # The first circle of an internal contact is inside the second one.
+    first, second = contact_links
+    radii_deg = {first: 15.0, second: 60.0 if contact == "internal" else 20.0}
+    circles = {"3": circle(12.0, radii_deg["3"]), "5": circle(50.0, radii_deg["5"])}
+    pairs = (
+        Pair("12", "R", ("1", "2")),
+        Pair("23", "R", ("2", "3")),
+        Pair("14", "R", ("1", "4")),
+        Pair("15", "R", ("1", "5")),
+        Pair("24", "Cs", ("2", "4"), (circle(10.0, 20.0), circle(45.0, 12.0))),
+        Pair("35", "Cs", (first, second), (circles[first], circles[second]), contact),
+    )
+    inputs = (Input("12", 0.0, 1.0), Input("23", 0.5, 0.9))
+    geometry = SizeGeometry(sizes)
+    return sk.Mechanism("cams", "1", tuple("12345"), pairs, geometry, inputs=inputs)
