@@ -53,10 +53,10 @@ def draw_chart(
 ) -> Diagram:
     """Return the gnomonic chart of pole axes and great circles.
 
-    The chart is the projection of the sphere from its centre onto the plane that touches it
-    at the end of the axis x. An axis (x, y, z) is drawn as the point
-    (y/x, z/x) = (tan xi, tan zeta), a great circle as a straight line (R. Di Gregorio,
-    lecture 2, Barcelona 2019).
+    The chart is the projection of the sphere from its centre onto a plane that touches it
+    at the end of one of the ground axes, here called x. An axis (x, y, z) is drawn as the
+    point (y/x, z/x) = (tan xi, tan zeta), a great circle as a straight line (R. Di
+    Gregorio, lecture 2, Barcelona 2019).
 
     Parameters
     ----------
@@ -73,8 +73,10 @@ def draw_chart(
     moving_input
         Name of the input that moves while others are locked; empty for a single input.
     chart
-        The ground axis at whose end the chart touches the sphere.
+        The ground axis at whose end the chart touches the sphere: "x", "y" or "z". With
+        "yes" it is the one that is nearest to the pair axes of the ground.
     """
+    # Numbers of the ground axes that the chart has as x, y and z.
     x, y, z = chart_axes(mechanism, chart)
     with np.errstate(divide="ignore", invalid="ignore"):
         points = directions[..., [y, z]] / directions[..., [x]]

@@ -73,7 +73,16 @@ def _extent(summary: Any) -> str:
 
 
 def _describe_type_2(summary: Any) -> Lines:
-    """Return sentences on singularities of type II of a mechanism with several inputs."""
+    """Return sentences on singularities of type II of a mechanism with several inputs.
+
+    They say which assembly modes have samples at a singularity, or end at one. If there are
+    none, they name the sample that is nearest to a singularity.
+
+    Parameters
+    ----------
+    summary
+        The content of ``summary.json``.
+    """
     overview = summary["overview"]
     meaning = "type II (locked inputs do not hold the output)"
     extent = _extent(summary)

@@ -211,9 +211,11 @@ def study_from(
     """Return the study of a file, changed by the arguments of the command line.
 
     The motion in time is either prescribed by time laws or computed by a simulation, which
-    has a start and possibly torques. Laws on the command line replace a simulation of the
-    file, and a start replaces laws of the file. A torque alone replaces neither: without a
-    start there is no simulation, and `check_time` refuses a torque beside laws.
+    has a start and possibly torques. Arguments of the command line replace it:
+
+    - Laws replace a simulation of the file, and a start replaces laws of the file.
+    - A torque replaces that of a simulation of the file. If the file has no simulation,
+      `check_time` refuses a torque without a start.
 
     Parameters
     ----------

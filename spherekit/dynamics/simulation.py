@@ -337,8 +337,7 @@ class Simulation:
             value_rates=value_rates,
             rotations=motion.rotations,
             speed=speed,
-            # The inertia matrix as a sum over the links with mass.
-            M=masses.M_parts,
+            M=masses.M_parts,  # for each link with mass its part of the inertia matrix
             Q=dynamics.forces,
             kinetic=kinetic_energy,
             power=dynamics.power,

@@ -156,55 +156,60 @@ def _find_zeros(
 ) -> ProbePlaces:
     """Return the zeros of functions that change their sign between neighbouring values.
 
-    A place is a fraction of an integration step, from 0 to 1. This function also finds the
-    extrema of a quantity, which are the zeros of its slope. `evaluate` is then a central
-    difference of the quantity, and `values` are its differences between neighbouring
-    places. Two successive differences belong to three places. If they differ in sign, the
-    extremum is between the first and the third place.
+    A place is a fraction of an integration step, from 0 to 1. The functions were evaluated
+    at k + 1 places of each step. Where successive values have different signs, the zero
+    between them is computed. A value that is exactly zero has no sign: with the values
+    -2, 0, 3 the change of sign is between the first and the third one.
+
+    The function also finds the extrema of a quantity, which are the zeros of its slope.
+    `evaluate` is then a central difference of the quantity, and `values` are its
+    differences between neighbouring places. Two successive differences belong to three
+    places. If they differ in sign, the extremum is between the first and the third place.
 
     Parameters
     ----------
     evaluate
         Returns the values (n, functions) for indices of steps (n,) and places (n,).
     values
-        (steps, k + 1, functions) numbers in the order of rising places, whose changes of
-        sign show the zeros: the values of the functions, or the differences.
+        (steps, k + 1, functions) values of the functions in the order of rising places, or
+        differences.
     low, high
-        (k,) ends of the brackets. If the sign changes between values j and j + 1, a zero is
-        between the places `low[j]` and `high[j]`. If values between j and j + m are zero,
-        it is between `low[j]` and `high[j + m - 1]`.
+        (k,) places: a change of sign between values j and j + 1 shows a zero between
+        `low[j]` and `high[j]`.
 
     Returns
     -------
-    The step and the place of each zero. Values that are exactly zero have no sign: a change
-    of sign is between the values before and after them. Such values occur, for example, if
-    an extremum is in the middle between two places, whose difference is then zero.
+    The step and the place of each zero.
     """
     # For each value the index of the last value up to it that is not zero, -1 if all are.
     indices = np.arange(values.shape[1])[:, None]
     last_nonzero = np.maximum.accumulate(np.where(values != 0.0, indices, -1), axis=1)
-    previous = last_nonzero[:, :-1]
+    # Compare each value but the first one with the last value before it that has a sign.
+    value_before = last_nonzero[:, :-1]
     signs = np.sign(values)
-    previous_signs = np.take_along_axis(signs, np.maximum(previous, 0), axis=1)
-    # For each change of sign the step, the index of the value before it (an index of
-    # `low`) and after it (minus one, an index of `high`), and the function.
-    steps, last_brackets, functions = np.nonzero(previous_signs * signs[:, 1:] < 0.0)
-    first_brackets = previous[steps, last_brackets, functions]
+    signs_before = np.take_along_axis(signs, np.maximum(value_before, 0), axis=1)
+    # For each change of sign: its step and function, and the indices of the values before
+    # and after it.
+    steps, positions, functions = np.nonzero(signs_before * signs[:, 1:] < 0.0)
+    before = value_before[steps, positions, functions]
+    after = positions + 1
 
-    def evaluate_bracketed(places: Floats, brackets: Indices) -> Floats:
-        """Return the values (n,) at places (n,), each in the bracket of a given index."""
-        rows = evaluate(steps[brackets], places)
-        # From each row, the function that changes its sign in this bracket.
-        return rows[np.arange(len(places)), functions[brackets]]
+    def evaluate_changing(places: Floats, changes: Indices) -> Floats:
+        """Return the values (n,) at places (n,) of the functions that change their sign.
+
+        `changes` (n,) are indices of changes of sign, which give the step and the function.
+        """
+        rows = evaluate(steps[changes], places)
+        return rows[np.arange(len(places)), functions[changes]]
 
     # For extrema, the values are differences between places and not those of `evaluate` at
     # the ends of the bracket. This does no harm: the signs say in which half the zero is,
     # and the sizes only affect how fast the bracket becomes narrow.
     zeros, _ = find_bracketed_zeros(
-        evaluate_bracketed,
-        low=low[first_brackets],
-        high=high[last_brackets],
-        values_at_low=values[steps, first_brackets, functions],
-        values_at_high=values[steps, last_brackets + 1, functions],
+        evaluate_changing,
+        low=low[before],
+        high=high[after - 1],
+        values_at_low=values[steps, before, functions],
+        values_at_high=values[steps, after, functions],
     )
     return ProbePlaces(steps, zeros)

@@ -309,13 +309,14 @@ def _find_free_sizes(mechanism: Mechanism, keys: Sequence[str]) -> dict[Any, str
     for key in keys:
         variable = design_variable(document, key)
         table, name, *_ = variable.path
-        # The slot of a size is its kind and owner. Other numbers have None.
+        # The slot of a size of a link is its kind and owner. Other numbers have None.
         size = variable.slot
-        # All numbers of a mass table (mass, centre, tensor) determine one symbol, the
-        # inertia tensor, so they share one item here. With loads such as gravity they may
-        # also determine the weight, which has no symbol, and are refused.
         if table == "mass" and not mechanism.loads:
+            # All numbers of a mass table (mass, centre, tensor) determine one symbol, the
+            # inertia tensor, so they share one item here.
             size = ("mass", name)
+        # Masses are refused if there are loads (size is then None). A load such as gravity
+        # depends on the mass, which has no symbol of its own.
         if size is None or size[0] not in ("mass", "arcs", "angles", "zeros"):
             raise EngineError(
                 f"{mechanism.name}: {key} is a number in LaTeX, not a symbol; vary arcs, "

@@ -60,7 +60,8 @@ class EquationOfMotion:
     Attributes
     ----------
     omitted_loads
-        Names of loads that are not written, because their friction follows from reactions.
+        Names of loads that are left out: their friction depends on reactions of pairs, of
+        which there are no formulas.
     free_symbols
         Symbols of the free inertia tensors.
     """
@@ -98,7 +99,8 @@ class EquationOfMotion:
         self._input_suffixes = input_suffixes
         self._free_sizes = free_sizes
         self._input_indices = range(formula_list.input_count)
-        # Names of loads that are not written: their friction follows from reactions.
+        # Loads that are left out, because their friction depends on reactions of pairs, of
+        # which there are no formulas. The methods below add their names.
         self.omitted_loads: list[str] = []
         self.free_symbols: dict[Any, ExpressionNode] = {}  # symbols of free tensors
         # Both methods add formulas to `formula_list`.

@@ -295,15 +295,7 @@ class MujocoModel:
         _set_rotation(ground, rigid_bodies.rotations[0])
         self._add_appearance(ground, mechanism.ground)
         self._add_bodies(ground, mechanism.ground)
-        # A force or moment whose direction is constant in ground axes refers to a site, a
-        # marked point with axes, of the world. In `attributes` the site has the name of the
-        # load. Here it gets its own name.
-        for _, attributes in self._loads.actuator_loads:
-            if "refsite" in attributes:
-                load_name = attributes["refsite"]
-                site_name = self._names.axes_sites[load_name]
-                size = _format_drawn(INVISIBLE_SITE_RATIO * self._radius)
-                _add(part_by_tag["worldbody"], "site", name=site_name, size=size)
+        self._add_ground_sites(part_by_tag["worldbody"])
         self._add_loops(part_by_tag["tendon"], part_by_tag["equality"])
         self._add_actuators(part_by_tag["actuator"])
         for output in mechanism.outputs:
@@ -330,6 +322,19 @@ class MujocoModel:
             root.remove(part)
         ElementTree.indent(root)
         return ElementTree.tostring(root, encoding="unicode") + "\n"
+
+    def _add_ground_sites(self, worldbody: Element) -> None:
+        """Add a site of the world for each load whose direction is constant in ground axes.
+
+        A site is a marked point with axes. The actuator of such a load has an attribute
+        "refsite": the site in whose axes its vector is given. `_add_actuators` writes the
+        name of the site that is added here.
+        """
+        size = _format_drawn(INVISIBLE_SITE_RATIO * self._radius)
+        for load, attributes in self._loads.actuator_loads:
+            if "refsite" in attributes:
+                site_name = self._names.axes_sites[load.name]
+                _add(worldbody, "site", name=site_name, size=size)
 
     def _fill_template(self) -> Element:
         """Return the root element of a model whose only body is the ground.

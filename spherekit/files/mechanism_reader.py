@@ -273,7 +273,8 @@ class _MechanismReader:
             # Free data of the user, in which numbers become ordinary floats.
             user=_plain(data.get("user", {})),
             description=data.get("description", ""),
-            # Texts without a unit are read in it, such as the parameters of analyses.
+            # The unit of angles that users state later without a unit, such as parameters
+            # of analyses.
             angle_unit=self.document.data["angle_unit"],
         )
         # Some wheels have a phase in the file: angles of their shafts at which they mesh.

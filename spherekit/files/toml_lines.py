@@ -150,10 +150,11 @@ class _KeyScanner:
         self.is_value = True
 
     def _enter_table(self) -> None:
-        """Record the line of a table header at its end, and make its table the present one.
+        """Record the line of a table header, and make its table the present one.
 
-        The parts of the header, such as ``pairs`` and ``41`` of ``[pairs.41]``, are in
-        `key_parts`. The keys that follow belong to the present table.
+        The method is called when the header, such as ``[pairs.41]``, has been read. Its
+        parts ``pairs`` and ``41`` are in `key_parts`. The keys that follow belong to the
+        present table.
         """
         path = self._enter_outer_tables(self.key_parts[:-1])
         path = (*path, self.key_parts[-1])
@@ -162,8 +163,8 @@ class _KeyScanner:
             self.lines.setdefault(path, self.line)
             self.array_table_sizes[path] += 1
             path = (*path, self.array_table_sizes[path] - 1)
-        # The header of a table inside this one may have come before. Its line was recorded
-        # for this table, too, and is replaced by the line of the table's own header.
+        # If ``[pairs.41]`` came before ``[pairs]``, its line was recorded for ``pairs``,
+        # too. It is replaced by the line of the header ``[pairs]``.
         self.lines[path] = self.line
         self.table = path
 

@@ -639,12 +639,12 @@ def _form_zeros(form: Numbers) -> tuple[Complexes, Complexes]:
 
 
 def _reduce_to_forms(equations: Numbers, first_angles: Numbers) -> RemainingForms:
-    """Return the forms that remain of systems of two or three equations.
+    """Insert values of the first angle into systems of two or three equations.
 
-    A form is an equation c0 + c1 cos + c2 sin = 0 in one angle. The values of the first
-    angle x are inserted. In a system of three equations, the first one then is a form in
-    the second angle y. Its two zeros are inserted in the others, which become forms in the
-    last angle z. The first of three equations must not contain z.
+    Forms remain: equations c0 + c1 cos + c2 sin = 0 in one angle. In a system of two
+    equations in x and z, both become forms in z. In a system of three, the first equation
+    must not contain z. At a value of x it is a form in y. Its two zeros are inserted in the
+    other equations, which become forms in z.
 
     Parameters
     ----------
@@ -659,8 +659,8 @@ def _reduce_to_forms(equations: Numbers, first_angles: Numbers) -> RemainingForm
     factors = angle_factors(first_angles).astype(complex)
     remaining = np.einsum("nkx...,nrx->nrk...", equations, factors)
     if equations.shape[1] == 2:
-        # Two equations have no second angle. The results for it are filled with 1, so that
-        # they change nothing where they are factors.
+        # Two equations have no angle y. The eliminant has a power of `second_weights` as a
+        # factor, so these are 1. The other two arrays are not used.
         ones = np.ones((*first_angles.shape, 1, 3), dtype=complex)
         return RemainingForms(
             last_forms=remaining[:, :, None],

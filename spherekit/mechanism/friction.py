@@ -292,7 +292,8 @@ def check_no_reaction_friction(mechanism: LoadedMechanism, what: str) -> None:
     mechanism
         The mechanism.
     what
-        End of a sentence of the message: which computation does not know the reactions.
+        End of the sentence "its friction depends on the reaction of pair 41, which ..." of
+        the message, such as "a page does not solve for".
 
     Raises
     ------

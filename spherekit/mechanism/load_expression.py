@@ -452,10 +452,11 @@ def _iterate_steep_arguments(
 ) -> Iterator[Node]:
     """Yield the steep arguments of functions in a tree, the innermost first.
 
-    A function may change suddenly where its steep argument is zero or extreme, such as
-    tanh(x) or sqrt(x) at x = 0. A power series at another point does not show this change.
-    Sums, products, sine and cosine have no steep arguments. All arguments of other
-    functions count, except constants and numerators.
+    An argument of a function is called steep if the function can change suddenly near a
+    zero of the argument. A power series at another point does not show this change.
+    Examples are the arguments of tanh(1000 x) and sqrt(x). For max(a, b) it is the
+    difference a - b. Sums, products, sine and cosine have no steep arguments. All arguments
+    of other functions count, except constants and numerators.
 
     Parameters
     ----------

@@ -367,20 +367,19 @@ class DyadsWithClosingLink:
         The turns in (-pi, pi] with their directions, and for each the sign of the slope of
         f by the turn.
         """
+        # Each bracket has the index of its direction, the two turns at its ends, and f
+        # there.
         brackets = self._bracket_roots(directions, signs)
-        # For each bracket, and later for each root, the index of its direction.
-        row = brackets.row
 
         def residual(turn: Floats, brackets_of_turns: Indices) -> Floats:
             """Return the residual f (k,) of the closing link at turns (k,) of the output.
 
             The index (k,) of its bracket gives the direction of the output at each turn.
             """
-            return self.residual(
-                self.place_dyads(directions[:, row[brackets_of_turns]], turn, signs)
-            )
+            turn_directions = directions[:, brackets.row[brackets_of_turns]]
+            return self.residual(self.place_dyads(turn_directions, turn, signs))
 
-        turns, _ = find_bracketed_zeros(
+        zeros, _ = find_bracketed_zeros(
             residual,
             low=brackets.low,
             high=brackets.high,
@@ -388,9 +387,10 @@ class DyadsWithClosingLink:
             values_at_high=brackets.high_residual,
         )
         # f can also change its sign by a jump, which is no root.
-        is_root = np.abs(residual(turns, np.arange(len(row)))) < CLOSING_RESIDUAL
-        row = row[is_root]
-        turns = wrap(turns[is_root])
+        is_root = np.abs(residual(zeros, np.arange(len(zeros)))) < CLOSING_RESIDUAL
+        # For each root the index of its direction, and the turn.
+        row = brackets.row[is_root]
+        turns = wrap(zeros[is_root])
         # Sorted by direction, then by turn. A root that was bracketed twice is kept once:
         # a root is new if its direction differs from that before, or if its turn does. The
         # first root is new because the index before it counts as -1.

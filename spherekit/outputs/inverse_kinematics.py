@@ -414,9 +414,9 @@ class InverseKinematics:
         poses
             (n, 3, 3) orientations or (n, 3) directions.
         starts
-            (n, 3, 3) orientations from which Newton's method starts, if it is needed. This
-            is the case if the pose is a direction and the arc of a link (closing link)
-            determines how far the output link is turned about it. Otherwise (n, 0).
+            A direction leaves the turn of the output link about it open. If the arc of a
+            link (closing link) determines this turn, Newton's method computes it from a
+            start: (n, 3, 3) orientations of the output link. Otherwise (n, 0).
         modes
             The signs of the dyads in each of m modes.
         read_results

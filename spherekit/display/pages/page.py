@@ -323,7 +323,8 @@ class PageMaker:
         if self._requested_quantities is not None:
             return self._make_formulas([*self._requested_quantities, *needed_names])
         try:
-            # The text ends the message "... the reaction of pair 41, which ...".
+            # If there is such friction, the message contains "its friction depends on the
+            # reaction of pair 41, which a page does not solve for".
             check_no_reaction_friction(self._mechanism, "a page does not solve for")
             names = self._page_quantities.default_names(with_torques=True)
             return self._make_formulas([*names, *needed_names])

@@ -309,10 +309,10 @@ def rows_for_path(primitive: Primitive) -> Floats | None:
 def draw_path(primitive: Primitive, rows: Floats, row_length: int | None) -> Stills:
     """Yield the curve on which a direction or a point of a plot moved over all rows.
 
-    The only item has the name under which the curve is logged, below the entity of the
-    primitive, and the curve itself. Nothing is yielded if all rows are NaN. Curves on the
-    sphere are drawn a little outside of it (`CURVE_SCALE`, `PATH_SCALE`), so that it does
-    not hide them.
+    One pair is yielded: a name and the curve. In the recording, the curve is a child with
+    this name of the entity of the primitive. Nothing is yielded if all rows are NaN. Curves
+    on the sphere are drawn a little outside of it (`CURVE_SCALE`, `PATH_SCALE`), so that it
+    does not hide them.
 
     Parameters
     ----------
@@ -322,7 +322,8 @@ def draw_path(primitive: Primitive, rows: Floats, row_length: int | None) -> Sti
         the axis of a pair, in silver. Other arrows are the pole axes about which two links
         turn relative to each other at the moment.
     rows
-        Its positions in all rows: directions (rows, 3), or points (rows, 2) in the frame.
+        Its positions in all rows: directions (rows, 3), or points (rows, 2) of the plot as
+        fractions of its width and height.
     row_length
         Number of samples in one row of a grid of two inputs, after which the curve is
         broken; None if the samples follow each other along a single curve.
