@@ -282,12 +282,13 @@ class MidPlaneArchitecture:
     def normals(self, orientations: Floats) -> tuple[Floats, Floats]:
         """Return the mid-planes nearest to orientations of the end effector.
 
-        In the mid-plane, base and end effector are mirror images of each other. An
-        orientation that has a mid-plane with the unit normal n is
-        ``frame @ mirror(n) @ image``, where mirror(n) is the reflection in this plane. The
-        constant matrix `image` leads from the axes of the end effector to the mirror axes.
-        The constant matrix `frame` leads from these to the axes of the base. Mirror axes
-        are axes fixed in the base, in which the formulas of mid-planes are simplest.
+        In the orientations that the mechanism can reach, base and end effector are mirror
+        images of each other in a plane through the centre, the mid-plane. If it has the
+        unit normal u, the orientation is ``frame @ mirror(u) @ image``, where mirror(u) is
+        the reflection in this plane. Both other matrices are constant: `image` leads from
+        the axes of the end effector to the mirror axes, and `frame` from these to the axes
+        of the base. Mirror axes are fixed in the base, and the formulas of mid-planes are
+        simplest in them. Other orientations have no mid-plane, only a nearest one.
 
         Parameters
         ----------
@@ -302,7 +303,7 @@ class MidPlaneArchitecture:
             (n,) angle (rad) between the orientation and the nearest one that has a
             mid-plane.
         """
-        # Both constant matrices are orthogonal, so the equation is solved for mirror(n).
+        # Both constant matrices are orthogonal, so the equation is solved for mirror(u).
         reflection_matrices = transpose(self.frame) @ orientations @ transpose(self.image)
         return mirror_of(reflection_matrices)
 

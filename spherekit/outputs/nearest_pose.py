@@ -555,8 +555,8 @@ def _compute_sqp_step(v: Floats, values: Floats, gradients: Floats) -> tuple[Flo
         (d,) change of v.
     largest_multiplier
         Largest Lagrange multiplier of a linearised margin, 0 if none is active or no step
-        satisfies them. The caller chooses by it the factor of violations in the function
-        that a step has to reduce.
+        satisfies them. The caller's penalty factor of violated margins, in the merit
+        function of the line search, has to be larger.
     """
     has_slope = (np.linalg.norm(gradients, axis=1) > 0.0) & np.isfinite(values)
     gradients = gradients[has_slope]

@@ -529,7 +529,8 @@ def _evaluate_unit_motion(
     """
     s, ds, dds = law.at(unit_time)
     angle = rotation.angle
-    # Rounding errors of the law may exceed its range, in which alone the rotation is known.
+    # Because of rounding errors s can be a little outside of 0 to 1, where the rotation is
+    # not known.
     samples = rotation.at(angle * np.clip(s, 0.0, 1.0))
     is_lost = ~all_finite(samples.second_rates, 1)
     if np.any(is_lost):

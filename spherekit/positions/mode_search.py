@@ -268,8 +268,8 @@ class ModeSearch:
         """
         grid = self.input_grid
         # Groups whose links are all placed by gear ratios, so that they have one mode at
-        # any input. If there are no other groups, one input is enough. The reason ends the
-        # sentence "complete: ..."; "one" is one mode.
+        # any input. If there are no other groups, one input is enough. Reports state the
+        # reason as "complete: wheels in mesh have one", that is one mode.
         wheel_trains = self.solver.wheel_trains
         if len(wheel_trains) == len(self.groups):
             reason = "wheels in mesh have one" if wheel_trains else "no loop has to close"
@@ -282,17 +282,18 @@ class ModeSearch:
                 reason = f"modes at all {len(grid)} samples"
                 sentence = f"All assembly modes were found at the {len(grid)} samples."
             return q, Completeness(Guarantee.SAMPLED, reason, sentence=sentence)
-        # Modes appear or vanish only at turning points. One input between each two of them
-        # is examined. Where turning points are unknown, inputs have the distance `step`.
-        # No search takes place if one evaluation takes longer than `max_cost_s`, and it is
-        # ended after `max_time_s`. `claim` says that the modes are complete if no turning
-        # point can have been missed.
+        # Modes appear or vanish only at turning points of the input. One input between each
+        # two of them is examined. `max_cost_s` limits the time of one evaluation in the
+        # search for turning points, and `max_time_s` its whole time. Beyond these limits
+        # the turning points are unknown.
         low, high = grid.range
         turning_points = find_input_turning_points(
             self.solver, low, high, max_cost_s=RUN_COST_S, max_time_s=RUN_TIME_S
         )
         self.crossings = turning_points.crossings
-        # `PROBED_RANGE_INPUTS` equidistant inputs, with both ends of the range.
+        # Where turning points are unknown, inputs at equal distances are examined:
+        # `PROBED_RANGE_INPUTS` over the whole range. The claim says that the modes are
+        # complete if no turning point can have been missed.
         step = np.ptp(grid.q) / (PROBED_RANGE_INPUTS - 1)
         return turning_points.probes(step)[:, None], turning_points.claim(step)
 

@@ -476,8 +476,9 @@ class CertifiedCurves:
           Other curves may be missing. The first problem is stated.
         - `CERTIFIED`: nothing is missing.
 
-        If two chains may be one curve (`OVERLAPPING`), assembly modes are not counted. This
-        is therefore stated at every level.
+        If two chains may be parts of one curve (problem `OVERLAPPING`), the numbers of
+        assembly modes are not stated anywhere in the result. The reason at the first two
+        levels says so.
         """
         # `saddles` are places where curves cross or nearly do.
         piece_count = sum(len(chain.pieces) for chain in self.chains)

@@ -234,10 +234,13 @@ class KernelColumns:
         """Choose the senses of all pole directions.
 
         A pole is the axis about which one link rotates relative to another: a line, whose
-        direction has two possible signs. In most rows the kernel computes the columns when
-        they are read, and `read` applies the signs then. In rows whose errors may be too
-        large for the kernel (not certified), ordinary functions have evaluated the poles.
-        Their signs are applied here.
+        direction has two possible signs. A row is one configuration, and the columns are
+        the numbers of all poles. There are two kinds of rows:
+
+        - In most rows compiled functions, the kernel, compute the columns as soon as they
+          are read. `read` will then apply the signs.
+        - In rows whose errors may be too large for the kernel (not certified), ordinary
+          functions have evaluated the poles already. Their signs are applied here.
 
         Parameters
         ----------

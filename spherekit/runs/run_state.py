@@ -324,18 +324,14 @@ class RunState:
             # without codes of their own share one array, which is counted once and
             # multiplied by the number of these poles.
             values = data[column.name]
+            is_interleaved = isinstance(values, Interleaved)
             parts = values.parts if isinstance(values, Interleaved) else (values,)
             arrays = (np.asarray(part) for part in parts)
             for codes, part_count in _count_shared_arrays(arrays):
-                # A row whose status equals that of its configuration is left out. The array
-                # of a pole has one row for each configuration, in the order of the batch.
-                # Other columns can have any number of rows in any order.
-                if has_sample_rows and not isinstance(values, Interleaved):
-                    failed = np.flatnonzero(codes != Status.OK)
-                    batch_status = _find_batch_status(batch, data, failed)
-                    codes = codes[failed][codes[failed] != batch_status]
-                elif has_sample_rows and len(codes) == len(batch):
-                    codes = codes[codes != batch.status]
+                if has_sample_rows:
+                    codes = _leave_out_failed_configurations(
+                        codes, data, batch, is_part=is_interleaved
+                    )
                 key = (FAILED, analysis_name, table.name)
                 self._count_statuses(key, codes, part_count, ignored)
 
@@ -398,6 +394,34 @@ class RunState:
             fractions["fraction_by_velocity_equations"] = by_equations / evaluated
             fractions["fraction_by_kernel"] = self.counts[BY_KERNEL,] / evaluated
         return errors | fractions
+
+
+def _leave_out_failed_configurations(
+    codes: Array, data: TableData, batch: Batch, is_part: bool
+) -> Array:
+    """Return status codes without those that equal the status of their configuration.
+
+    Codes OK may be left out, too.
+
+    Parameters
+    ----------
+    codes
+        (n,) status codes of rows of a table.
+    data
+        Columns of the table, with those of the sample and the assembly mode.
+    batch
+        The configurations.
+    is_part
+        Whether `codes` belong to one of several poles. They then have one row for each
+        configuration, in the order of the batch. Otherwise the rows are those of `data`,
+        which can be any number in any order.
+    """
+    if is_part:
+        has_row_per_configuration = len(codes) == len(batch)
+        return codes[codes != batch.status] if has_row_per_configuration else codes
+    failed = np.flatnonzero(codes != Status.OK)
+    batch_status = _find_batch_status(batch, data, failed)
+    return codes[failed][codes[failed] != batch_status]
 
 
 def _find_batch_status(batch: Batch, data: TableData, rows: Indices) -> SmallIntegers:

@@ -199,11 +199,14 @@ class LinkMotion:
         """Return the axis (n, 3) along the derivative of w, and its error bound (n,).
 
         w is the angular velocity of the pole's second link relative to the first, along the
-        unit vector u of the axis. At a zero of w, its derivative w' by the arc length has
-        the direction of u. At an arc length x from the zero, w is about x w', so x is about
-        |w| / |w'|. The part of w' across u is |w| |u'|, so w' deviates from u by about
-        x |u'|. The bound is x (1 + |u'|) plus rounding. The 1 is there so that it does not
-        vanish with |u'|.
+        unit vector u of the axis. This axis is used near a zero of w, where the direction
+        of w is lost in rounding. There the derivative w' by the arc length has the
+        direction of u, with this error:
+
+        - At an arc length x from the zero, w is about x w', so x is about |w| / |w'|.
+        - The part of w' across u is |w| |u'|, so w' deviates from u by about x |u'|.
+        - The bound is x (1 + |u'|) plus rounding. The 1 is there so that it does not vanish
+          with |u'|.
         """
         _, dw = self.relative(*pole)
         # `speed` is |w|, and `growth` is |w'|.
@@ -212,10 +215,12 @@ class LinkMotion:
         # u' is the part of w' at right angles to u, relative to the size of w.
         axis_derivative = (dw - axis * np.vecdot(axis, dw)[:, None]) / speed[:, None]
         axis_rate = np.linalg.norm(axis_derivative, axis=1)
-        # Near the zero of w its direction is only rounding: the error e (rad) of u rises to
-        # 1. The computed |u'| contains about e |w'| / |w|, which can be so large that the
-        # axis would count as unknown. It is limited to 1 / e. This is about 1 near the
-        # zero. Elsewhere it is large, and does not affect |u'|.
+        # The error e (rad) of the computed u rises to 1 near the zero of w, where the
+        # direction of w is only rounding. The computed |u'| contains about e |w'| / |w|,
+        # which is then so large that the axis would count as unknown. |u'| is therefore
+        # limited to 1 / e:
+        # - near the zero, e is about 1, and so is the limit;
+        # - elsewhere e is tiny, and the limit is so large that it has no effect.
         axis_rate = np.minimum(axis_rate, 1.0 / np.clip(axis_error, EPS, 1.0))
         deviation = speed * (1.0 + np.nan_to_num(axis_rate))
         return dw / growth[:, None], (self.rounding + deviation) / growth
@@ -359,11 +364,12 @@ class CurveMotion:
         is_near_rest = speed <= NEAR_REST_RAD * growth
         # At a double zero w touches zero and does not reverse.
         sign_changes = rest_points.s[~rest_points.is_double]
-        # On a closed curve s may be in the next lap.
+        # On a closed curve s may be up to two laps long, and the zeros repeat.
         sign_changes = np.append(sign_changes, sign_changes + self.curve.length)
-        # At a zero the derivative has the sense of w after the zero, so points near a zero
-        # have to count as if they were behind it. They are at most `NEAR_REST_RAD` before
-        # it, and are moved forward by twice this distance.
+        # Near a zero the direction is that of the derivative of w. On both sides of the
+        # zero the derivative has the sense that w has after it (at larger s). Points a
+        # little before the zero therefore have to count as points after it. They are at
+        # most `NEAR_REST_RAD` before it, and are moved forward by twice this distance.
         compared_s = s + 2.0 * NEAR_REST_RAD * is_near_rest
         passed_zeros = np.searchsorted(sign_changes, compared_s, side="right")
         sense = np.where(passed_zeros % 2 == 1, -1.0, 1.0)

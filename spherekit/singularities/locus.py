@@ -605,6 +605,10 @@ class SingularityLocus:
         last k belong to the change of x. It is along the same rates (k = g) or, if only a
         part of the mechanism can move the output, along the k rates that move this part.
 
+        For example, a mechanism with two inputs has g = k = 2. There are four coordinates.
+        The equations that both inputs rest (m = 2) and |x| = 1 are three, so that the null
+        space has one dimension: the locus is a curve.
+
         Parameters
         ----------
         linearised
@@ -631,8 +635,8 @@ class SingularityLocus:
         value_part = null_space[:, :g]
         # x changes along its k coordinates. In addition it changes with the g coordinates
         # of the configuration, because it has to close the loops in the changed
-        # configuration. The last column of `motion_corrections`, for a step that closes
-        # open loops, is left out, because the loops are closed here.
+        # configuration: these changes are the first g columns of `motion_corrections`. (The
+        # last column is for open loops, and the loops are closed here.)
         motion_changes = linearised.motion_space.basis @ null_space[:, g:]
         motion_changes += linearised.motion_corrections[..., :g] @ value_part
         # The basis of the null space is replaced by one whose changes of the variables are

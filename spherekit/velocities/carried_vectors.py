@@ -258,11 +258,12 @@ def _vector_along_profile(
     contact point and t the tangent. Primes are derivatives by the arc length, and k' is
     called the slope of the profile.
 
-    - The derivative of n + k p, ``slide``, is k' p, because n' = -k t and p' = t.
-    - The second derivative is k' t + k'' p. Bounds of rates need a bound of its length.
-      ``slide_change`` is that of the first term, ``|k'|``. The second term is missing,
-      because there is no expression of k''. `CarriedVector.slide_change_bound` adds the
-      largest value of k'' along the profile.
+    - The derivative of n + k p is k' p, because n' = -k t and p' = t. It is the field
+      ``slide`` of the result, and ``slide_length`` is its length ``|k'|``.
+    - The second derivative is k' t + k'' p. Error bounds need a bound of its length. The
+      field ``slide_change`` is the length of the first term, again ``|k'|``. There is no
+      expression of k'', so `CarriedVector.slide_change_bound` adds the largest value of k''
+      along the profile to this field.
 
     Parameters
     ----------

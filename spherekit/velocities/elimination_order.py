@@ -350,8 +350,9 @@ def eliminated_inverse_sizes(jacobians: Floats, order: EliminationOrder) -> Floa
                 # for them by least squares (normal equations).
                 transposed = np.swapaxes(axes, 1, 2)
                 inverse = left_inverse(transposed @ axes) @ transposed
-            # The equations of this loop, solved for the variables of the pivot, are
-            # inserted into all other loops.
+            # The equations of this loop are solved for the variables of the pivot, and the
+            # result is inserted into all other loops. With fewer than three variables, only
+            # as many rows of this loop are replaced. The other rows are not used any more.
             solved = inverse @ rows[:, loop]
             for other_loop in range(loops):
                 if other_loop != loop:
@@ -362,8 +363,9 @@ def eliminated_inverse_sizes(jacobians: Floats, order: EliminationOrder) -> Floa
             [rows[:, loop, : len(chosen), count:] for loop, chosen in order], axis=1
         )
         variables = [variable for _, chosen in order for variable in chosen]
-        # A pivot that is only rounding gives huge factors, which can cancel by chance. The
-        # result then has an ordinary size without being an inverse.
+        # A pivot matrix whose elements are only rounding errors gives huge factors, which
+        # can cancel by chance. The result then has an ordinary size without being an
+        # inverse.
         errors = np.abs(inverses @ jacobians[:, :, variables] - np.eye(len(variables)))
         is_inverse = np.max(errors, axis=(1, 2)) <= MAX_LEFT_INVERSE_ERROR
         sizes = np.linalg.norm(inverses, axis=(1, 2))

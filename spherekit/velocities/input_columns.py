@@ -449,7 +449,8 @@ class InputColumns:
         """Return a view of the columns that change their sign with the direction of a pole.
 
         The sign of the direction can be chosen freely for some poles (`signed_poles`). It
-        is chosen after the evaluation of the columns.
+        is chosen after the evaluation of the columns. The caller then multiplies the view
+        by the signs, which changes `columns` itself.
 
         Parameters
         ----------
@@ -461,7 +462,7 @@ class InputColumns:
         (components, poles, n) the columns of all quantities in `SIGNED_COMPONENTS`, in
         their order. The first three components are the direction.
         """
-        signed = columns[self._signed_columns]
+        signed = columns[self._signed_columns]  # a slice, so no copy is made
         component_count = sum(SIGNED_COMPONENTS.values())
         return signed.reshape(component_count, len(self.signed_poles), columns.shape[1])
 

@@ -58,16 +58,26 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
       rest relative to each other.
     - ``direction_OUTPUT_x``: for outputs that point, in the axes of the link from which the
       output is seen.
-    - ``condition_number_OUTPUT``: with several inputs, the condition number of the Jacobian
-      of the output's rotation, or of its direction with two inputs.
-      ``jacobian_determinant_OUTPUT`` if this Jacobian is square.
+    - ``condition_number_OUTPUT``: with several inputs, that of the Jacobian of the output's
+      rotation by the inputs. With two inputs, an output that points has the Jacobian of its
+      direction instead.
+    - ``jacobian_determinant_OUTPUT``: the determinant of this Jacobian, with three inputs
+      or of a direction.
     - ``determinant``: 0 if the inputs do not determine the rates of all variables.
-    - With masses: the equivalent inertia ``B`` (twice the kinetic energy at unit rate of
-      the input) and its derivative ``dB_dq``, ``kinetic_energy``, the driving ``torque`` of
-      the sample's motion, and ``free_acceleration``, the acceleration of the input without
-      a torque. ``A_q``, ``A_dq``, ``B_torque`` are the derivatives of the input's
-      acceleration at given torques by q, by dq and by the torque.
-    - With masses or loads ``generalized_force``: the power of the loads per unit rate.
+
+    With masses:
+
+    - ``B``, ``dB_dq``: the equivalent inertia, which is twice the kinetic energy at unit
+      rate of the input, and its derivative.
+    - ``kinetic_energy``.
+    - ``torque``: the driving torque of the sample's motion.
+    - ``free_acceleration``: the acceleration of the input without a torque.
+    - ``A_q``, ``A_dq``, ``B_torque``: the derivatives of the acceleration of the input by
+      q, by dq and by the torque, while the other two are constant.
+
+    With masses or loads:
+
+    - ``generalized_force``: the power of the loads per unit rate of the input.
 
     With several inputs, names of quantities that depend on the moving input end in
     ``_by_PAIR``. Inertias are ``B_PAIR_by_PAIR``, and ``free_acceleration_PAIR`` is that of

@@ -220,13 +220,14 @@ def passive_equations(
     - The columns of P are an orthonormal basis of the relative velocities that the passive
       pairs allow.
     - The rows of C are an orthonormal basis of the cycles of the graph of links and pairs.
-      C times relative velocities is 0 if these add up to 0 around each loop, as those of
-      moving bodies do.
+      C times relative velocities is 0 if these add up to 0 around each loop, which is true
+      for the velocities of moving bodies and for no others.
 
     C P maps velocities that the pairs allow to the openings of the loops that they would
-    cause. Both bases are orthonormal, so its singular values are the sines of the angles
-    between two spaces: the velocities that the pairs allow, and those of moving bodies with
-    closed loops. A value of 0 means that the passive pairs allow a motion of the bodies.
+    cause. If it is 0 for some rates, the passive pairs allow a motion of the bodies.
+    Because both bases are orthonormal, the singular values of C P have a meaning: they are
+    the sines of the angles between the space of the velocities that the pairs allow and the
+    space of those that keep all loops closed.
 
     Parameters
     ----------
