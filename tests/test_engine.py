@@ -277,7 +277,7 @@ def test_both_engines_find_the_same_motion(case):
         for engine in ("compiled", "numpy")
     )
     assert compiled.engine.name == "compiled"
-    assert compiled.engine.reason == "it was asked for"
+    assert compiled.engine.reason == "it was requested"
     assert numpy_result.engine.name == "numpy"
     assert compiled.end == numpy_result.end
     for event, numpy_event in zip(compiled.events, numpy_result.events, strict=True):
