@@ -235,10 +235,10 @@ def describe_largest_torques(
     for name, record in records.items():
         if record[key]:
             sentences.append(
-                f"largest {quantity} at {name}: {record[key]:.6g} N m at {record['place']}"
+                f"Largest {quantity} at {name}: {record[key]:.6g} N m at {record['place']}"
             )
         else:
-            sentences.append(f"no {quantity} at {name}: it is 0 in every row")
+            sentences.append(f"No {quantity} at {name}: it is 0 in every row")
     return tuple(sentences)
 
 

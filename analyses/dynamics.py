@@ -277,15 +277,15 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
     """
     remarks = describe_largest_torques(summary["inputs"], TORQUE_KEY, "driving torque")
     if not summary["masses"]:
-        remarks += ("the file has no masses: the torques balance only the loads",)
+        remarks += ("The file has no masses: the torques balance only the loads",)
     if not summary["loads"]:
-        remarks += ("the file has no loads: the torques balance only the inertia",)
+        remarks += ("The file has no loads: the torques balance only the inertia",)
     warnings: tuple[str, ...] = ()
     # In these rows the mechanism can move while the inputs rest. No torques at the inputs
     # can then hold it against its loads.
     if summary["rows_at_singularities"]:
         warnings = (
-            f"in {counted(summary['rows_at_singularities'], 'row')} the inputs do not hold "
+            f"In {counted(summary['rows_at_singularities'], 'row')} the inputs do not hold "
             "the mechanism, so no torques at them can balance the loads (AT_SINGULARITY)",
         )
     return Findings(summary, warnings, remarks)

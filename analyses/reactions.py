@@ -561,7 +561,7 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
     # 1. Contacts that lift off, and open reactions.
     pairs = summary["pairs"]
     warnings = [
-        f"contact {name} would have to pull in "
+        f"Contact {name} would have to pull in "
         f"{counted(record['rows_that_lift_off'], 'row')}: it "
         "lifts off there (LIFT_OFF)"
         for name, record in pairs.items()
@@ -581,7 +581,7 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
                 "of unknowns"
             )
         remarks.append(
-            f"redundant constraints leave undetermined how the pairs {listing(open_pairs)} "
+            f"Redundant constraints leave undetermined how the pairs {listing(open_pairs)} "
             f"share the reactions; undetermined components are empty{hint}"
         )
 
@@ -645,10 +645,10 @@ def _describe_maximum(
         record.get("largest_couple_force_N") or 0.0 for record in records.values()
     )
     if values[name] <= ZERO_LOAD_RATIO * largest_couple_force:
-        return [f"{quantity}: 0 in every row"]
+        return [f"{quantity[0].upper()}{quantity[1:]}: 0 in every row"]
     location = f"({name})" if are_bearings else f"in pair {name}"
     _sample, _mode, place = records[name]["at"][key]
-    return [f"largest {quantity}: {values[name]:.6g} {unit} {location} at {place}"]
+    return [f"Largest {quantity}: {values[name]:.6g} {unit} {location} at {place}"]
 
 
 def _describe_open_forces(summary: Mapping[str, Any]) -> list[str]:
@@ -666,7 +666,7 @@ def _describe_open_forces(summary: Mapping[str, Any]) -> list[str]:
     sliding_links = summary["links_that_slide"]
     if sliding_links:
         return [
-            f"all pairs of the links {listing(sliding_links)} let them slide along their "
+            f"All pairs of the links {listing(sliding_links)} let them slide along their "
             "axes, so nothing holds these links at the centre of the sphere and no force "
             "is determined; let a bearing of these pairs take axial force (key axial)"
         ]

@@ -468,7 +468,7 @@ class SensitivityAnalysis(AbstractAnalysis):
             return findings
         left_out = listing(f"links.{link}" for link in sensitivity.left_out)
         warning = (
-            f"sizes of {left_out} are left out: two of its axes are collinear, and the "
+            f"Sizes of {left_out} are left out: two of its axes are collinear, and the "
             "loops have no derivative with respect to an arc of 0"
         )
         return replace(findings, warnings=(warning,))
@@ -485,7 +485,7 @@ class SensitivityAnalysis(AbstractAnalysis):
         exceptions = [term.replace(":", " by ") for term in _split_terms(self.deviations)]
         except_for = f", but {listing(exceptions)}" if exceptions else ""
         return (
-            f"every size off by {self.deviation:g} deg{except_for} ({self.distribution}): "
+            f"Every size off by {self.deviation:g} deg{except_for} ({self.distribution}): "
             f"{listing(keys, MAX_LISTED)}"
         )
 

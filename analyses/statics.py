@@ -300,7 +300,7 @@ def _make_findings(largest: Mapping[str, Any], has_loads: bool) -> Findings:
     """
     remarks = describe_largest_torques(largest, LARGEST_HOLDING_TORQUE, "holding torque")
     if not has_loads:
-        remarks = ("the file has no loads, so there is nothing to hold; see [loads.NAME]",)
+        remarks = ("The file has no loads, so there is nothing to hold; see [loads.NAME]",)
     return Findings({"inputs": largest, "loads": has_loads}, (), remarks)
 
 

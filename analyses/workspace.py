@@ -290,7 +290,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
             record, warning = workspaces.summarize(workspace)
             modes[label] = record
             if warning:
-                warnings.append(f"mode {label}: {warning}")
+                warnings.append(f"Mode {label}: {warning}")
         summary: dict[str, Any] = {
             "output": workspaces.kinematics.output.name,
             "legs": list(workspaces.kinematics.legs),

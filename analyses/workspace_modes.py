@@ -404,7 +404,9 @@ class WorkspaceModes:
         """
         findings = PoseFindings(records=[], warnings=[], remarks=[])
         if not len(self.poses):
-            findings.warnings.append("pose: the mechanism does not close at these inputs")
+            findings.warnings.append(
+                "The mechanism does not close at the inputs of the pose"
+            )
         for pose in self.poses:
             # Modes with the same sentence are listed together.
             labels_inside: dict[str, list[str]] = {}
@@ -418,11 +420,11 @@ class WorkspaceModes:
             pose_text = format_pose(pose)
             for text, modes in labels_inside.items():
                 findings.remarks.append(
-                    f"pose {pose_text} is inside in mode {', '.join(modes)}, {text}"
+                    f"Pose {pose_text} is inside in mode {', '.join(modes)}, {text}"
                 )
             for text, modes in labels_outside.items():
                 findings.warnings.append(
-                    f"pose {pose_text} is outside in mode {', '.join(modes)}, {text}"
+                    f"Pose {pose_text} is outside in mode {', '.join(modes)}, {text}"
                 )
         return findings
 

@@ -182,7 +182,7 @@ def test_the_command_reports_axial_loads_and_bearings_that_hold_nothing(tmp_path
     path.write_text(SHAFT)
     command = ["run", str(path), "-a", "reactions", "--samples", "3"]
     assert main([*command, "--out", str(tmp_path / "out")]) == 0
-    assert "largest axial load of a bearing: 98.1 N" in capsys.readouterr().out
+    assert "Largest axial load of a bearing: 98.1 N" in capsys.readouterr().out
     rows = (tmp_path / "out" / "reactions_bearings.csv").read_text().splitlines()
     assert len(rows) == 1 + 3 * 2  # a heading, then two bearings at each of three samples
     assert "radial,axial,status" in rows[0]
@@ -190,7 +190,7 @@ def test_the_command_reports_axial_loads_and_bearings_that_hold_nothing(tmp_path
     path.write_text(SHAFT.replace("axial = [1, 0]", "axial = [0, 0]"))
     assert main(command) == 0
     printed = capsys.readouterr()
-    assert "all pairs of the links shaft let them slide" in printed.out + printed.err
+    assert "All pairs of the links shaft let them slide" in printed.out + printed.err
 
 
 def test_axial_shares_of_bearings_are_kept_in_files_and_checked(tmp_path):

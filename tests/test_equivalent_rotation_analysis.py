@@ -479,7 +479,7 @@ def test_a_dead_centre_at_the_start_is_named():
     warnings = run_rotation(
         "three_rrr", rotation_from_the_border_of_the_reach(1e-13)
     ).summary["warnings"]
-    (text,) = (text for text in warnings if "the rotation ends at 0 of" in text)
+    (text,) = (text for text in warnings if "The rotation ends at 0 of" in text)
     assert "input a" in text and "is at a dead centre there" in text
 
 
@@ -541,7 +541,7 @@ def test_pages_where_the_rotation_ends_early():
         np.isnan(columns_in_degrees(result, "q_a1"))
     )
     warnings = "; ".join(result.summary["warnings"])
-    assert "the rotation ends at" in warnings and "there is no schedule" in warnings
+    assert "The rotation ends at" in warnings and "There is no schedule" in warnings
     assert "Equivalent rotation in time" not in scene_listener.primitives_by_page
 
 

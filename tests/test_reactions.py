@@ -158,7 +158,7 @@ def test_redundant_constraints_are_named_and_left_open(capsys):
     command = ["run", "bevel_differential", "-a", "reactions", "--samples", "3"]
     assert main(command) == 0
     output, error_text = capsys.readouterr()
-    assert "redundant constraints leave undetermined" in output
+    assert "Redundant constraints leave undetermined" in output
     assert "warning" not in output + error_text
     result = sk.run("bevel_differential", "reactions", samples=3)
     table = result.frame("reactions")

@@ -154,7 +154,7 @@ def test_each_output_has_the_transmission_angle_of_the_dyad_that_places_it(name,
         assert column == pytest.approx(angles, abs=1e-7, nan_ok=True)
     # The analysis finds the least angle between samples, which a fine grid approaches.
     fine = np.nanmin(transmission_by_cosines(mechanism, pairs, 7201))
-    (remark,) = (x for x in result.summary["remarks"] if "least transmission angle" in x)
+    (remark,) = (x for x in result.summary["remarks"] if "Least transmission angle" in x)
     assert float(re.search(r": ([\d.]+) deg", remark)[1]) == pytest.approx(
         np.degrees(fine), abs=0.01
     )
@@ -391,7 +391,7 @@ def test_a_sweep_has_words_and_says_where_figures_depend_on_samples(capsys):
 def test_a_simulation_says_events_end_error_and_energy(capsys):
     words = ["--start", "q=0.3rad,dq=1rad/s", "--duration", 2]
     printed = print_run(capsys, "four_bar", "-a", "eksergian", *words)
-    assert "no driving torque at 21" in printed
+    assert "No driving torque at 21" in printed
     assert "It ran to the end, 2 s." in printed
     assert "2 events: all links stop and turn back at t (s) = 0.2533, 1.688" in printed
     assert "Accuracy: simulation to" in printed and "energy to" in printed

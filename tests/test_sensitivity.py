@@ -282,7 +282,7 @@ def test_draws_of_deviating_profiles_are_mechanisms_with_these_profiles(tmp_path
 def test_sizes_of_coaxial_shafts_are_left_out_and_said_to_be():
     said = sk.run("planetary_bevel", "sensitivity", samples=3).summary["warnings"]
     (warning,) = [text for text in said if "left out" in text]
-    assert "sizes of links.sun" in warning
+    assert "Sizes of links.sun" in warning
 
 
 def test_the_zero_of_the_second_of_coincident_axes_jumps_by_half_a_turn():

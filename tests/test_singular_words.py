@@ -62,8 +62,8 @@ def test_a_stretched_dyad_is_no_crossing_for_outputs_before_it():
     places = "at motor = 4.31768, 108.184 deg"
     rests = f"rests with the input while other links move (self-motion) {places}"
     assert f"output wing/body {rests}" in remarks
-    assert "curves of configurations cross" not in remarks
-    assert "least transmission angle of vane/body: 0 deg" in remarks
+    assert "Curves of configurations cross" not in remarks
+    assert "Least transmission angle of vane/body: 0 deg" in remarks
 
 
 @pytest.mark.slow

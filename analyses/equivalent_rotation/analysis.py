@@ -1,6 +1,6 @@
 """Equivalent rotation: from one pose of an output to another about one fixed axis."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +25,7 @@ from spherekit.plugin import (
     Status,
     Table,
     TableData,
+    degree_range_text,
     input_columns,
 )
 from spherekit.plugin.quantities import (
@@ -362,21 +363,25 @@ class EquivalentRotation(AbstractAnalysis):
             f"({', '.join(f'{x:.6f}' for x in axis)}) in axes of {frame}"
             for frame, axis in axis_by_frame.items()
         )
-        remarks = [f"{np.degrees(rotation.angle):.6g} deg about {axes}"]
+        remarks = [
+            f"The output turns by {np.degrees(rotation.angle):.6g} deg about the fixed "
+            f"axis {axes}."
+        ]
+        remarks += _describe_input_ranges(samples.inputs, rotation.inputs)
         end = result.end
         if isinstance(end, EndOrientation) and end.count > 1:
             summary["end_pose"] = {"end_mode": end.number, "orientations": end.count}
             of_start = ", in the mode of the start" if end.has_start_mode else ""
             remarks.append(
-                f"the end has {end.count} orientations; this one is "
-                f"end_mode={end.number}{of_start}"
+                f"The end has {end.count} orientations; this one is "
+                f"end_mode={end.number}{of_start}."
             )
         if result.schedule is not None:
             schedule_record = self._schedule_record(result.schedule)
             summary["schedule"] = schedule_record
             remarks.append(
-                f"it takes {result.schedule.duration:.6g} s within the limits, set by "
-                f"{schedule_record['set_by']}"
+                f"The rotation takes {result.schedule.duration:.6g} s within the limits, "
+                f"set by {schedule_record['set_by']}."
             )
         warnings = tuple(_warnings(result, has_failed))
         return Findings(summary, warnings, tuple(remarks))
@@ -484,6 +489,26 @@ class EquivalentRotation(AbstractAnalysis):
         )
 
 
+def _describe_input_ranges(inputs: Floats, names: Sequence[str]) -> list[str]:
+    """Return a sentence on the ranges that the inputs pass through during a rotation.
+
+    Parameters
+    ----------
+    inputs
+        (n, inputs) inputs of the samples (rad), NaN in rows without a configuration.
+    names
+        Names of the inputs.
+    """
+    is_known = np.all(np.isfinite(inputs), axis=1)
+    if not np.any(is_known):
+        return []
+    ranges = [
+        f"{name} from {degree_range_text(float(np.min(q)), float(np.max(q)))} deg"
+        for name, q in zip(names, inputs[is_known].T, strict=True)
+    ]
+    return [f"The inputs pass through these ranges: {', '.join(ranges)}."]
+
+
 def _warnings(result: RotationResult, has_failed: NDArray[np.bool_]) -> Iterator[str]:
     """Yield warnings about a rotation.
 
@@ -510,7 +535,7 @@ def _warnings(result: RotationResult, has_failed: NDArray[np.bool_]) -> Iterator
         if input_at_dead_centre:
             cause = f"input {input_at_dead_centre} is at a dead centre there: "
         yield (
-            f"the rotation ends at {np.degrees(rotation.reached):.6g} of "
+            f"The rotation ends at {np.degrees(rotation.reached):.6g} of "
             f"{np.degrees(rotation.angle):.6g} deg: {Status(rotation.end).name}, "
             f"{cause}{MEANING_OF_END[Status(rotation.end)]}{_suggest_other_ends(result)}"
         )
@@ -530,7 +555,7 @@ def _warnings(result: RotationResult, has_failed: NDArray[np.bool_]) -> Iterator
         worst_theta_deg = np.degrees(samples.theta[worst])
         largest_drift_deg = np.degrees(_largest_finite(samples.drift))
         yield (
-            "the output link cannot turn exactly about the fixed axis: its orientation "
+            "The output link cannot turn exactly about the fixed axis: its orientation "
             f"deviates by up to {np.degrees(orientation_error):.4g} deg, at theta = "
             f"{worst_theta_deg:.4g} deg, and its axis by up to {largest_drift_deg:.4g} deg"
         )
@@ -540,13 +565,13 @@ def _warnings(result: RotationResult, has_failed: NDArray[np.bool_]) -> Iterator
         for name, q in zip(rotation.inputs, inputs, strict=True):
             if np.isfinite(q):
                 # Adding zero turns a negative zero into zero.
-                location += f", {name} = {np.degrees(q) + 0.0:.4f}"
+                location += f", {name} = {np.degrees(q) + 0.0:.4f} deg"
         yield (
-            f"the rotation meets a type II singularity at {location}, where the "
+            f"The rotation meets a type II singularity at {location}, where the "
             "inputs do not hold the mechanism"
         )
     if result.why_no_schedule:
-        yield f"there is no schedule: {result.why_no_schedule}"
+        yield f"There is no schedule: {result.why_no_schedule}"
 
 
 def _suggest_other_ends(result: RotationResult) -> str:

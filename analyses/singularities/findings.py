@@ -25,12 +25,12 @@ FULL_TURN_DEG = 355.0
 """An output that turned by more between the sampled points of a curve turns fully. Smaller
 than 360, because the last sample is before the end of the curve."""
 MEANING_OF_KIND = {
-    "I": "output {output} comes to rest (type I)",
-    "II": "the locked input does not hold output {output} (type II)",
+    "I": "The output {output} comes to rest (type I)",
+    "II": "The locked input does not hold output {output} (type II)",
     SELF_MOTION: (
-        "output {output} rests with the input while other links move (self-motion)"
+        "The output {output} rests with the input while other links move (self-motion)"
     ),
-    "III": "curves of configurations cross (type III of output {output})",
+    "III": "Curves of configurations cross (type III of output {output})",
 }
 """What each kind of singularity means for an output, in the order of the sentences."""
 
@@ -130,7 +130,9 @@ def describe_output_ranges(sampled: SampledSingularities, names: list[str]) -> l
     curve_count = len(sampled.curves)
     for number in range(curve_count):
         for output, name in enumerate(names):
-            sentence = f"{name} {_describe_output_range(sampled, number, output)}"
+            sentence = (
+                f"The output {name} {_describe_output_range(sampled, number, output)}"
+            )
             curves_by_sentence.setdefault(sentence, []).append(number)
     sentences = []
     for sentence, curves in curves_by_sentence.items():
@@ -241,7 +243,7 @@ def describe_least_transmission(
         # The constant is the word "least". It is the same word as in the names of the
         # figures of merit for this angle, such as least_transmission_angle_43.
         sentences.append(
-            f"{NEAREST_TRANSMISSION_WORD} transmission angle of {name}: "
+            f"{NEAREST_TRANSMISSION_WORD.capitalize()} transmission angle of {name}: "
             f"{np.degrees(angle):.4g} deg at "
             f"{input_pair} = {_format_degrees(np.degrees(q))} deg in "
             f"{numbered('mode', modes)}"
@@ -292,7 +294,7 @@ def warn_of_near_misses(
         all_modes = sorted(set().union(*(modes for _, modes in remaining)))
         verb = "comes" if len(all_modes) == 1 else "come"
         warnings.append(
-            f"{numbered('assembly mode', all_modes)} of output {name} "
+            f"Assembly {numbered('mode', all_modes)} of output {name} "
             f"{verb} within {near_deg:g} deg of type {kind} without "
             f"meeting it, nearest {np.degrees(nearest.angle):.3g} deg in "
             f"{numbered('mode', sorted(modes_of_nearest))} at {input_pair} = "

@@ -359,14 +359,14 @@ class OneInput:
         if report.everywhere is not None:
             summary["freedoms_everywhere"] = report.everywhere
             warnings.append(
-                "within a relative tolerance of 1e-6, the mechanism has "
+                "Within a relative tolerance of 1e-6, the mechanism has "
                 f"{report.everywhere} degrees of freedom in every configuration: it is "
                 "singular everywhere, and its tables are empty"
             )
         is_type_two = is_inside & (points["kind"] == "II")
         for name in dict.fromkeys(points["output"][is_type_two]):
             warnings.append(
-                f"output {name} meets a singularity of type II in the range: there the "
+                f"The output {name} meets a singularity of type II in the range: there the "
                 "locked input does not hold it"
             )
         warnings += warn_of_near_misses(misses, points, names, self.near, input_pair)
@@ -392,9 +392,9 @@ class OneInput:
         range of the input.
         """
         sampled = self.sampled
-        counts = "no singularities"
+        counts = "No singularities"
         if counts_inside:
-            counts = f"singular configurations: {_format_counts(counts_inside)}"
+            counts = f"Singular configurations: {_format_counts(counts_inside)}"
         if sampled.is_simulation:
             counts += " passed"
         else:

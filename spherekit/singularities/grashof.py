@@ -54,7 +54,7 @@ class Grashof:
             "change-point": "all links can lie in one great circle, from which the motion "
             "can continue in two ways",
         }[self.name]
-        return f"{self.name}: {motion}"
+        return f"{self.name.capitalize()}: {motion}"
 
 
 def grashof(mechanism: Mechanism) -> Grashof | None:
