@@ -50,9 +50,11 @@ CHART_MEANINGS = {
     "xi": "pseudo-Cartesian coordinate of the pole, arctan(y/x) in the axes of the chart",
     "zeta": "pseudo-Cartesian coordinate of the pole, arctan(z/x) in the axes of the chart",
     "circle_1_epsilon": "slope, in the chart, of the first great circle through the pole",
-    "circle_1_theta": "angle of the first great circle in its pencil of meridians",
+    "circle_1_theta": "angle that distinguishes the first great circle from others with "
+    "the same slope",
     "circle_2_epsilon": "slope, in the chart, of the second great circle through the pole",
-    "circle_2_theta": "angle of the second great circle in its pencil of meridians",
+    "circle_2_theta": "angle that distinguishes the second great circle from others "
+    "with the same slope",
 }
 """Meanings of the columns of the gnomonic chart. Axes of pairs have no great circles."""
 
@@ -61,8 +63,9 @@ CHART_MEANINGS = {
 class Poles(AbstractAnalysis):
     """Pole axis, velocity coefficient and its derivative for pairs of links.
 
-    With several inputs these are of each single-freedom mechanism in which one input
-    moves and the others are locked; the motion of all is their sum (superposition).
+    With several inputs, one input at a time moves while the others are locked, so that
+    the mechanism has one degree of freedom. If all inputs move, their motions add up
+    (superposition).
 
     Parameters
     ----------
@@ -73,10 +76,10 @@ class Poles(AbstractAnalysis):
     axodes
         Poles whose axodes are drawn: the cones that roll on each other.
     chart
-        Whether the table also has the coordinates of the poles in the gnomonic chart. It
+        Adds the coordinates of the poles in the gnomonic chart to the table. The value
         names the ground axis at whose end the chart touches the sphere: ``x``, ``y``,
         ``z``, or ``yes`` for the axis that the drawn chart uses, which is the one nearest
-        to the middle of the ground's pair axes.
+        to the middle of the pair axes of the ground. With ``no``, nothing is added.
     """
 
     name = "poles"

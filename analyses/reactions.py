@@ -91,8 +91,8 @@ class ReactionAnalysis(AbstractAnalysis):
                     Column(
                         f"moment_{axis}",
                         "N m",
-                        "moment about the centre that the first link of the pair exerts on "
-                        f"the second, about {words}",
+                        "moment about the centre that the first link of the pair "
+                        f"exerts on the second one, component along {words}",
                     )
                     for axis, words in AXIS_MEANINGS.items()
                 ),
@@ -100,15 +100,17 @@ class ReactionAnalysis(AbstractAnalysis):
                     Column(
                         f"moment_{axis}_first",
                         "N m",
-                        "moment about the centre that the first link of an R pair exerts "
-                        f"on the second, about {words}; empty for contacts",
+                        "moment about the centre that the first link of an R pair "
+                        f"exerts on the second one, component along {words}; empty for "
+                        "contacts",
                     )
                     for axis, words in FIRST_LINK_AXIS_MEANINGS.items()
                 ),
                 Column(
                     "transverse_moment",
                     "N m",
-                    "size of the part of the moment at right angles to the pair axis, or "
+                    "magnitude of the component of the moment at right angles to the "
+                    "pair axis, or "
                     "to the line from the centre to the contact",
                 ),
                 Column(
@@ -127,8 +129,9 @@ class ReactionAnalysis(AbstractAnalysis):
                     Column(
                         f"force_{axis}",
                         "N",
-                        "force of the first link on the second, through the centre for an "
-                        f"R pair and at the contact point otherwise, along {words}",
+                        "force of the first link on the second one (through the centre "
+                        "at an R pair, at the contact point of a contact), component "
+                        f"along {words}",
                     )
                     for axis, words in AXIS_MEANINGS.items()
                 ),
@@ -136,8 +139,8 @@ class ReactionAnalysis(AbstractAnalysis):
                     Column(
                         f"force_{axis}_first",
                         "N",
-                        "force through the centre of the first link of an R pair on the "
-                        f"second, along {words}; empty for contacts",
+                        "force through the centre of the first link of an R pair on "
+                        f"the second one, component along {words}; empty for contacts",
                     )
                     for axis, words in FIRST_LINK_AXIS_MEANINGS.items()
                 ),
@@ -164,14 +167,14 @@ class ReactionAnalysis(AbstractAnalysis):
                 Column(
                     "couple_force",
                     "N",
-                    "force on the bearing at right angles to the axis that the moment of "
-                    "the pair causes",
+                    "force on the bearing at right angles to the axis, as far as the "
+                    "moment of the pair causes it",
                 ),
                 Column(
                     "radial",
                     "N",
-                    "whole force on the bearing at right angles to the axis: that of the "
-                    "moment and that of the force through the centre",
+                    "whole force on the bearing at right angles to the axis, caused by "
+                    "the moment and by the force through the centre",
                 ),
                 Column(
                     "axial",

@@ -114,7 +114,8 @@ class Statics(AbstractAnalysis):
                                 f"axis_{number}_{axis}",
                                 "",
                                 f"{axis} component, in ground axes, of the axis of the "
-                                f"{words} principal stiffness; empty if that is infinite",
+                                f"{words} principal stiffness; empty if this stiffness "
+                                "is infinite",
                                 turns="vector",
                             )
                             for axis in "xyz"

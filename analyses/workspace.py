@@ -56,8 +56,8 @@ class WorkspaceAnalysis(AbstractAnalysis):
         Ranges of the angle between the axes of two pairs, ``PAIR/PAIR:LEAST`` or
         ``PAIR/PAIR:LEAST:GREATEST``.
     near
-        Least distance, as an angle, from a singularity of type I or II that poses of the
-        workspace have (in Python in degrees).
+        Least distance of the poses of the workspace from singularities of types I and II,
+        as an angle (in Python in degrees).
     width
         Width of the links, in the unit of `radius`. The outer axes of each leg that can
         fold stay ``width / radius`` (rad) apart, so that its links do not touch.
@@ -104,7 +104,8 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 Column(
                     "margin",
                     "rad",
-                    "angle that is left to the nearest limit; negative outside of it",
+                    "angle that is left to the nearest limit; negative if the limit is "
+                    "exceeded",
                 ),
                 Column(
                     "limiting",

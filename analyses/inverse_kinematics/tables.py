@@ -109,8 +109,8 @@ INVERSE = Table(
         Column(
             "sense",
             "",
-            "sign of the determinant of the input rates by the angular velocity of the "
-            "output; it changes at singularities only",
+            "sign of the determinant of the matrix that maps the angular velocity of "
+            "the output to the rates of the inputs; it changes at singularities only",
             "integer",
         ),
         STATUS,

@@ -92,9 +92,9 @@ class SingularityAnalysis(AbstractAnalysis):
         Length of the edges of surfaces (in Python in degrees), by default a sixteenth of
         the narrowest range. With 0, no surfaces are computed.
     input_grid
-        With several inputs, the number of values of each for the search of aspects, 11 by
-        default. With 0, no aspects are searched. With more than three inputs, the output
-        can always rest while inputs move, so there are no aspects.
+        With several inputs, the number of values of each input in the grid over which
+        aspects are searched, 11 by default. With 0, no aspects are searched. With more than
+        three inputs, the output can always rest while inputs move, so there are no aspects.
     seconds
         Processor time (s) after which the searches with several inputs end. The results
         until then are returned.

@@ -57,15 +57,15 @@ PRECISION_BITS = 80
 EXAMPLES = """examples:
   # all modes, curves and singularities over the input's range, proven
   spherekit certify four_bar
-  # all assembly modes at one input; the certificate in a file
+  # all assembly modes at one input, with the certificate in a file
   spherekit certify four_bar --at 40 -o modes.json
   # at values of several inputs
   spherekit certify three_rrr --at 10,20,30
-  # two inputs: where over their ranges no mode is singular, proven, drawn
+  # with two inputs: a map of the ranges without singularities of type II
   spherekit certify five_bar --figure map.png
-  # an input locked: for all sizes within 1e-14 rad of the link that two become
+  # with a locked input: two links become one, with sizes exact to 1e-14 rad
   spherekit certify five_bar --lock 51=80
-  # for every geometry whose sizes are off by at most 1e-9 rad
+  # for all sizes that deviate by at most 1e-9 rad from those of the file
   spherekit certify four_bar --tolerance 1e-9rad
 """
 

@@ -55,7 +55,7 @@ COMMANDS = {
 EXAMPLES = """examples:
   # a file to start from
   spherekit new mechanism wrist
-  # is a mechanism sound, in how many assembly modes?
+  # check a file, and count its assembly modes
   spherekit validate four_bar
   # how its pole axes are constructed
   spherekit plan stephenson --steps

@@ -3,7 +3,7 @@
 from argparse import ArgumentParser, Namespace
 
 EXAMPLES = """examples:
-  # in this bash; in ~/.bashrc for every one
+  # for this session of bash; write it into ~/.bashrc for all sessions
   eval "$(spherekit completion bash)"
   # in ~/.zshrc, after compinit
   eval "$(spherekit completion zsh)"

@@ -28,7 +28,7 @@ FORMAT_NAMES = {
 """The formats of ``--to``, and their names on the screen."""
 
 EXAMPLES = """examples:
-  # the formulas of all angles and coefficients as C, a size being an argument
+  # the formulas of all angles and coefficients as C, with a size as an argument
   spherekit export four_bar --to c --vary links.2.arc
   # functions for use without the mechanism
   spherekit export four_bar --to model -o four_bar.npz

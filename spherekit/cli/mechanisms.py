@@ -11,7 +11,7 @@ from spherekit.tables.screen_table import ScreenColumn, ScreenTable
 EXAMPLES = """examples:
   # names that commands take instead of a path
   spherekit mechanisms
-  # the same for a program
+  # the same as JSON, for programs
   spherekit mechanisms --json
 """
 

@@ -27,7 +27,7 @@ EXAMPLES = """examples:
   spherekit new mechanism designs/cam_3 --kind cam
   # a vertex of folded paper with five creases, from its sector angles
   spherekit new mechanism corner --kind vertex --sectors 80,75,60,70,75
-  # as a shipped one, or as a file
+  # a copy of a shipped mechanism
   spherekit new mechanism mine --like stephenson
   # a plugin to change, the example of the docs, in torque_ratio/
   spherekit new analysis torque_ratio

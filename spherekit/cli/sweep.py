@@ -31,7 +31,7 @@ EXAMPLES = """examples:
 -a singularities -o designs
   # all poles and coefficients of each design at each sample
   spherekit sweep four_bar --vary links.2.arc=10:40:31 -a poles --tables -o designs
-  # of a thousand designs those that transmit well
+  # those of a thousand designs that transmit well
   spherekit sweep four_bar --vary links.2.arc=10:40 --vary links.4.arc=30:60 \
 --designs 1000 -a singularities --where "least_transmission_angle_43 > 40"
 """

@@ -18,7 +18,7 @@ from spherekit.cli.study_arguments import (
 )
 
 EXAMPLES = """examples:
-  # the cheapest setting that meets a tolerance
+  # the fastest setting that meets a tolerance
   spherekit trade stephenson --tol 1e-9
   # every setting with its time and error, as files
   spherekit trade four_bar -a eksergian -o traded

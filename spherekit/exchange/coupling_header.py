@@ -23,7 +23,7 @@ HEADER_TEMPLATE = """\
    {table.coefficient_error:.2g} of a coefficient.
 
    C99, no library but <math.h>. Angles continue without a jump through a cell. Cells in
-   which a jump, a change of assembly mode or the end of one is possible are not read.
+   which a jump, a change of assembly mode or the end of one is possible are not used.
 
    Example: {example_title}
 

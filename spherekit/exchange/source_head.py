@@ -52,7 +52,7 @@ def _head_lines(source: Source) -> Iterator[str]:
         yield from wrap(_smooth_mode_sentences(source), LINE_WIDTH)
     yield from _argument_lines(source)
     yield ""
-    yield "assembly modes, each with inputs (rad) at which it is known:"
+    yield "assembly modes, each with inputs (rad) at which it exists:"
     for position, mode in enumerate(formulas.modes):
         yield from _mode_lines(source, position, mode)
     for reason in formulas.mode_table.left_out:
@@ -156,9 +156,10 @@ def _method_sentences(source: Source) -> str:
     # The function of the step returns the closure residual, by how much loops are open.
     if source.formulas.step:
         return (
-            f"Loops are closed by steps of Newton's method, {source.name}_step, from the "
-            "variables of a mode below or of the sample before: repeat until what it "
-            "returns, by how much loops were open (rad), is small."
+            f"{source.name}_step makes one step of Newton's method, which closes the "
+            "loops. Start from the variables of a mode below, or from those of the "
+            "previous sample. Repeat the step until the returned value is small: it is "
+            "the rotation (rad) by which loops were open before the step."
         )
     method = (
         "No iteration is needed; results are NaN at inputs at which the mode cannot be "
@@ -231,7 +232,9 @@ def _comparison_sentences(source: Source) -> str:
     table = source.formulas.mode_table
     difference = f"to {table.largest_difference:.1e} rad"
     if source.formulas.step:
-        result = f"Steps from variables beside a configuration return to it {difference}."
+        result = (
+            f"From variables near a configuration, the steps lead back to it {difference}."
+        )
     else:
         result = f"All pair variables agree {difference}."
     return (

@@ -88,10 +88,10 @@ NOTES = """\
 # {name}
 
 The sphere has radius 1; directions are in ground axes. Silver arrows are the axes of
-pairs, gold ones are the other pole axes, with the path each leaves on the sphere.
-Violet great circles are the planes that the construction cuts with each other.
-Links have the same colour here and in the graph. Compare has the plots of all assembly
-modes together, but for those of more than {compared} curves.
+pairs, and gold arrows are the other pole axes. The tip of a gold arrow leaves a path on the
+sphere. Violet great circles are the planes whose intersections are the poles. A link has
+the same colour here and in the graph. The page Compare has the plots of all assembly modes
+together, except for plots with more than {compared} curves.
 
 `sample` counts the samples of an assembly mode. {timeline}
 Where an assembly mode has no configuration, its links and poles are not drawn and its
