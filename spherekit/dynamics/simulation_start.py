@@ -309,8 +309,9 @@ def _solve_start_speed(
         names = mechanism.names_of(mechanism.variable_owners[v] for v in moved)
         what = "dead centre" if len(moved) == 1 else "singularity of type II"
         raise SolveError(
-            f"{mechanism.name}: at the start, a {what}, the rate of {listing(names)} "
-            f"cannot be {listing(f'{rate:g}' for rate in rates)} rad/s; start elsewhere, "
+            f"{mechanism.name}: the start is at a {what}, where the rate of "
+            f"{listing(names)} cannot be {listing(f'{rate:g}' for rate in rates)} "
+            "rad/s; start elsewhere, "
             "or give PoseStart with rates of other pairs"
         )
     return np.asarray(np.linalg.solve(moved_rates, rates))

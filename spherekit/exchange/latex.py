@@ -319,8 +319,8 @@ def _find_free_sizes(mechanism: Mechanism, keys: Sequence[str]) -> dict[Any, str
         # depends on the mass, which has no symbol of its own.
         if size is None or size[0] not in ("mass", "arcs", "angles", "zeros"):
             raise EngineError(
-                f"{mechanism.name}: {key} is a number in LaTeX, not a symbol; vary arcs, "
-                "angles, zeros, or masses where there are no loads, or export to another "
+                f"{mechanism.name}: {key} is a number in LaTeX, not a symbol; vary "
+                "arcs, angles, zeros, or (without loads) masses, or export to another "
                 "language"
             )
         key_by_size[size] = key

@@ -109,7 +109,8 @@ def _add_wheel(mujoco: Any, spec: Any, drive: DrivenWheel, path: Path) -> None:
     if joint is None or spec.joint(drive.outer_joint) is None:
         raise FileError(
             f"{path}: transmission {drive.transmission}: joints "
-            f"{drive.inner_joint} and {drive.outer_joint} do not both turn"
+            f"{drive.inner_joint} and {drive.outer_joint} are not both rotating joints, "
+            "which a transmission needs"
         )
     inner_link = joint.parent
     carrier = inner_link.parent

@@ -136,8 +136,9 @@ def check_half_angles(
         if not 0.0 < fitting_second < math.pi:
             raise ModelError(
                 f"at a shaft angle of {_degrees_text(shaft_angle)} deg no second cone "
-                f"touches a first of {_degrees_text(first)} deg in {contact} contact: its "
-                f"half angle would be {_degrees_text(fitting_second)} deg"
+                f"can touch a first one with a half angle of {_degrees_text(first)} deg "
+                f"in {contact} contact: the second half angle would be "
+                f"{_degrees_text(fitting_second)} deg"
             )
         return first, fitting_second
     second = half_angles[1]

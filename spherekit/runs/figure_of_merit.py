@@ -86,8 +86,8 @@ class FigureOfMerit:
             )
         if bool(self.point) != REDUCTION_BY_NAME[self.reduction].needs_point:
             raise AnalysisError(
-                f"{self.name}: the reduction at(EXPRESSION, Q) needs an input Q, and no "
-                "other reduction takes one"
+                f"{self.name}: the reduction at(EXPRESSION, Q) needs an input value Q, "
+                "and no other reduction accepts one"
             )
 
     @property

@@ -53,8 +53,8 @@ def need_memory(
         raise AnalysisError(
             f"{listing(whole_analyses)} needs all samples at once. This takes about "
             f"{size_text(needed)} of memory for {row_count} rows, but this process may use "
-            f"only {size_text(usable)}; request {advised_row_count} rows (samples of all "
-            "assembly modes) or fewer, or for one assembly mode"
+            f"only {size_text(usable)}; request {advised_row_count} rows (samples of "
+            "all assembly modes) or fewer, or only one assembly mode"
         )
 
 

@@ -178,7 +178,7 @@ def check_scene(
     is_mode = isinstance(scene.page, int | np.integer) and not isinstance(scene.page, bool)
     if is_mode and scene.page not in modes:
         raise PluginError(
-            f"{where}: that is not an assembly mode of the run; allowed are "
+            f"{where}: this page is not an assembly mode of the run; allowed are "
             f"{listing(modes)}, a title for a page of its own, and None for every page"
         )
     if not (is_mode or scene.page is None or isinstance(scene.page, str)):
