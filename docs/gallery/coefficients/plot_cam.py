@@ -2,8 +2,8 @@
 A cam
 =====
 
-The pole of cam and follower lies on the contact plane; coefficients follow from the
-curvature of the profile.
+The figures show the velocity and acceleration coefficients of the follower of a cam. They
+are computed from the curvature of the profile.
 """
 
 import spherekit as sk

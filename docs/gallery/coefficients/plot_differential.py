@@ -2,7 +2,8 @@
 A gear differential
 ===================
 
-With one axle locked the carrier turns half as fast as the other.
+If one axle of a bevel gear differential is locked, the carrier turns at half the speed of
+the other axle.
 """
 
 import spherekit as sk

@@ -2,8 +2,8 @@
 Velocity coefficients of a four-bar
 ===================================
 
-How fast every link turns relative to every other one, for each turn of the crank, in
-both assembly modes.
+The curves show the angular velocity of every link relative to every other one, divided by
+that of the crank, in both assembly modes.
 """
 
 import spherekit as sk

@@ -2,8 +2,8 @@
 A Stephenson mechanism
 ======================
 
-Six links, fifteen pole axes, four assembly modes; here those of the output with the
-frame and with its neighbour.
+This mechanism has six links, fifteen pole axes and four assembly modes. The figures show
+the coefficients of the output relative to the frame and to its neighbour.
 """
 
 import spherekit as sk

@@ -2,7 +2,7 @@
 Equivalent inertia
 ==================
 
-What the crank feels of the mass of all links.
+The equivalent inertia is the moment of inertia of all links that the crank feels.
 """
 
 import spherekit as sk

@@ -1,8 +1,9 @@
 """
-The torque that a motion takes
+The torque that a motion needs
 ==============================
 
-The published four-bar through one turn at 1 rad/s: driving torque in both modes.
+The crank of the published four-bar makes one turn at 1 rad/s. The figure shows its driving
+torque in both assembly modes.
 """
 
 import spherekit as sk

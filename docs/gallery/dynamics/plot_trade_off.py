@@ -2,8 +2,9 @@
 Driving torque against swing
 ============================
 
-Thousands of four-bars: the peak of the torque that drives the crank at 1 rad/s, the swing
-of the rocker, and the designs that no other beats in both.
+Each point is one of thousands of four-bars. The figure shows the peak of the torque that
+drives the crank at 1 rad/s, and the swing of the rocker. For the marked designs, no other
+design is better in both.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,8 @@
 Dead centres of a four-bar
 ==========================
 
-Output against input in both modes; the rocker turns back at type I singularities.
+The figure shows the output against the input in both assembly modes. The rocker turns back
+at singularities of type I.
 """
 
 import spherekit as sk

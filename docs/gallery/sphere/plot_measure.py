@@ -2,7 +2,8 @@
 How well a wrist holds its pointer
 ==================================
 
-The angle to the nearest singularity over all directions, in one working mode.
+The colour is the angle to the nearest singularity, for all directions of the pointer in one
+working mode.
 """
 
 import spherekit as sk

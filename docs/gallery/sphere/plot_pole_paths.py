@@ -2,7 +2,8 @@
 Where the pole axes of a four-bar go
 ====================================
 
-Paths of the two secondary pole axes on the sphere over one turn of the crank.
+The curves are the paths of the two secondary pole axes on the sphere during one turn of the
+crank.
 """
 
 import spherekit as sk

@@ -2,7 +2,8 @@
 A rotation about a fixed axis
 =============================
 
-From one direction to another in a mid-plane symmetric architecture.
+A mechanism with a mid-plane symmetric architecture turns its output from one direction to
+another one about a fixed axis.
 """
 
 import spherekit as sk
@@ -15,6 +16,6 @@ result = sk.run(
 result.plot("equivalent rotation on the sphere")
 
 # %%
-# What the inputs do in time.
+# The next figure shows the inputs as functions of time.
 
 result.plot("driving angles")

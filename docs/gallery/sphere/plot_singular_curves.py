@@ -2,9 +2,9 @@
 Singular curves of a wrist
 ==========================
 
-Where locked cranks do not hold the pointer (type II), and where it cannot go on (type
-I), as directions of the pointer in its first assembly mode. The second mode has a figure of
-its own.
+The curves are the directions of the pointer at which locked cranks do not hold it (type II),
+and at which it cannot move on (type I), in the first assembly mode. The second mode has its
+own figure.
 """
 
 import spherekit as sk
@@ -13,6 +13,6 @@ result = sk.run("five_bar", "singularities:slices=4", samples=(3, 3))
 result.plot("on the sphere, mode 0 (+)")
 
 # %%
-# The same curves over the two inputs.
+# The next figure shows the same curves over the two inputs.
 
 result.plot("singular curves of pointer in the inputs")

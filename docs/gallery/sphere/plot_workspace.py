@@ -2,7 +2,8 @@
 The workspace of a wrist
 ========================
 
-Directions at least 15 degrees from any singularity, in one working mode.
+The coloured region has all directions of the pointer that are at least 15 degrees away from
+singularities, in one working mode.
 """
 
 import spherekit as sk
