@@ -2,9 +2,9 @@
 Singular curves of a wrist
 ==========================
 
-The curves are the directions of the pointer at which locked cranks do not hold it (type II),
-and at which it cannot move on (type I), in the first assembly mode. The second mode has its
-own figure.
+The curves are the directions of the pointer at which locked cranks do not hold it (type
+II), and at which it cannot move on (type I), in the first assembly mode. The second mode
+has its own figure.
 """
 
 import spherekit as sk
