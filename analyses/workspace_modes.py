@@ -449,8 +449,9 @@ class WorkspaceModes:
         record
             The record for the summary.
         text
-            End of the sentence "pose ... is inside in mode ..., 3.2 deg from (a limit)", or
-            "pose ... is outside in mode ..., by (a limit)".
+            End of the sentence "pose ... is inside in mode ..., and 3.2 deg from the limit:
+            (a limit)", or "pose ... is outside in mode ..., because of the limit: (a
+            limit)".
         """
         judged = self.judge(workspace, pose[None])
         limit = self.limit_names[int(judged.limiting[0])]
@@ -466,8 +467,10 @@ class WorkspaceModes:
             "type_2": _to_json_numbers(judged.type_2)[0],
         }
         if is_inside:
-            return record, f"{np.degrees(judged.margin[0]):.4g} deg from {limit}"
-        text = f"by {limit}"
+            return record, (
+                f"and {np.degrees(judged.margin[0]):.4g} deg from the limit: {limit}"
+            )
+        text = f"because of the limit: {limit}"
         nearest = nearest_reachable(self.kinematics, self.limits, workspace, pose)
         if nearest is not None:
             nearest_pose, distance = nearest

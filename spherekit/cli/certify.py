@@ -341,7 +341,7 @@ def _screen_table_of_poles(rows: Sequence[Facts]) -> ScreenTable:
     cells = []
     for row in rows:
         # A link at rest relative to another has no pole axis.
-        axis = ["may rest", "", "", ""]
+        axis = ["may be at rest", "", "", ""]
         if row["direction"] is not None:
             axis = [f"{component:.12f}" for component in row["direction"]]
             axis.append(f"{row['direction_off']:.0e}")

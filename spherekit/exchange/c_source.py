@@ -253,7 +253,7 @@ def _prototype_comment(source: Source) -> str:
         f'printf("%.9g\\n", result[{name}_{result}]);' for result in source.result_names[:1]
     ]
     example = "\n".join(f"       {line}" for line in lines)
-    title = f"Example: assembly mode {mode.number} at inputs at which it is known."
+    title = f"Example: assembly mode {mode.number} at inputs at which it exists."
     return f"{comment}\n\n   {title}\n\n{example}\n*/"
 
 

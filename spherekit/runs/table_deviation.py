@@ -57,7 +57,8 @@ def describe_scale(column: Column) -> str:
     unit = _integrated_unit(column.unit)
     if unit is None:
         return words
-    return f"{words}; if that is rounding, {f'in {unit}' if unit else 'without unit'}"
+    other_columns = f"in {unit}" if unit else "without unit"
+    return f"{words}, or {other_columns} if that is only a rounding error"
 
 
 def _integrated_unit(unit: str) -> str | None:

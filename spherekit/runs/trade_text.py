@@ -98,7 +98,8 @@ def advise(trade: Trade, tolerance: float) -> str:
     if best is not None:
         return (
             f"for {tolerance:g}: {best.name}, error {best.error:.1e} ({MARGIN:g} times "
-            f"this is within the tolerance), {format_seconds(best.total)} with compiling"
+            f"this is within the tolerance), {format_seconds(best.total)} including "
+            "compiling"
         )
     # The front has the settings that no other beats in both time and error, the quickest
     # first. Settings that do not compute all numbers of the reference are left out of it.
