@@ -430,11 +430,12 @@ class RowKernel:
 
     @cached_property
     def row_bounds(self) -> ColumnFunction:
-        """Condition of the loops, their inverse, and residuals for the first input.
+        """Condition of the loops, their inverse, and residuals while one input moves.
 
         Rows that are not certified are examined by `RowVelocities`, in float64 or in quad
-        precision. It judges them by these quantities. One input moves while the others are
-        locked, so the kernel has one input here. The quantities are:
+        precision. It judges them by these quantities. It uses a separate kernel for each
+        input that moves while the others are locked, so this kernel has a single moving
+        input. The quantities are:
 
         - ``"condition_number"`` of the loop equations.
         - ``"kantorovich_number"``: if it is at most 1/2, exactly one solution is near.
@@ -450,18 +451,18 @@ class RowKernel:
           equations.
         """
         rows = self._rows
-        first_input = self.input_columns[0]
+        moving_input = self.input_columns[0]
         return self._make_function(
             {
                 "condition_number": [rows.condition_number],
                 "kantorovich_number": [rows.kantorovich_number],
                 "curvature_uncertainty": [sum(curvature_uncertainties(rows), 0.0)],
                 "inverse": [*rows.inverse[rows.passive_variables].flat],
-                "dw_error": [first_input.dw_error],
-                "rate_residual": [first_input.rate_residual],
-                "acceleration_residual": [first_input.acceleration_residual],
-                "rate_size": [first_input.rate_size],
-                "acceleration_size": [first_input.acceleration_size],
+                "dw_error": [moving_input.dw_error],
+                "rate_residual": [moving_input.rate_residual],
+                "acceleration_residual": [moving_input.acceleration_residual],
+                "rate_size": [moving_input.rate_size],
+                "acceleration_size": [moving_input.acceleration_size],
             }
         )
 
