@@ -313,31 +313,31 @@ def _choose_opening(
     """
 
     def try_opening(opening_pole: Pole) -> BlockPoles:
-        """Return the part with one of its poles as opening pole, and the passes after it.
+        """Return the part with the passes that follow if one of its poles is known.
 
-        Several poles are tried as the opening pole, to choose the one from which passes
-        find the most others. It counts as known, besides all `known_poles`. Each pass finds
-        the unknown poles of the part that lie on two great circles through known poles, and
-        has a step for each of them. `passes` of the result has the steps of all passes in
-        order. The `round` of a step is the number of its pass.
+        This pole is called the opening pole. It counts as known, besides all `known_poles`.
+        Each pass finds the unknown poles of the part that lie on two great circles through
+        known poles, and has a step for each of them. `passes` of the result has the steps
+        of all passes in order. The caller tries several opening poles, and chooses the one
+        from which passes find the most others.
         """
         poles_after_opening = known_poles.copy()
         steps_of_all_passes: list[LinePole] = []
-        # The loop begins with a step that makes the opening pole known, in the pass in
-        # which the part is solved. The pole follows from no great circles (`via`), and its
-        # step is not in the result.
-        steps_of_pass = [LinePole(opening_pole, round=block.round, via=())]
+        # The part is solved in a pass with the number `block.round`. A step of this pass
+        # makes the opening pole known. The pole follows from no great circles (`via`), and
+        # its step is not in the result.
+        pass_number = block.round
+        steps_of_pass = [LinePole(opening_pole, round=pass_number, via=())]
         while steps_of_pass:
             for step in steps_of_pass:
                 poles_after_opening.add(step)
-            unknown_poles = poles_after_opening.unknown_of(block.poles)
-            next_round = steps_of_pass[0].round + 1
+            pass_number += 1
             steps_of_pass = _find_line_poles(
                 empty_plan,
                 contacts_by_pole,
                 known_poles=poles_after_opening,
-                poles=unknown_poles,
-                round_number=next_round,
+                poles=poles_after_opening.unknown_of(block.poles),
+                round_number=pass_number,
             )
             steps_of_all_passes += steps_of_pass
         return replace(block, opening=opening_pole, passes=tuple(steps_of_all_passes))

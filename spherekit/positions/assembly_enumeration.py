@@ -136,9 +136,10 @@ def enumerate_assemblies(solver: PositionSolver, q: Floats) -> ConfigurationsAtI
         values = _search_in_gear_phase(solver, gear_phases, q)
         signs = tuple(signs_at(solver, row) for row in values)
         return ConfigurationsAtInput(signs, values, (RANDOM_SEARCH,) * len(groups))
-    methods: list[SolutionMethod | None] = [None] * len(groups)
-    # Signs of the groups and placed bodies of each mode. `methods` is filled in. One more
+    # `enumerate_modes` returns the signs of the groups and the placed bodies of each mode.
+    # It writes the method of each group, such as elimination, to `methods`. One mode more
     # than the limit shows whether there are more.
+    methods: list[SolutionMethod | None] = [None] * len(groups)
     modes = enumerate_modes(
         solver, q[None], max_modes=MAX_CONFIGURATIONS + 1, methods=methods
     )
@@ -148,9 +149,9 @@ def enumerate_assemblies(solver: PositionSolver, q: Floats) -> ConfigurationsAtI
         description = (
             f"the first {MAX_CONFIGURATIONS} configurations are kept, and there are more"
         )
-        # The doubt, from 0 to 1, tells how likely it is that a configuration is missing.
-        # The result as a whole counts as its least complete method. It is enough to replace
-        # that of one group, here the last one.
+        # Each method has a doubt from 0 to 1: how likely it is that a configuration is
+        # missing. The largest doubt of all groups counts for the whole result. One group
+        # with the doubt 1 is therefore enough to mark the result, here the last one.
         methods[-1] = SolutionMethod(description, doubt=1.0)
     variable_count = len(solver.mechanism.variable_owners)
     values = np.reshape([state.values[0] for _, state in modes], (-1, variable_count))

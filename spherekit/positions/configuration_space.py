@@ -49,9 +49,10 @@ START_INPUTS = 181
 
 Larger: more time. Smaller: curves of short modes can be missed.
 """
-SAME_MIDDLE_RAD = 1e-6
-"""A piece belongs to the assembly mode whose variables at its middle differ by less.
+EQUAL_CONFIGURATION_RAD = 1e-6
+"""Two configurations at the same input belong to one mode if they differ by less.
 
+A piece of a curve belongs to the mode whose variables agree with those at its middle.
 Larger: a neighbouring mode near a crossing may be taken. Smaller: rounding errors leave
 pieces without a mode.
 """
@@ -386,7 +387,7 @@ def _assign_modes(
         inputs = middles[:, [solver.input_variable]]
         values = solver.evaluate(assembly_mode, inputs).values
         difference = max_abs(curve.wrapped(values - middles), axis=1)
-        for row in np.flatnonzero(difference < SAME_MIDDLE_RAD):
+        for row in np.flatnonzero(difference < EQUAL_CONFIGURATION_RAD):
             piece = numbered_pieces[row]
             numbered_pieces[row] = piece._replace(assembly_mode=assembly_mode.number)
     return tuple(numbered_pieces)

@@ -30,11 +30,13 @@ def choose_driving_pair(solver: PositionSolver) -> PositionSolver:
 
     The search needs the inputs at which assembly modes meet. Each group (bodies that are
     placed together) has a function of the input that is zero there, the product of the
-    determinants of its equations over all modes. The cost of a driving pair is the time of
-    one value of these functions. It is infinite if they are not known, or take more than
-    `ACCEPTABLE_COST_S`.
+    determinants of its equations over all modes. `make_mode_coalescence` returns these
+    functions, or None for a driving pair for which they are not known. The cost of a pair
+    is the time of one value of the functions. Above `ACCEPTABLE_COST_S` it counts as
+    infinite, as if they were not known.
 
-    The cheapest pair is chosen. In three cases the given solver is returned instead:
+    The cheapest pair is chosen. If all costs are infinite, it is the first pair for which
+    the functions are known. In three cases the given solver is returned instead:
 
     - its cost is below `ACCEPTABLE_COST_S`,
     - the functions are not known for any driving pair,
@@ -55,10 +57,10 @@ def choose_driving_pair(solver: PositionSolver) -> PositionSolver:
             costs.append(_estimate_cost(solvers[-1]))
     if np.min(costs) < np.inf:
         return solvers[np.argmin(costs)]
-    # All costs are infinite. Functions that are known and take too long are better than
-    # none.
+    # All costs are infinite. Functions that take too long are better than none.
     for candidate in solvers:
-        if make_mode_coalescence(candidate):
+        has_functions = make_mode_coalescence(candidate) is not None
+        if has_functions:
             return candidate
     return solver
 

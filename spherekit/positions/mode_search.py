@@ -321,7 +321,7 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
     with np.errstate(invalid="ignore", divide="ignore"):
         for group in solver.assembly.groups:
             pairs = ", ".join(solver.mechanism.names_of(group.pairs))
-            # With too many ways, it is not decided which dyad is at fault.
+            # A dyad before which there are too many ways is treated as other groups below.
             if not group.is_dyad or len(states) > MAX_ASSEMBLY_MODES:
                 break
             closed_states = []
@@ -339,8 +339,8 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
                     f"cannot be assembled at any of the inputs {degrees}; change the arcs "
                     "of its links or the range"
                 )
-    # `group` is the group at which the loop ended, a group that is not a dyad. Groups after
-    # it are tried where it closes.
+    # `group` is the group at which the loop ended: the first one that is not a dyad, or the
+    # last group. Groups after it are tried where it closes.
     position = solver.assembly.groups.index(group)
     for sample in spread_rows(len(input_grid), EXPLAINED_SAMPLES):
         methods: list[SolutionMethod | None] = [None] * len(solver.assembly.groups)

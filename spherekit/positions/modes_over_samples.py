@@ -533,10 +533,10 @@ class SampledModes:
             A node of the mode of the reference pose, which becomes mode 0 if it is kept.
             None without one.
         shares_numbers
-            Whether two modes on separate parts of a path of samples get one number, so that
-            there are fewer modes. Each group of links must have the same sign in both. This
-            is the sign of the triple product of the axes of a dyad (two links and three
-            pairs), or of the determinant of the velocity equations of another group.
+            Whether modes are united if they have no sample of a path in common, and equal
+            signs of all groups of links. There are then fewer modes. The sign of a dyad
+            (two links and three pairs) is that of the triple product of its axes. The sign
+            of another group is that of the determinant of its velocity equations.
         """
         graph = self._graph
         # The largest modes come first.

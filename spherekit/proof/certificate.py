@@ -295,8 +295,9 @@ def _wheel_tables(
         if len(step.pairs) == 1
     }
     with working_precision(WHEEL_PRECISION_BITS):
-        # The angle of the input, then those of the followers in their order. If the input
-        # angle is 0, the variable is 0 as well.
+        # The angle of the input, then those of the followers in their order, at the input
+        # angle 0, where the variable is 0 as well. They are balls: numbers of many digits
+        # with a bound of their error. `_round_balls` returns float64 numbers and bounds.
         _input_angle, *wheel_angles = decimal_mechanism.known_angles([exact_ball(0.0)])
         angles = _round_balls(wheel_angles)
     return [

@@ -99,21 +99,24 @@ class Chain:
         return list(pairwise(pieces))
 
     def may_repeat_start(self) -> bool:
-        """Return whether the chain may pass through its start a second time."""
-        # A piece is a box around an arc of the curve. Coordinate 0 in the box is along the
-        # arc, the others are across it, up to `radius`. The start, the centre of the first
-        # piece, is repeated if it is between the centre of a piece and that of the next.
+        """Return whether the chain may pass through its start a second time.
+
+        It would then represent parts of the curve twice, and modes would be counted twice.
+        """
         start = self.pieces[0].centre
-        # The first pair of pieces is left out, because it begins at the start. A closed
-        # chain of n pieces has n pairs. Its last pair, the last piece and the first, is
-        # left out too, because it ends at the start. An open chain has n - 1 pairs, so the
-        # slice does not leave out its last one.
-        examined = self.successive_pieces[1 : len(self.pieces) - 1]
-        for piece, next_piece in examined:
+        # The first pair of pieces begins at the start. In a closed chain the last pair, the
+        # last piece and the first, ends there. These are no repetitions.
+        inner_pairs = self.successive_pieces[1:]
+        if self.closed:
+            inner_pairs = inner_pairs[:-1]
+        # A piece is a box around an arc of the curve. Coordinate 0 in the box is along the
+        # arc, the others are across it, up to `radius`. The start is repeated if it is
+        # between the centre of a piece and that of the next one.
+        for piece, next_piece in inner_pairs:
             coordinates = piece.coordinates(start)
             next_centre = piece.coordinates(next_piece.centre)[0]
             # Coordinates are rounded, and centres are not exactly on the curve, so the box
-            # is enlarged by 1e-9 rad. Smaller: the start may be missed.
+            # is enlarged by 1e-9 rad. If it were smaller, the start could be missed.
             is_near_axis = np.all(np.abs(coordinates[1:]) <= piece.radius + 1e-9)
             if is_near_axis and -1e-9 <= coordinates[0] <= next_centre + 1e-9:
                 return True

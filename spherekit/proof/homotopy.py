@@ -211,14 +211,21 @@ def _make_start_system(
     ----------
     polynomials
         The system at one set of values of its given variables (inputs, and unknowns that
-        were solved for before).
+        were solved for before). The coefficients of an equation in two unknowns are an
+        array whose entry (0, i, j) belongs to the powers i and j of the unknowns.
     generator
         Random numbers for the roots of the linear factors.
     """
-    # For each equation and unknown the complex roots of its factors. The coefficients are
-    # (1, sizes), and the degree is the size of the axis of the unknown less 1.
+
+    def draw_roots(degree: int) -> Complexes:
+        """Return the random complex roots (degree,) of the factors of one unknown."""
+        real_and_imaginary = generator.normal(size=(2, degree))
+        return np.asarray(real_and_imaginary.T @ (1.0, 1j))
+
+    # For each equation and unknown the roots of its factors. An axis of the coefficients
+    # has the powers from 0 to the degree.
     factor_roots = [
-        [generator.normal(size=(2, size - 1)).T @ (1.0, 1j) for size in array.shape[1:]]
+        [draw_roots(degree=size - 1) for size in array.shape[1:]]
         for array in polynomials.coefficients
     ]
     ends: list[Complexes] = []

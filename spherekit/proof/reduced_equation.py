@@ -399,8 +399,10 @@ def _reduce_about(equations: ArcEquations, position: Floats) -> ReducedEquation:
     """Return the reduced equation g(u, v) = 0 near a position, in any coordinates u and v.
 
     Near the position the derivatives F' of the equations F(z) = 0 lose one rank: no small
-    change of z changes F in a direction l. For given u and v, the components of z in two
-    directions, F(z) = g l defines z and g. Configurations are the zeros of g(u, v).
+    change of z changes F in a direction l. All components of F but that along l can be made
+    zero, if two coordinates u and v of z are given. F(z) = g l then defines z and g as
+    functions of u and v (Liapunov-Schmidt reduction). Configurations are the zeros of
+    g(u, v).
 
     The singular value decomposition of F' gives these directions. The last left vector is
     l. The last two right vectors, which span the kernel of F', are the directions of u and

@@ -211,8 +211,8 @@ class ProvenPoles:
         """
         from spherekit.tables.table_files import write_table
 
-        # Refuse to replace a file that spherekit has not made. A file that it has made
-        # contains the name of the column proven_ux, of which these bytes are the beginning.
+        # Refuse to replace a file that spherekit has not made. Its own files are recognised
+        # by the names of their columns, among which are proven_ux, proven_uy and proven_uz.
         for table_format in TABLE_FORMATS.values():
             file_name = f"{PROVEN_TABLE.name}.{table_format.ending}"
             check_made_by_spherekit(folder / file_name, b"proven_u")

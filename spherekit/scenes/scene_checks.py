@@ -111,9 +111,9 @@ class _SceneRows:
     input_column_counts
         Allowed numbers of columns of the field `inputs` of marks (`InputMarks`).
 
-        - For a scene over samples these are the number of inputs, and 1: such a mark has
-          one number, as on the axis of time.
-        - For a scene over axes of its own there is one allowed number, that of the axes.
+        - In a scene over samples, a mark has a value of each input, or a single number such
+          as a time.
+        - In a scene over axes of its own, a mark has a value of each axis.
 
         A message about a wrong number names the first one.
     words

@@ -13,7 +13,7 @@ import numpy as np
 from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.angles import wrap
 from spherekit.planning.submechanism import part_for
-from spherekit.positions.configuration_space import SAME_MIDDLE_RAD
+from spherekit.positions.configuration_space import EQUAL_CONFIGURATION_RAD
 from spherekit.positions.input_turning_points import (
     RUN_COST_S,
     RUN_TIME_S,
@@ -142,8 +142,8 @@ def _match_modes(
     Returns
     -------
     Numbers of modes of the whole by the number of each mode of the part. None if a mode of
-    the whole contains no mode of the part, or if this cannot be seen, because it has no
-    configuration at the samples.
+    the whole contains no mode of the part. None also if a mode of the whole has no
+    configuration at the compared samples, so that this is not known.
     """
     # The whole mechanism at few samples of the input, in all its modes.
     motion = whole.sparse(COMPARED_SAMPLES)
@@ -164,12 +164,11 @@ def _match_modes(
         has_configuration = status == Status.OK
         if not np.any(has_configuration):
             return None
-        # The first mode of the part that agrees. The tolerance is the one by which modes
-        # are recognised elsewhere, too, at the middle of a piece of a curve.
+        # The first mode of the part that agrees.
         part_number = None
         for number, values_of_part in part_values.items():
             differences = wrap((values_of_part - values)[has_configuration])
-            if max_abs(differences) < SAME_MIDDLE_RAD:
+            if max_abs(differences) < EQUAL_CONFIGURATION_RAD:
                 part_number = number
                 break
         if part_number is None:

@@ -95,9 +95,10 @@ class RowClassification:
     type_two
         (n,) transmission measure from 0 to 1, which vanishes at type II.
     type_one
-        (n,) measure from 0 to 1, which vanishes at type I. It is the sine of an angle
-        between two linear spaces of rates of inputs and output: the possible rates, and all
-        rates with the output at rest.
+        (n,) measure from 0 to 1, which vanishes at type I: there, possible rates of the
+        inputs leave the output at rest. It is the sine of the smallest angle between the
+        linear space of the possible rates of inputs and output, and the space of all rates
+        with the output at rest.
     hold
         (n,) how firmly locked inputs hold the links: the smallest singular value of the
         closure equations with locked inputs. It is zero if any link can then move.
@@ -163,8 +164,9 @@ class OutputCoefficients:
         `spherekit.velocities.transmission_measure.input_authority`.
     type_one
         (n,) measure from 0 to 1: 0 if inputs can move while the output rests. It is the
-        sine of an angle between two linear spaces of rates of inputs and output: the
-        possible rates, and all rates with the output at rest. Self-motions do not count.
+        sine of the smallest angle between two linear spaces of rates of inputs and output:
+        the possible rates, and all rates with the output at rest. Self-motions do not
+        count.
     reciprocal_condition
         (n,) relative smallest singular value of the closure Jacobian.
     type

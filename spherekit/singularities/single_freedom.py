@@ -625,11 +625,13 @@ class SingleFreedomSingularities:
         """Number of degrees of freedom, if the mechanism has more than one everywhere.
 
         A mechanism with one degree of freedom has configuration curves, and the result is
-        None. Without curves, the number follows from the rank of the closure equations. It
-        is the smallest one of some configurations, because the rank is lower at singular
-        ones. These are all assembly modes (ways to assemble the mechanism) at a few values
-        of the input. If the loops close with all variables zero, this configuration is
-        added. The result is also None if the number is 1 or 0.
+        None. Without curves, the number is computed at some configurations from the rank of
+        the closure equations. At singular configurations the rank is lower, and the number
+        too large. So the smallest number counts. The result is None if it is 1 or 0.
+
+        The configurations are all assembly modes (ways to assemble the mechanism) at a few
+        values of the input. If the loops close with all variables zero, this configuration
+        is added.
         """
         if self.curve_motions:
             return None

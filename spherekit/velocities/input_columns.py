@@ -147,14 +147,12 @@ class InputColumns:
         self._request = request
         tree = rows.tree
         moving_variable = rows.pair_variables[request.plan.input][0]
-        # `solve_loops` returns the rates of the other pairs that close the loops while all
-        # inputs rest and a given offset is subtracted from the angular velocity of a pair.
-        # The moving input at unit rate has the angular velocity v, its vector. The offset
-        # -v adds v, so the rates are those that the moving input causes. Its own rate, 1,
-        # is entered afterwards.
-        self._rates = rows.solve_loops(
-            {request.plan.input: -1.0 * rows.vectors[moving_variable]}
-        )
+        # The velocity equation of a loop is: moving input + passive pairs = 0. Here the
+        # angular velocity of the input at unit rate is known. `solve_loops` solves
+        # passive pairs = offset, so the offset is minus this angular velocity. The rate of
+        # the input, 1, is entered afterwards.
+        input_velocity = rows.vectors[moving_variable]
+        self._rates = rows.solve_loops({request.plan.input: -1.0 * input_velocity})
         self._rates[moving_variable] = 1.0
         # Velocities of pairs are summed along the spanning tree of the links, from the
         # ground on. Then follow the accelerations, with the input at constant rate.

@@ -212,27 +212,29 @@ class PlannedPoles:
         step
             The links and pairs of the part, and its poles.
         """
-        # Bodies of the part are counted from 0 in its tree.
+        # Bodies and pairs of the part are counted from 0 in its tree.
         body_index = {link: k for k, link in enumerate(step.links)}
         ends = [self.plan.ends[pair] for pair in step.pairs]
-        # The index of the pair in the part, by variable of the mechanism.
-        pair_of_variable = {
-            variable: k
-            for k, pair in enumerate(step.pairs)
-            for variable in self.plan.mechanism.variables_of(pair)
-        }
+        # The variables of the part: their numbers in the mechanism, and the pair of each.
+        variables: list[int] = []
+        pair_of_variable: list[int] = []
+        for k, pair in enumerate(step.pairs):
+            for variable in self.plan.mechanism.variables_of(pair):
+                variables.append(variable)
+                pair_of_variable.append(k)
         tree = LoopTree(
             count=len(step.links),
             ends=tuple((body_index[a], body_index[b]) for a, b in ends),
-            pair_of_variable=tuple(pair_of_variable.values()),
+            pair_of_variable=tuple(pair_of_variable),
         )
-        vectors = self.motion.vectors[:, [*pair_of_variable]]
+        vectors = self.motion.vectors[:, variables]
         null_motion = solve_null_motion(tree, vectors)
         # (n, bodies, 3) angular velocities, up to a common factor.
         w = tree.body_rates(vectors, null_motion.rates)
-        # The rates are the unit null vector of the equations A. Rounding changes A by about
-        # `EPS`, and the rates change by the inverse of A (with the rates as a further row)
-        # times this change. So their errors are up to `EPS` times the norm of the inverse.
+        # The rates are the unit null vector of the velocity equations. A further row, the
+        # rates themselves, makes their matrix regular. Rounding changes the equations by
+        # about `EPS`, and the rates by the inverse of this matrix times the change. So
+        # their errors are up to `EPS` times the norm of the inverse.
         error_growth = np.linalg.norm(null_motion.inverse, axis=(1, 2))
         for pole in step.poles:
             i, j = (body_index[link] for link in pole)
