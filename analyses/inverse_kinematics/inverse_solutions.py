@@ -173,8 +173,10 @@ class InverseSolutions:
     def _inverse_columns(self) -> Columns:
         """Return the table of configurations: one row for each row of the solutions.
 
-        All columns have this length, also those of the nearest reachable pose. They are NaN
-        in rows for which it was not computed.
+        The columns are, in this order: the pose and the inputs, the rates of the inputs,
+        the margin of the nearest limit, measures of singularities, the status, and the
+        nearest reachable pose. The last columns are NaN in rows for which it was not
+        computed.
         """
         mechanism = self.mechanism
         solver = self.solver
@@ -187,6 +189,7 @@ class InverseSolutions:
             **all_pose_columns(solver, self.poses[solutions.pose]),
             **input_columns(mechanism, solutions.inputs),
         }
+        # Rates of the inputs if the output turns about x, y or z at 1 rad/s.
         for component, axis in enumerate("xyz"):
             rates = solutions.rates[:, :, component]
             columns |= input_columns(mechanism, rates, f"rate_{axis}")

@@ -378,57 +378,81 @@ def _warnings(summary: Any) -> Lines:
 
 
 def _status_warnings(summary: Any) -> Lines:
-    """Return a line for each status that is not OK: count, places, cause and cure."""
+    """Return a line for each status that is not OK: count, places, cause and cure.
+
+    Rows of the motion come first, then pole axes, then rows of the tables of analyses.
+    """
+    return [
+        *_row_warnings(summary),
+        *_pole_warnings(summary),
+        *_table_warnings(summary),
+    ]
+
+
+def _row_warnings(summary: Any) -> Lines:
+    """Return a line for each status of rows of the motion that is not OK."""
     warnings = []
     overview = summary["overview"]
     place_text = PlaceText(overview)
     meanings = summary["status_meaning"]
+    # Rows are located by inputs or times, for example "from 30 to 50 deg". On a grid of
+    # inputs, or if samples only have numbers, no places are stated.
+    has_places = overview["is_path"] and place_text.kind != "sample"
     for status, count in summary["status"].items():
         if status == "OK":
             continue
-        spans_by_modes: dict[str, list[int]] = {}
+        # Modes with the status at the same places are named together.
+        modes_by_place: dict[str, list[int]] = {}
         for mode in summary["assembly_modes"]:
             entry = overview["modes"].get(str(mode["number"]), {})
             spans = entry.get("statuses", {}).get(status)
             if not spans:
                 continue
-            place = ""
-            if overview["is_path"] and place_text.kind != "sample":
-                place = f" {place_text.named_spans(spans)}"
-            spans_by_modes.setdefault(place, []).append(mode["number"])
+            place = f" {place_text.named_spans(spans)}" if has_places else ""
+            modes_by_place.setdefault(place, []).append(mode["number"])
         places = [
             f"{'mode' if len(numbers) == 1 else 'modes'} {number_list(numbers)}{place}"
-            for place, numbers in spans_by_modes.items()
+            for place, numbers in modes_by_place.items()
         ]
         cause = _cause(status, summary) or meanings[status]
         warnings.append(
             f"{counted(count, 'row')} {'has' if count == 1 else 'have'} no result, "
             f"{status} ({'; '.join(places)}): {cause}."
         )
-    pole_counts = summary["pole_status"]
-    total = sum(pole_counts.values())
-    for status, count in pole_counts.items():
-        if status not in ("OK", "NO_POLE"):
-            warnings.append(
-                f"{count} of {total} pole axes have no result, {status}: "
-                f"{meanings[status]}."
-            )
+    return warnings
+
+
+def _pole_warnings(summary: Any) -> Lines:
+    """Return a line for each status of pole axes that is not OK.
+
+    NO_POLE is no failure: the two links do not rotate relative to each other.
+    """
+    count_by_status = summary["pole_status"]
+    total = sum(count_by_status.values())
+    return [
+        f"{count} of {total} pole axes have no result, {status}: "
+        f"{summary['status_meaning'][status]}."
+        for status, count in count_by_status.items()
+        if status not in ("OK", "NO_POLE")
+    ]
+
+
+def _table_warnings(summary: Any) -> Lines:
+    """Return a line for each status of rows that only a table of an analysis has."""
+    warnings = []
     for analysis in summary["analyses"]:
         for table, count_by_status in analysis["failed_rows"].items():
-            # Rows without a configuration have a line of their own.
-            further = {
-                status: count
-                for status, count in count_by_status.items()
-                if status not in summary["status"]
-            }
             source = analysis["name"]
             if table != source:  # the main table of an analysis has its name
                 source = f"table {table} of {source}"
-            for status, count in further.items():
+            for status, count in count_by_status.items():
+                # A status of rows of the motion has a line of its own already.
+                if status in summary["status"]:
+                    continue
                 warnings.append(
                     f"{counted(count, 'row')} of {source} "
                     f"{'has' if count == 1 else 'have'} no result, {status}: "
-                    f"{meanings[status]}."
+                    f"{summary['status_meaning'][status]}."
                 )
     return warnings
 

@@ -123,7 +123,7 @@ def design_variable(document: Document, key: str) -> DesignVariable:
     # many designs at once. `slot` is None for all other numbers. Most of them, such as
     # masses, are no angles. Those that are, such as angles of loads, keep the unit of the
     # file and are not marked as angles.
-    slot = _kernel_slot(document, path)
+    slot = _find_kernel_argument(document, path)
     return DesignVariable(
         key=key,
         path=path,
@@ -133,13 +133,14 @@ def design_variable(document: Document, key: str) -> DesignVariable:
     )
 
 
-def _kernel_slot(document: Document, path: KeyPath) -> tuple[str, Any] | None:
-    """Return the kind and location of a size that kernels take as an argument.
+def _find_kernel_argument(document: Document, path: KeyPath) -> tuple[str, Any] | None:
+    """Return the kind and location of a number, if kernels take it as an argument.
 
     A kernel is a function that computes quantities of many designs at once. Its arguments
     are the angles that differ between the designs:
 
-    - arcs and angles of links,
+    - arcs of links from their first axis to each other axis, and angles at the first axis
+      from the first arc to each further arc,
     - the angle at which the variable of a pair is zero (``zero``), and its value in a
       reference pose (``value``),
     - longitude and latitude of a pair axis, or of the direction of an output.
@@ -161,16 +162,18 @@ def _kernel_slot(document: Document, path: KeyPath) -> tuple[str, Any] | None:
     """
     match path:
         case ("links", str(link), "arcs" | "angles" as kind, int(k)):
-            # An arc or angle is located by the axis to which it leads: the first arc leads
-            # to the second axis, the first angle to the third axis.
+            # An arc is located by the axis at its end, an angle by the axis at the end of
+            # its second arc. The first arc ends at the second axis of the link, and the
+            # first angle leads to the arc that ends at the third axis.
             axes = document.data["links"][link]["axes"]
-            return kind, (link, axes[k + (1 if kind == "arcs" else 2)])
+            end = k + 1 if kind == "arcs" else k + 2
+            return kind, (link, axes[end])
         case ("pairs", str(pair), "zero" | "value" as kind):
             return f"{kind}s", pair
         case ("pairs", str(pair), "lonlat", int(k)):
             return ("longitudes", "latitudes")[k], pair
         case ("outputs", str(output), "lonlat", int(k)):
-            return POINTED, (output, k)
+            return POINTED, (output, k)  # an angle of the direction of an output
     return None
 
 

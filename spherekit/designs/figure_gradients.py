@@ -63,7 +63,7 @@ class FigureGradients:
         self._kernel = DesignKernel(
             evaluator.varied_mechanism.make_expressions(), figures.columns, gradients=True
         )
-        quantities = symbols([*figures.sample, *figures.columns])
+        quantities = symbols([*figures.sample_names, *figures.columns])
         # The same expression is used with and without whole revolutions.
         named = {node.arguments[0]: (node, node) for node in quantities}
         self._expressions = with_derivatives(
@@ -112,7 +112,7 @@ class FigureGradients:
         # Index 0 has the values of the expressions, then their derivatives by each number
         # of the sample and by each column.
         outputs = outputs.reshape(-1, len(merits), len(closes))
-        first_column = 1 + len(kernel_figures.sample)
+        first_column = 1 + len(kernel_figures.sample_names)
         is_closed_path = kernel_figures.samples.is_closed_path
         for k, merit in enumerate(merits):
             rows = kernel_figures.select_rows(merit)

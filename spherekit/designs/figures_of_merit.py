@@ -388,15 +388,15 @@ class KernelFigures:
         self._check_inputs(mechanism)
         self.expressions = [merit.parsed(quantities) for merit in merits]
         used_names = set[str]().union(*(item.names for item in self.expressions))
-        # The numbers of a sample (inputs, their rates and accelerations, and the time) are
-        # given. `sample` has their names, and `columns` those that a kernel computes.
-        self.sample = sample_names(self.inputs)
-        self.columns = sorted(used_names.difference(self.sample))
+        # The quantities that each sample states: inputs, their rates and accelerations, and
+        # the time. A kernel computes the other ones, `columns`.
+        self.sample_names = sample_names(self.inputs)
+        self.columns = sorted(used_names.difference(self.sample_names))
 
         # A figure such as "at(theta_41, 0.5)" is evaluated at the inputs that it states
         # (`merit.point`). Its expression may contain rates and the time, which are not
-        # stated. So the inputs are taken to move at 1 rad/s from those of the first of
-        # `samples`, in the direction in which they move there.
+        # stated. By convention each input has the rate 1 or -1 rad/s, with the sign that it
+        # has in the first sample, and the time is 0 at the first sample.
         count = len(self.inputs)
         points = sorted({merit.point for merit in merits if merit.point})
         # A row of the samples begins with the inputs (rad), followed by their rates.
@@ -530,7 +530,7 @@ class KernelFigures:
                 shape = closed[block].shape
                 # All arguments of the kernel as (arguments, rows of the block, modes).
                 sample = np.broadcast_to(
-                    self.rows[block].T[:, :, None], (len(self.sample), *shape)
+                    self.rows[block].T[:, :, None], (len(self.sample_names), *shape)
                 )
                 arguments = [sample, block_positions]
                 if profiles:
@@ -547,7 +547,7 @@ class KernelFigures:
                 # The first outputs are negative where a dyad does not close.
                 dyads_close = np.all(outputs[: kernel.reach_count] >= 0.0, axis=0)
                 closed[block] = all_finite(block_positions[:1], 0) & dyads_close
-                quantities = dict(zip(self.sample, sample, strict=True))
+                quantities = dict(zip(self.sample_names, sample, strict=True))
                 quantities |= zip(self.columns, outputs[kernel.reach_count :], strict=True)
                 for merit_values, expression in zip(values, self.expressions, strict=True):
                     arguments_by_name = {

@@ -402,14 +402,14 @@ class VariedMechanism:
             (n,) a text for each design:
 
             - `OK` if its sizes are valid,
-            - the constant text `OTHER_FORM` if the kernel does not apply to the design,
-              which the caller can then analyse by itself (`_read_varied_numbers`),
+            - the constant text `OTHER_FORM` if the kernel does not apply to the design. The
+              caller can then analyse this design without a kernel.
             - otherwise the message of the error why the design is impossible.
         """
         design_count = values.shape[1]
         numbers = nans((len(self.varied_numbers), design_count))
         reasons = np.full(design_count, OK, dtype=object)
-        # Without varied masses, loads and replaced contacts there is no number to read.
+        # If neither masses nor loads nor contacts vary, there is no number to read.
         if self._reads_files:
             for k, design in enumerate(values.T):
                 try:

@@ -313,22 +313,22 @@ class EquationOfMotion:
         values
             (n, variables) pair variables (rad).
         frame
-            With several degrees of freedom, (m, variables) or (n, m, variables): the
-            weights of the pair variables in each coordinate. With one degree of freedom it
-            only decides to which direction the tangents point:
+            (m, variables), or (n, m, variables) for each row. The meaning depends on the
+            number of degrees of freedom:
 
-            - (n, 1, variables), for rows in any order: each tangent makes an acute angle
-              with the vector of its row.
-            - (1, variables), for rows in order along the motion: the first tangent makes
-              an acute angle with this vector, and each further one with that of the row
-              before.
+            - Several: the weights of the pair variables in each coordinate.
+            - One: a vector that the tangents follow. A vector for each row makes an acute
+              angle with the tangent of the row. A single vector does so in the first row.
+              The rows are then in order along the motion, and each further tangent makes an
+              acute angle with that of the row before.
         order
             Order of the derivatives, 1 or 2.
         """
         if self.freedoms > 1:
             return motion_by_combinations(self.closure, values, frame, order)
         motion = motion_by_arc_length(self.closure, values, order)
-        if frame.ndim == 2:  # a vector for the first row only
+        has_single_vector = frame.ndim == 2
+        if has_single_vector:
             tangents = motion.rates[:, 0]
             return motion.with_senses(continuous_signs(tangents, frame[0]))
         cosines = np.sum(frame * motion.rates, axis=(1, 2))

@@ -132,10 +132,10 @@ class EquationLayout:
         Parameters
         ----------
         coordinate_rates
-            For each coordinate the rates of all variables (`tau`) and the angular
-            velocities of all links (`w`), times the determinant of the velocity equations.
-            This factor removes divisions. It also has the orientations of all links
-            (`placed`).
+            Orientations of all links (`placed`), and two kinds of rates per unit rate of
+            each coordinate: of all variables (`tau`), and the angular velocities of all
+            links (`w`). They are multiplied by the determinant of the velocity equations,
+            so that they contain no division.
         variable_rates
             Rates of the variables by time.
         """
@@ -149,6 +149,9 @@ class EquationLayout:
             revolutions=[parameter_symbol(k) for k in range(self.variable_count)],
             rates=variable_rates,
             time=TIME_SYMBOL,
+            # The sign of an expression at whose zeros a load changes abruptly, and the
+            # torque of a table at the present time. Both functions return expressions of
+            # parameters, which are constant or linear during an integration step.
             sign_of_condition=self._switch_symbol,
             table_torque=self._table_torque,
         )

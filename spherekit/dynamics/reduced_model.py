@@ -628,18 +628,22 @@ class StoredModel:
         )
 
     def _restore_shape(self, values: Floats, shape: tuple[int, ...]) -> Floats:
-        """Return the values at n points in the shape in which the caller gave the points.
+        """Return torques or forces in the shape in which the caller gave the points.
+
+        There is one value for each of the m coordinates of a point, such as the torque at
+        an input. Along a curve a point has a single coordinate, and the caller gives an
+        array (...) of these, without an axis for coordinates.
 
         Parameters
         ----------
         values
-            (n, m) m values at each of the n points, which were flattened to rows.
+            (n, m) values at the n points, which were flattened to rows.
         shape
             Shape (..., m) of the coordinates of the points before they were flattened.
 
         Returns
         -------
-        The values in this shape. Along a curve, where m is 1, the shape is (...).
+        The values in this shape, or (...) along a curve.
         """
         return values.reshape(shape[:-1] if self.heading.is_curve else shape)
 

@@ -642,9 +642,10 @@ class TaylorIntegration:
     def _normalise(self, integrator: Integrator, target: float) -> None:
         """Keep the numbers of the state small between two segments.
 
-        Angles are reduced by whole revolutions (arc lengths of contacts are not), work is
-        added to a separate sum, and the unit of momentum is adapted. After a fixed number
-        of segments the variables are also put back onto the closed loops (`project`).
+        Whole revolutions and work are set aside, and the unit of momentum is adapted. After
+        a fixed number of segments the variables are also put back onto the closed loops
+        (`project`). The parameters of the equation, which state these changes, are set
+        again.
 
         Parameters
         ----------
@@ -656,38 +657,56 @@ class TaylorIntegration:
         # `state` and its slices are views, so that the integrator changes with them.
         state = integrator.state
         values = state[: self.variable_count]
+        self._reduce_angles(values)
+        if self.segments and len(self.segments) % SEGMENTS_PER_CLOSURE == 0:
+            values[:], residual = self.project(values)
+            self.max_closure_residual = max(self.max_closure_residual, residual)
+        self._set_work_aside(state[self.layout.work_slice])
+        self._adapt_momentum_unit(state[self.layout.momentum_slice])
+
+        # At a zero of its switch condition a load changes abruptly, such as dry friction.
+        # A parameter has the sign of the condition, and the integrator has reversed it at
+        # each zero. These signs are read from the integrator, and `_parameters` returns
+        # them with all other parameters.
+        all_parameters = self._all_parameters(integrator)
+        self.switch_signs = all_parameters[self.layout.switch_parameters :]
+        # The integrator has only the parameters up to the last one that the equation uses.
+        parameters = integrator.parameters
+        parameters[:] = self._parameters(target)[: len(parameters)]
+
+    def _reduce_angles(self, values: Floats) -> None:
+        """Subtract whole revolutions from angles (variables,) in place, and count them.
+
+        Arc lengths of contacts are not reduced.
+        """
         turns = np.round(values / TURN) * self.is_angle
         values -= turns * TURN
         # The digits of 2 pi beyond float64. Otherwise errors grow with the revolutions.
         values -= turns * TURN_ROUNDING
-        if self.segments and len(self.segments) % SEGMENTS_PER_CLOSURE == 0:
-            values[:], residual = self.project(values)
-            self.max_closure_residual = max(self.max_closure_residual, residual)
         self.turns = self.turns + turns
-        # In the state, momenta are multiples of `momentum_unit` (sqrt(J)), and works are
-        # multiples of its square (J).
-        works = state[self.layout.work_slice]
+
+    def _set_work_aside(self, works: Floats) -> None:
+        """Add the works of the state to a separate sum (J), and set them to 0 in place.
+
+        In the state, momenta are multiples of `momentum_unit` (sqrt(J)), and works are
+        multiples of its square (J).
+        """
         self.work = self.work + works * self.momentum_unit**2
         works[:] = 0.0
-        # Errors of a step are relative to the largest number in the state, so momenta must
-        # not exceed 1, the size of angles in rad. If their norm does, the unit grows by
-        # this norm. The unit never shrinks. Near rest it would be tiny, and works in
-        # multiples of its square would be by far the largest numbers.
-        momenta = state[self.layout.momentum_slice]
+
+    def _adapt_momentum_unit(self, momenta: Floats) -> None:
+        """Increase the unit of the momenta of the state, if they exceed 1.
+
+        Errors of a step are relative to the largest number in the state, so momenta must
+        not exceed 1, the size of angles in rad. If their norm does, the unit grows by this
+        norm, and the momenta are changed in place. The unit never shrinks. Near rest it
+        would be tiny, and works in multiples of its square would be by far the largest
+        numbers.
+        """
         size = float(np.linalg.norm(momenta))
         if size > 1.0:
             self.momentum_unit *= size
             momenta /= size
-        # At a zero of its switch condition a load changes abruptly, such as dry friction.
-        # A parameter has the sign of the condition, and the integrator reverses it there.
-        # The present signs are read before all parameters are set again. The other
-        # parameters are the values and slopes of the torque tables up to the target.
-        self.switch_signs = self._all_parameters(integrator)[
-            self.layout.switch_parameters :
-        ]
-        # The last parameters may occur in no equation. The integrator does not have them.
-        parameters = integrator.parameters
-        parameters[:] = self._parameters(target)[: len(parameters)]
 
     def _parameters(self, target: float) -> Floats:
         """Return the parameters for the interval from now to the `target` (s).

@@ -137,9 +137,12 @@ class ImportedDynamics:
         has_gravity = self._linkage.foreign_model.gravity is not None
         has_chosen_masses = np.all(is_compensated) and not has_gravity
         if not has_chosen_masses:
-            # A weightless body has no moment of weight, like one at the centre of the
-            # sphere. It therefore counts with the arm zero. The tensor is not changed.
-            centre = masses * ~is_compensated @ arms / total_mass
+            # The centre of mass gives the moment of the weight. A weightless body has none.
+            # It counts as if it were at the centre of the sphere, with the arm zero: its
+            # mass belongs to the total mass, but not to the sum of mass times arm. (The
+            # tensor is that at the real place.)
+            masses_with_weight = masses * ~is_compensated
+            centre = masses_with_weight @ arms / total_mass
             # Digits are removed that are only rounding errors of the second argument. For
             # coordinates this is a length of the body, since the centre itself can be zero.
             gyration_radius = np.sqrt(np.trace(tensor) / total_mass)

@@ -366,12 +366,14 @@ def name_wheels(
 
 
 def describe_motors(driven: Sequence[DrivenJoint | DrivenWheel]) -> Iterator[str]:
-    """Yield notes on motors that turn by other angles than the joint or wheel they drive.
+    """Yield notes on inputs whose meaning a user has to know.
 
-    The imported mechanism has the joint or wheel as its input, and not the motor.
+    The imported mechanism has the driven joint or wheel as its input, and not the motor. A
+    note says how far the motor turns, unless it turns by the angle of the joint.
     """
     for drive in driven:
         if isinstance(drive, DrivenWheel):
+            # The URDF has no such wheel, so its angle is always explained.
             ratio = f"{abs(drive.ratio):.6g} times " if abs(drive.ratio) != 1.0 else ""
             sign = "minus" if drive.ratio < 0.0 else "plus"
             yield (

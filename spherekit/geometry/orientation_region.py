@@ -271,9 +271,10 @@ class _OrientationCells:
         # orientation with the largest depth. None has been sampled yet.
         self.deepest = np.array([0.0, 0.0, 0.0, 1.0])
         self.depth = -np.inf
-        # Unit quaternions up to their sign are divided into four cubes, one for each
-        # component that is the largest. Coordinates in a cube are integers from 0 to
-        # 2**CUBE_BITS. The first cells are a grid in each cube.
+        # Quaternions (with any sign) are divided into four cubes, one for each component
+        # that can be the largest. The other three components, divided by the largest, are
+        # the coordinates in its cube. They are stored as integers from 0 to 2**CUBE_BITS.
+        # The first cells are a grid in each cube.
         corners = _cubic_grid(np.arange(2**FIRST_HALVINGS))
         width = 2 ** (CUBE_BITS - FIRST_HALVINGS)
         count = 4 * len(corners)
@@ -388,8 +389,10 @@ class _OrientationCells:
         Parameters
         ----------
         boxes
-            The boxes of the n cells. Unit quaternions up to their sign are divided into
-            four cubes, one for each component that is the largest. A box is in one of them.
+            The boxes of the n cells. Quaternions (with any sign) are divided into four
+            cubes, one for each component that can be the largest. The other three
+            components, divided by it, are the coordinates in the cube. A box is in one of
+            the cubes.
 
         Returns
         -------

@@ -268,13 +268,13 @@ def eliminant_degree(incidence: Bools) -> int:
     #
     # This factor has degree 2 p in the coefficients a, which have degree 1 or 0 in x. Each
     # R has degree 2 in x for each of the last two equations that contains x.
-    resultant_degree = 2 * (contains_first[1] + contains_first[2])
-    power = _resultant_degree(incidence)
+    power = _resultant_degree_in_second_angle(incidence)  # p
     factor_degree = 2 * power * contains_first[0]
-    return int(factor_degree + 2 * resultant_degree)
+    resultant_degree_in_x = 2 * (contains_first[1] + contains_first[2])
+    return int(factor_degree + 2 * resultant_degree_in_x)
 
 
-def _resultant_degree(incidence: Bools) -> int:
+def _resultant_degree_in_second_angle(incidence: Bools) -> int:
     """Return the degree of the resultant of the last two equations in the second angle.
 
     A system of three equations has the angles x, y, z. Elimination of z from the last two
@@ -698,7 +698,7 @@ def _find_eliminant_roots(equations: Numbers, incidence: Bools) -> EliminantRoot
         (t, t) whether an equation (row) contains an angle (column).
     """
     degree = eliminant_degree(incidence)
-    power = _resultant_degree(incidence)
+    power = _resultant_degree_in_second_angle(incidence)
     count = SAMPLES_PER_DEGREE * degree
     sample_angles = FIRST_SAMPLE_RAD + 2 * np.pi * np.arange(count) / count
     first_angles = np.broadcast_to(sample_angles, (len(equations), count))

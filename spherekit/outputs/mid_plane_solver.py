@@ -199,13 +199,14 @@ class _MidPlaneMode:
     def _rates_and_type_1(self) -> tuple[Floats, Floats]:
         """Rates of the inputs per unit angular velocity of the output, and type I measures.
 
-        Rates are (n, inputs, 3), measures (n, inputs). Base and output mirror each other in
-        the mid-plane, whose normal is n. The elbow, the axis between the two links of a
-        driven leg, is in this plane, because both links have the same arc. Let p be the
-        direction of the output, and m its home direction, whose mirror image is p. For the
-        angular velocity w of the output, the rate of the input is
+        Rates are (rows, inputs, 3), measures (rows, inputs). Base and output mirror each
+        other in the mid-plane, whose normal is n. The elbow, the axis between the two links
+        of a driven leg, is in this plane, because both links have the same arc. Let p be
+        the direction of the output, and m its home direction, whose mirror image is p. For
+        the angular velocity w of the output, the rate of the input is numerator . w over
+        denominator, with
 
-            (elbow x p) . w / (n . (base axis x elbow) |p - m|).
+            numerator = elbow x p,   denominator = n . (base axis x elbow) ``|p - m|``.
 
         It follows from the derivative of elbow . n = 0:
 
@@ -216,10 +217,11 @@ class _MidPlaneMode:
           length only changes n along itself, at right angles to the elbow. So
           elbow . n' = elbow . (w x p) / ``|p - m|`` = -(elbow x p) . w / ``|p - m|``.
 
-        The measure of type I is the divisor over the length of elbow x p. If the divisor is
-        0, the input can move while the output rests. There are two such cases. The leg is
-        at the limit of its reach: n, base axis and elbow are in one plane. Or the output
-        points in its home direction: p = m.
+        `input_rates` computes these quotients. It also returns the measure of type I: the
+        size of the denominator over the length of the numerator. If it is 0, the input can
+        move while the output rests. There are two such cases. The leg is at the limit of
+        its reach: n, base axis and elbow are in one plane. Or the output points in its home
+        direction: p = m.
         """
         # Elbows and their heights n . (base axis x elbow).
         elbows, elbow_heights = self._elbows

@@ -264,9 +264,9 @@ def _add_to_sizes(
     # z. The second pair rotates about y of both virtual links. Its frame has the columns z
     # (from which its angle counts), x, and y (its axis).
     tilt_frame = np.eye(3)[:, [2, 0, 1]]
-    # In the output link, the axis of the last pair is the direction. It is the z axis of
-    # the rotation Z(azimuth) Y(tilt). The third Euler angle, a rotation about the direction
-    # itself, can be 0.
+    # In the output link, the axis of the last pair is the direction. The frame of the pair
+    # is therefore a rotation whose z axis is the direction: Z(azimuth) Y(tilt) Z(0). (The
+    # last angle decides where the turn about the direction is zero.)
     pointing_angles = np.append(azimuth_tilt(np.array([direction])), [[0.0]], axis=1)
     pointing_frame = from_euler_zyz(pointing_angles)[0]
     names = [pair.name for pair in virtual_pairs]

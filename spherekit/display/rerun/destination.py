@@ -153,8 +153,8 @@ class FileOutput:
     def close(self, keep: bool) -> str:
         """Close the part file of an incomplete recording.
 
-        While the part file is open, a thread (the copier) writes to it what rerun writes
-        into a pipe.
+        The library `rerun` records into a pipe. While the part file is open, a thread (the
+        copier) copies from the pipe to it.
 
         Parameters
         ----------
