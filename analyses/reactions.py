@@ -21,11 +21,14 @@ from spherekit.plugin import (
     Mechanism,
     Needs,
     Scene,
+    ScreenColumn,
+    ScreenTable,
     Status,
     Table,
     TableData,
     counted,
     listing,
+    number_text,
 )
 from spherekit.plugin.dynamics import (
     Bearings,
@@ -588,10 +591,8 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
             f"share the reactions; undetermined components are empty{hint}"
         )
 
-    # 2. The largest moment, and the largest loads of bearings.
-    remarks += _describe_maximum(
-        pairs, "largest_transverse_moment_Nm", "N m", "moment across an axis or a contact"
-    )
+    # 2. The largest moment of each pair, and the largest loads of bearings.
+    table = _moment_table(pairs)
     bearings = summary["bearings"]
     for key, quantity in (
         ("largest_radial_N", "radial load of a bearing"),
@@ -607,7 +608,36 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
         warnings += sentences_on_forces
     else:
         remarks += sentences_on_forces
-    return Findings(summary, tuple(warnings), tuple(remarks))
+    tables = () if table is None else (table,)
+    return Findings(summary, tuple(warnings), tuple(remarks), tables)
+
+
+def _moment_table(records: Mapping[str, Any]) -> ScreenTable | None:
+    """Return the largest moment of each pair as a table for the screen.
+
+    Pairs are in the order of the mechanism. It is None if no moment is known.
+
+    Parameters
+    ----------
+    records
+        Records of the summary by the name of the pair, see `_describe_maximum`.
+    """
+    key = "largest_transverse_moment_Nm"
+    rows = []
+    for name, record in records.items():
+        if record[key] is None:
+            rows.append((name, "undetermined", "-"))
+            continue
+        _sample, _mode, place = record["at"][key]
+        rows.append((name, number_text(record[key]), place if record[key] else "-"))
+    if all(record[key] is None for record in records.values()):
+        return None
+    columns = (
+        ScreenColumn("pair"),
+        ScreenColumn("largest moment across its axis or contact (N m)", "right"),
+        ScreenColumn("at"),
+    )
+    return ScreenTable(columns, tuple(rows))
 
 
 def _describe_maximum(
@@ -679,7 +709,7 @@ def _describe_open_forces(summary: Mapping[str, Any]) -> list[str]:
     if not open_pairs:
         return []
     return [
-        "forces through the centre are undetermined in the pairs "
+        "Forces through the centre are undetermined in the pairs "
         f"{listing(open_pairs)}; to determine them, state in the file: "
         f"{listing(summary['forces_need']['wanted'])}"
     ]

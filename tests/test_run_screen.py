@@ -356,6 +356,18 @@ def test_coarse_samples_give_intervals_in_place_of_wrong_places(capsys):
     assert "Samples are 120 deg apart" in printed
 
 
+def test_an_angle_that_stays_the_same_is_one_number(capsys):
+    """At input 0 the arcs 60 - 20, 70 and 40 deg form a triangle, by the cosine rule."""
+    printed = print_run(capsys, "four_bar", "--samples", 1, "--assembly-mode", 1)
+    sides = np.radians([60.0 - 20.0, 70.0, 40.0])
+    cosine = (np.cos(sides[1]) - np.cos(sides[0]) * np.cos(sides[2])) / (
+        np.sin(sides[0]) * np.sin(sides[2])
+    )
+    # The angle of the pair is zero where the rocker points away from the crank.
+    angle_deg = 180.0 - np.degrees(np.arccos(cosine))
+    assert f"1 (p0)   {angle_deg:.2f} throughout" in printed
+
+
 @pytest.mark.slow
 def test_many_modes_stay_readable(capsys):
     printed = print_run(capsys, "two_dof_spm", "--samples", 5)

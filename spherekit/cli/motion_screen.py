@@ -127,12 +127,7 @@ def output_table(summary: Any) -> ScreenTable | None:
                 continue
             cells = [output["label"]] if len(outputs) > 1 else []
             if turns_about_axis:
-                cells.append(
-                    f"{angle_text(motion['lowest_rad'])} to "
-                    f"{angle_text(motion['highest_rad'])}"
-                    if output["fixed_axis"]
-                    else "-"
-                )
+                cells.append(_range_text(motion) if output["fixed_axis"] else "-")
             cells.append(_swing_text(motion))
             cells += _ratio_cells(motion)
             if has_transmission:
@@ -169,6 +164,13 @@ def output_words(output: Any) -> str:
     what = "a direction on link" if output["points"] else "link"
     motion = f"{what} {output['link']} relative to link {output['relative_to']}"
     return f"{output['name']} ({motion})" if output["name"] else motion
+
+
+def _range_text(motion: Any) -> str:
+    """Return the range of an angle as text in degrees, or its only value."""
+    lowest = angle_text(motion["lowest_rad"])
+    highest = angle_text(motion["highest_rad"])
+    return f"{lowest} throughout" if lowest == highest else f"{lowest} to {highest}"
 
 
 def _swing_text(motion: Any) -> str:
