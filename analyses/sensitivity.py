@@ -485,7 +485,8 @@ class SensitivityAnalysis(AbstractAnalysis):
         exceptions = [term.replace(":", " by ") for term in _split_terms(self.deviations)]
         except_for = f", but {listing(exceptions)}" if exceptions else ""
         return (
-            f"Every size off by {self.deviation:g} deg{except_for} ({self.distribution}): "
+            f"Every size deviates by {self.deviation:g} deg{except_for} "
+            f"({self.distribution}): "
             f"{listing(keys, MAX_LISTED)}"
         )
 

@@ -198,7 +198,7 @@ def test_a_file_that_is_no_part_is_refused_in_a_sentence(fault, folder_of_sweep,
     reasons = (
         "is not part 1 of this sweep",
         "is not a Parquet file",
-        "its content is not what was written there",
+        "the file has been changed since it was written",
     )
     assert any(reason in message for reason in reasons)
 

@@ -351,7 +351,8 @@ class Kinematics:
         if len(variables) > 1:
             names = listing(self.mechanism.variable_names[number] for number in variables)
             raise SolveError(
-                f"{self.mechanism.name}: pair {pair} has two variables: ask for {names}"
+                f"{self.mechanism.name}: pair {pair} has two variables; request one of "
+                f"{names}"
             )
         return variables[0]
 

@@ -198,9 +198,9 @@ def sweep_of(
         analysis_merits = analysis.merits(study.mechanism)
         if not analysis_merits and not tables:
             raise DesignError(
-                f"{analysis.name} has no figures of merit of its own for "
-                f"{study.mechanism.name}; give them with the argument reduce, or ask for "
-                "tables"
+                f"{analysis.name} defines no figures of merit for "
+                f"{study.mechanism.name}; give some with the argument reduce, or "
+                "request tables"
             )
         for merit in analysis_merits:
             merits[merit.name] = merit
@@ -209,8 +209,8 @@ def sweep_of(
         merits[merit.name] = merit
     if tables and not analyses:
         raise DesignError(
-            f"{study.mechanism.name}: tables are requested, but no analysis; name the "
-            "analyses whose tables are wanted"
+            f"{study.mechanism.name}: tables are requested, but no analysis; give the "
+            "analyses whose tables are to be written"
         )
 
     # Figures of merit that are read from the tables of an analysis need a run of each

@@ -160,7 +160,7 @@ class Sweep:
         if not self.merits and not self.tables:
             raise DesignError(
                 f"{self.mechanism.name}: no figure of merit is requested; give --reduce, "
-                "or an analysis with figures of its own; quantities of a row: "
+                "or an analysis that defines some; quantities of a row: "
                 f"{listing(row_quantities(self.mechanism), 40)}"
             )
         check_variables(self.document, self.variables)

@@ -106,7 +106,7 @@ def refined(
         raise EngineError(
             f"{mechanism.name}: the simulation ended at {end.t:.6g} s ({end.message}); a "
             f"reference can be computed only for simulations that end by "
-            f"{listing(REFERENCE_END_KINDS)}: ask for a shorter time"
+            f"{listing(REFERENCE_END_KINDS)}; request a shorter time"
         )
     if len(mechanism.inputs) > 1:
         raise EngineError(

@@ -159,8 +159,8 @@ def _check_any_sure(table: CouplingTable) -> None:
         best = f"the smallest error of a cell is {np.min(errors):.2g} rad"
     raise SolveError(
         f"{table.mechanism}: no cell of a table with {'x'.join(map(str, table.count))} "
-        f"nodes has an interpolation error within {table.tolerance:g} rad ({best}): ask "
-        "for more samples, a larger tolerance, or narrower ranges"
+        f"nodes has an interpolation error within {table.tolerance:g} rad ({best}); "
+        "request more samples, a larger tolerance, or narrower ranges"
     )
 
 

@@ -113,7 +113,8 @@ class ImportedFile:
         # without both.
         if self._foreign_model.has_made_up_masses:
             linkage.notes.append(
-                "the masses, which the file says are made up, and its servos were left out"
+                "the masses, which are not real according to the file, and its servos "
+                "were left out"
             )
         else:
             masses = self._dynamics.mass_tables()

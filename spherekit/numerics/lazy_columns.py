@@ -29,7 +29,7 @@ def _convert_to_array(
     """Return a column as an array. This is the `__array__` protocol of NumPy."""
     if copy is False:
         raise ValueError(
-            "this array is put together when it is read, so it cannot be read without a "
+            "this array is computed when it is read, so it cannot be read without a "
             "copy; leave copy=False out"
         )
     (values,) = read_columns([column])

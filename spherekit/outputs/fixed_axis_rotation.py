@@ -397,8 +397,8 @@ def axis_and_angle(first: Floats, second: Floats) -> tuple[Floats, float]:
     if np.pi - angle <= ORIENTATION_ROUNDING_RAD:
         raise SolveError(
             "the orientations differ by half a turn: the line of the axis is determined, "
-            "but both senses lead from one to the other; give the axis, with the sense "
-            "wanted, and the angle"
+            "but both senses lead from one to the other; give the axis with the wanted "
+            "sense, and the angle"
         )
     return np.copysign(1.0, xyzw[3]) * xyzw[:3] / sine, angle
 

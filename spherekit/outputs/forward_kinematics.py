@@ -262,8 +262,8 @@ class ForwardKinematics:
             kinds = ", ".join(group.kind for group in self.solver.assembly.groups)
             raise SolveError(
                 f"{self.mechanism.name}: all rows can be solved at once only if every "
-                f"group is a dyad, but the groups are {kinds}; ask for `solutions` row by "
-                "row, or trace the mechanism along a path"
+                f"group is a dyad, but the groups are {kinds}; use the method "
+                "`solutions` for one row after another, or trace the mechanism along a path"
             )
         # `make_path` checks the number of inputs, and that they are finite.
         q = make_path(np.asarray(inputs, dtype=float), len(self.solver.driven)).q

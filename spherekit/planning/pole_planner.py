@@ -109,8 +109,8 @@ def _pole_of_bodies(whole_plan: Plan, pole: Pole | str) -> Pole:
     if pole_of_bodies is None:
         raise PlanError(
             f"{mechanism.name}: links {names[i]} and {names[j]} are one body while "
-            f"input {mechanism.pairs[whole_plan.input].name} moves alone; ask for the pole "
-            "with another input"
+            f"input {mechanism.pairs[whole_plan.input].name} moves alone; request the "
+            "pole for another input"
         )
     return pole_of_bodies
 

@@ -475,8 +475,8 @@ def make_run_plan(
     for analysis, needs in zip(analyses, declared_needs.needs, strict=True):
         if needs.time and sampling.timing is None:
             raise AnalysisError(
-                f"{analysis.name}: needs a motion in time, but no law says how the inputs "
-                "move; give a law for every input, and a duration"
+                f"{analysis.name}: needs a motion in time, but the inputs have no time "
+                "laws; give a law for every input, and a duration"
             )
     all_needs = reduce(Needs.union, declared_needs.needs, Needs())
     requests = plan_requests(

@@ -561,7 +561,8 @@ def read_frame(
         has_other_columns = tables and not table.schema.equals(tables[0].schema)
         if not has_notes or has_other_columns:
             raise FileError(
-                f"{path}: its content is not what was written there; move the file away, "
+                f"{path}: the file has been changed since it was written; move the file "
+                "away, "
                 "and run the same command to create it again"
             )
         tables.append(table)

@@ -202,8 +202,8 @@ class KinematicStructure:
                         names = self.mechanism.variable_names
                         raise EngineError(
                             f"{self.mechanism.name}: the axes of {names[first]} and "
-                            f"{names[second]} coincide in a link, so these two cannot be "
-                            "told apart",
+                            f"{names[second]} coincide in a link, so these two cannot "
+                            "be distinguished",
                             ADVICE_WITHOUT_EXPRESSIONS,
                         )
 

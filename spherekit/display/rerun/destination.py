@@ -173,7 +173,7 @@ class FileOutput:
         # An error while writing does not matter to a file that is deleted.
         if keep:
             self._raise_copy_error()
-            return f"what was recorded until then is in {self.part}"
+            return f"the data recorded until then are in {self.part}"
         self.part.unlink(missing_ok=True)
         return ""
 

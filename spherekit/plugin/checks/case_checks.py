@@ -151,7 +151,7 @@ def check_blocks(case: ConformanceCase) -> str:
         raise NotApplicableError("it reads no samples")
     # An analysis that is not `rowwise` needs all samples at once.
     if not case.analysis.rowwise:
-        raise NotApplicableError("it is asked for all samples at once")
+        raise NotApplicableError("it receives all samples at once")
     # Findings are results in addition to the tables.
     expected_tables, expected_findings = case.whole_results
     for block_size in BLOCK_SIZES:
