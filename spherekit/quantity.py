@@ -174,7 +174,9 @@ def split_unit(text: str) -> tuple[str, str]:
 def angle_unit_and_factor(
     number: str, unit: str, dimension: Dimension = ANGLE
 ) -> tuple[AngleUnit, int]:
-    """Return the unit of angles, deg or rad, that a unit means, and how many it equals.
+    """Return a unit of angles or their rates as a multiple of deg or rad.
+
+    For example, ``turn`` is 360 deg and ``rpm`` is 6 deg/s.
 
     Parameters
     ----------
@@ -182,6 +184,13 @@ def angle_unit_and_factor(
         The number, for messages, and the unit as the user wrote it, such as ``turn/s``.
     dimension
         The dimension that is needed: that of an angle or of its rates.
+
+    Returns
+    -------
+    angle_unit
+        "deg" or "rad", without the part by time.
+    factor
+        The number of these in the unit, such as 360 for ``turn/s``.
 
     Raises
     ------

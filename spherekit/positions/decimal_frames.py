@@ -111,9 +111,10 @@ def _frames_from_sizes(
     -------
     For the number of each pair its frames (3, 3) in the first and in the second link.
     """
-    # Unit vectors of the axes of each link, in float64 and in quad precision. The latter
-    # follow from the arcs and angles as the file has them, in degrees. The former only
-    # decide which axes are collinear, so that the frames are those of float64 computations.
+    # Unit vectors of the axes of each link, in float64 and in quad precision. Those in quad
+    # precision follow from the arcs and angles as the file has them, in degrees. Those in
+    # float64 only decide which axes are collinear. Each x axis then points to the same
+    # other axis as in computations with float64 numbers.
     links = geometry.links
     float_axes = {link: axes_from_sizes(sizes) for link, sizes in links.items()}
     exact_axes = {}

@@ -363,9 +363,8 @@ class ModeCoalescence:
     ) -> Complexes:
         """Return the frames of pairs in both their bodies.
 
-        A body is a set of links whose relative orientations are known. A mode is a solution
-        of the closure equations. Complex solutions are placed like real ones, because the
-        product of the determinants of all modes is needed. So the frames are complex.
+        A body is a set of links whose relative orientations are known. A mode is a real or
+        complex solution of the closure equations. In a complex mode the frames are complex.
 
         Parameters
         ----------

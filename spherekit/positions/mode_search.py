@@ -161,9 +161,9 @@ class ModeSearch:
         search
             Whether to search for modes other than that of the reference pose.
         independent
-            Whether the samples are unrelated to each other, and not a motion. Modes in
-            which every dyad has the same sign (it closes in the same of its two ways) then
-            share a number, although no path joins them.
+            Whether the samples are unrelated to each other, and not a motion. A dyad can be
+            closed in two ways, which its sign tells apart. Modes in which every dyad has
+            the same sign then share a number, although no path joins them.
 
         Raises
         ------
@@ -172,26 +172,26 @@ class ModeSearch:
             the rank of the velocity equations, is not the number of inputs.
         """
         # The constructor runs the search.
-        modes = SampledModes(
+        sampled_modes = SampledModes(
             self.solver, self.input_grid, search=search, shares_numbers=independent
         )
-        self.assembly_modes = modes.assembly_modes
-        self.methods = modes.methods
-        self.claim = modes.claim
-        self.probes = modes.probes
+        self.assembly_modes = sampled_modes.assembly_modes
+        self.methods = sampled_modes.methods
+        self.claim = sampled_modes.claim
+        self.probes = sampled_modes.probes
         # Numbers of degrees of freedom at the starts of the search, from the rank of the
         # velocity equations. They are computed only if a group has redundant constraints,
         # because counting links and pairs then gives another number. The first one is that
         # of the reference pose, if there is one.
-        mobilities = modes.mobilities
+        mobilities = sampled_modes.mobilities
         if mobilities:
-            # A singular configuration has more degrees of freedom than the mechanism, but
-            # never fewer. A start with more than there are inputs is therefore no error by
-            # itself. The number of inputs in the file may be wrong if the first start has
-            # fewer degrees of freedom, or if no start led to a mode. The least number of
-            # all starts is then compared with the inputs.
+            # The number of inputs in the file is in doubt in two cases: if the first start
+            # has fewer degrees of freedom than there are inputs, or if no start led to a
+            # mode. The least number of all starts is then compared with the inputs, because
+            # a singular configuration has more degrees of freedom than the mechanism, but
+            # never fewer.
             first_is_immobile = mobilities[0] < len(self.solver.driven)
-            if not modes.assembly_modes or first_is_immobile:
+            if not sampled_modes.assembly_modes or first_is_immobile:
                 check_mobility(self.solver, min(mobilities))
 
     def _find_modes_over_range(self, search: bool) -> None:

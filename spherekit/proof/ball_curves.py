@@ -155,20 +155,24 @@ def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
         # The parameter is the azimuth, over one turn from 0 to 2 pi.
         one_turn = exact_balls([0.0, 2.0]) * pi_ball()
         return _by_arc_length(path, one_turn, closed=True)
-    # A circle about z with the angular radius r: point = z cos(r) + (x cos(a) + y sin(a))
-    # sin(r), where the azimuth a is the arc length over sin(r).
+    # A circle about z with the angular radius r. At the azimuth a, which is the arc length
+    # over sin(r), its frame is
+    #     tangent = y cos(a) - x sin(a),
+    #     normal  = z sin(r) - (x cos(a) + y sin(a)) cos(r),
+    #     point   = z cos(r) + (x cos(a) + y sin(a)) sin(r).
     x, y, z = axes
     if profile.kind == "circle":
         sine, cosine = exact_ball(profile.radius or 0.0).sin_cos()
     else:
         # The only other kind is a great circle, with r = 90 degrees.
         sine, cosine = exact_balls([1.0, 0.0])
-    # Tangent, normal and point of the frame are linear functions of 1, cos(a) and sin(a).
-    # Each list has the factors of one of these: in the tangent, the normal and the point.
-    constant = [0 * z, sine * z, cosine * z]
-    cosine_term = [y, -cosine * x, sine * x]
-    sine_term = [-x, -cosine * y, sine * y]
-    terms = np.array([constant, cosine_term, sine_term]).swapaxes(1, 2)
+    # The same as sums of a constant part, a part times cos(a) and a part times sin(a). Each
+    # list has this part of the tangent, the normal and the point.
+    constant_part = [0 * z, sine * z, cosine * z]
+    cosine_part = [y, -cosine * x, sine * x]
+    sine_part = [-x, -cosine * y, sine * y]
+    # (3, 3, 3): part, then the frame, in which vectors are columns.
+    terms = np.array([constant_part, cosine_part, sine_part]).swapaxes(1, 2)
     # A circle is closed, so its reverse starts at 0.
     return lambda s: evaluate_rotation(terms, s / sine), exact_ball(0.0)
 

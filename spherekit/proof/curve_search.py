@@ -355,12 +355,13 @@ class CurveSearch:
         if any(self._touches_saddle_inside(chain) for chain in self.chains):
             return True
         for use in self._list_arm_uses():
-            # An arm has the number of its saddle as the first entry. The input's variable
-            # is the last one.
-            saddle = self.crossings.saddles[use.arm[0]]
-            # 1 if the saddle is above the range of the input, -1 if it is below, else 0. A
-            # saddle less than `OUTSIDE_RANGE_RAD` inside an end counts as outside.
-            side = self.side(saddle.centre[-1], -OUTSIDE_RANGE_RAD)
+            saddle_number, _quadrant = use.arm
+            saddle = self.crossings.saddles[saddle_number]
+            # The last variable of a configuration is the input. The side is 1 if the saddle
+            # is above the range of the input, -1 if it is below, else 0. A saddle less than
+            # `OUTSIDE_RANGE_RAD` inside an end counts as outside.
+            saddle_input = saddle.centre[-1]
+            side = self.side(saddle_input, -OUTSIDE_RANGE_RAD)
             # `input_sign` is 1 if the input grows along the arm, away from the saddle, -1
             # if it decreases. The arm leads out of the range if both signs are equal.
             leads_out = use.input_sign * side > 0

@@ -545,6 +545,7 @@ def _enclose_zero(
         end. The result is negative at the start and positive at the end. It is an
         approximation: no proof depends on it.
         """
+        # A point of the chord from start to end is corrected to a configuration.
         position = correct_configuration(equations, piece.centre + ratios[0] * chord)
         if position is None:
             position = piece.centre
@@ -553,6 +554,8 @@ def _enclose_zero(
         tangent_frame = find_frame(slopes, piece.tangent)
         if tangent_frame is None:
             return end_sign * np.zeros(1)
+        # The first column of the frame is the tangent of the curve: the rates of all
+        # variables.
         return end_sign * tangent_frame.frame[variable, :1]
 
     # The fraction of the way at which the rate is 0. It is between 0, where the signed rate

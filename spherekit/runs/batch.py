@@ -548,9 +548,13 @@ class Batch:
         the relative rotation of two links. `Needs` has four sets of poles:
 
         - `directions`: their directions are read,
-        - `rates`: their velocity coefficients are read,
+        - `rates`: their velocity coefficients or the derivatives of these are read,
         - `turns`: the derivatives of their directions by the input are read,
         - `planes`: two great circles that intersect in the pole are read.
+
+        Directions and some other quantities are computed together with velocity
+        coefficients and great circles. They may be read if the pole is in `directions`,
+        `rates` or `planes`.
 
         Parameters
         ----------
@@ -563,27 +567,27 @@ class Batch:
         needs = self.needs
         # Description of the quantity; None for "planes" and "pole_status".
         pole_quantity = _QUANTITY_BY_NAME.get(quantity)
-        declared_in = "any" if pole_quantity is None else pole_quantity.declared_in
-        # The sets of which one must have the pole. The direction and the status of a pole
-        # are computed with its velocity coefficient and its great circles too, so they may
-        # be read if the pole is in any of three sets. The sets are searched one by one. A
-        # union would take longer, as this method is called for every column of every pole.
-        declared = [needs.directions, needs.rates, needs.planes]
+        # The set that has to contain the pole; "any" stands for the three named above.
+        required_set = "any" if pole_quantity is None else pole_quantity.declared_in
+        # `sufficient_sets` are the sets of which one must have the pole, `declaration` what
+        # the message proposes. The sets are searched one by one. A union would take longer,
+        # as this method is called for every column of every pole.
+        sufficient_sets = [needs.directions, needs.rates, needs.planes]
         declaration = "directions=..."
         if quantity == "planes":
-            declared = [needs.planes]
+            sufficient_sets = [needs.planes]
             declaration = "planes=..."
-        elif declared_in == "turns":
-            declared = [needs.turns]
+        elif required_set == "turns":
+            sufficient_sets = [needs.turns]
             declaration = "turns=..."
-        elif declared_in == "rates":
-            declared = [needs.rates]
+        elif required_set == "rates":
+            sufficient_sets = [needs.rates]
             declaration = "rates=..."
         if pole_quantity is not None and pole_quantity.is_derivative:
             declaration += ", derivatives=True"
             if not needs.derivatives:
-                declared = []
-        if not any(pole in declared_poles for declared_poles in declared):
+                sufficient_sets = []
+        if not any(pole in declared_poles for declared_poles in sufficient_sets):
             # The link with the larger number comes first, as in the names of poles.
             low, high = (self.mechanism.links[link] for link in pole)
             raise UndeclaredNeed(

@@ -201,8 +201,8 @@ class KernelColumns:
         -------
         Unit vectors u, relative angular velocities, and their derivatives.
         """
-        # The kernel calls the poles "signed" whose sense is chosen later, by a sign. Here
-        # they do not have this sign yet.
+        # In the kernel, `signed` means "to be multiplied by a sign later": `signed_poles`
+        # are the poles without a fixed sense.
         input_columns = self.kernel.input_columns[input_index]
         quantities = input_columns.signed_quantities(
             self.kernel.all_columns(self._values[:, rows])

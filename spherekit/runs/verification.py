@@ -420,13 +420,18 @@ class Verifier:
         """
         # Rotations are computed on request from the values; joined rows need them stored.
         motion = replace(whole.motion, placed=whole.motion.rotations)
-        row = self._find_rows(vars(motion))
-        order = np.arange(len(motion))
-        replaced = np.flatnonzero((row >= 0) & self._has_reference[row])
-        order[replaced] = len(motion) + row[replaced]
-        # The n rows of the run have the numbers 0 to n - 1, the reference rows follow.
+        # For each row of the run the number of its verified row, or -1 if there is none.
+        verified_row = self._find_rows(vars(motion))
+        replaced = np.flatnonzero((verified_row >= 0) & self._has_reference[verified_row])
+        # The n rows of the run are followed by the reference rows, which therefore have the
+        # numbers n, n + 1, ... The replaced rows are taken from these.
+        row_count = len(motion)
         joined = _BlockRows.concatenate([replace(whole, motion=motion), reference_rows])
-        rows = joined.rows(order)
+        row_numbers = np.arange(row_count)
+        row_numbers[replaced] = row_count + verified_row[replaced]
+        rows = joined.rows(row_numbers)
+        # A selection of rows counts as one mode with as many samples as rows. Here all rows
+        # are present again, so the motion has the samples of each mode as before.
         return replace(rows, motion=replace(rows.motion, samples=motion.samples))
 
     def _compare_table(self, pair: _TablePair) -> Iterator[Facts]:

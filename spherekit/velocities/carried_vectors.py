@@ -43,9 +43,10 @@ class CarriedVector:
     slide_length
         Length of `slide`, exactly.
     slide_change
-        Bound of the length of the derivative of `slide` with respect to the variable, seen
-        from the link. It lacks the part that contains second derivatives of the curvatures
-        of `sides`; `slide_change_bound` adds it.
+        The derivative of `slide` with respect to the variable, seen from the link, is a sum
+        of two parts. This is a bound of the length of the first part. The second part has
+        second derivatives of the curvatures of `sides`. The property `slide_change_bound`
+        is a bound of both.
     sides
         The profiles of a contact on whose curvatures `slide` depends.
     """
@@ -60,7 +61,7 @@ class CarriedVector:
 
     @property
     def slide_change_bound(self) -> Expr:
-        """Bound of the derivative of `slide` with respect to the variable."""
+        """Bound of the length of the derivative of `slide` by the variable."""
         # The curvature of a circle is a number. That of another profile is a symbol, one of
         # its `column_symbols`, and its second derivative has a bound along the profile.
         return self.slide_change + sum(

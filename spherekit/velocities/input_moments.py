@@ -144,13 +144,17 @@ class InputMoments:
     ) -> list[Expr]:
         """Return the inertia moments, times D, at inputs that move without accelerating.
 
-        D is the determinant of the velocity equations, I the inertia tensor of a link, and
-        w_ji the angular velocity of link j per unit rate of input i. The expressions of
-        y_i = D w_ji contain no division, so moments are written with these. The rates u_i
-        of the inputs are divided by D instead: s_i = u_i / D. A link has the angular
-        velocity w = sum of s_k y_k, the angular momentum h = I w and the angular
-        acceleration b. All vectors of a link have components along the basis of the link.
-        Its contribution to moment i has two parts:
+        A link has the inertia tensor I, the angular acceleration b, and the angular
+        velocity
+
+            w = sum over k of u_k w_k = sum over k of s_k y_k,   y_k = D w_k,   s_k = u_k /
+            D,
+
+        with the rates u_k of the inputs, the angular velocities w_k per unit rate of each
+        input, and the determinant D of the velocity equations. The expressions of y_k
+        contain no division. The angular momentum is h = I w. All vectors of a link have
+        components along the basis of the link. Its contribution to moment i times D has two
+        parts:
 
             y_i . I b = I y_i . b,
             y_i . (w x h) = sum over k of s_k h . (y_i x y_k).

@@ -355,9 +355,9 @@ class NullMotion:
         the sign of the motion are arbitrary.
     inverse
         (n, variables, equations + 1) left inverse of the matrix (equations + 1, variables)
-        that has the velocity equations as its first rows and `rates` as its last row. The
-        last row keeps the length of the rates constant. Multiplied by the changes of the
-        equations, the inverse gives the change of the rates along the motion.
+        that has the velocity equations J as its first rows and `rates` as its last row. The
+        rates r satisfy J r = 0 and keep their length. Their derivative along the motion is
+        therefore r' = inverse (-J' r, 0), with the derivative J' of the equations.
     """
 
     rates: Floats

@@ -285,10 +285,10 @@ def _add_output_quantities(
     """Add the quantities of outputs to a table, which is changed in place.
 
     An output is the orientation of a link relative to another one, or a direction fixed in
-    this link (a pointing output). Its Jacobian has a column (3,) for each input: the
-    relative angular velocity of the link, or with two inputs the rate of the direction. Its
-    condition number says nothing if there is a single column. Its determinant exists for
-    three inputs, and for two if the output is a direction.
+    this link (a pointing output). Its Jacobian has a column (3,) for each input. This is
+    the relative angular velocity of the link, or the rate of the direction if the output is
+    pointing and there are two inputs. The condition number of a single column says nothing.
+    The determinant exists for three inputs, and for two if the output is pointing.
 
     `QuantityTable.add` takes the name of a quantity, its unit (all are pure numbers), and
     the name and arguments of the method of `DesignExpressions` that computes it.
