@@ -121,7 +121,10 @@ class DyadPlacement:
 
 
 class ArcEquations:
-    """The equations f = 0 of a mechanism, evaluated in balls of the present precision.
+    """The equations f = 0 of a mechanism, evaluated in ball arithmetic.
+
+    A ball is a number with a bound of its error. The number of bits is that of the present
+    context (`working_precision`).
 
     Parameters
     ----------

@@ -78,7 +78,8 @@ The points are unit vectors. The parameter is not the arc length.
 def evaluate_rotation(terms: Array, angles: Array) -> Array:
     """Return (n, 3, 3) terms[0] + cos(angle) terms[1] + sin(angle) terms[2].
 
-    `terms` is (3, 3, 3), and `angles` (n,) rad are balls or power series.
+    `terms` is (3, 3, 3). `angles` (n,) rad are balls (numbers with a bound of their error),
+    or power series with such coefficients.
     """
     sine, cosine = (array[:, None, None] for array in sine_cosine(angles))
     return terms[0] + terms[1] * cosine + terms[2] * sine
@@ -442,5 +443,8 @@ def _make_spline(spline_path: SplinePath) -> Path:
 
 
 def vector_lengths(vectors: Array) -> Array:
-    """Return the lengths (n,) of vectors (n, 3) of balls or power series."""
+    """Return the lengths (n,) of vectors (n, 3).
+
+    Their elements are balls (numbers with a bound of their error), or power series.
+    """
     return np.sqrt(np.sum(vectors * vectors, axis=1))

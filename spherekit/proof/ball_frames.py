@@ -40,7 +40,7 @@ def exact_ball(number: float) -> Ball:
 
 
 def unit_vector(vector: Vector) -> Vector:
-    """Return a vector of balls divided by its length."""
+    """Return a vector divided by its length; its elements are numbers with error bounds."""
     return vector / np.sqrt(vector @ vector)
 
 

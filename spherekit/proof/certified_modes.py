@@ -192,8 +192,9 @@ class CertifiedModes:
     def narrow_balls(self) -> Iterator[tuple[ArcEquations, list[list[Ball]]]]:
         """Provide the equations, and for each real mode narrow balls of all variables.
 
-        Variables are the unknown angles, followed by the angles of inputs and of wheels.
-        Within the context, balls have the precision with which the modes were proven.
+        A ball is a number with a bound of its error. Variables are the unknown angles,
+        followed by the angles of inputs and of wheels. Within the context, balls have the
+        precision with which the modes were proven.
         """
         with working_precision(self.precision_bits):
             equations = ArcEquations(self.decimal_mechanism, self.construction)

@@ -359,7 +359,11 @@ def decimal_text(number: float) -> str:
 
 
 def _number_ball(number: float) -> Ball:
-    """Return the ball of a number of a file, of its decimal text if it has one."""
+    """Return a number of a file as a ball, which is a number with a bound of its error.
+
+    A decimal number such as 45.1 is no float64 number. If its text is known, the ball
+    contains the decimal number. Otherwise the float64 number counts as exact.
+    """
     if isinstance(number, LiteralNumber):
         ball = flint_library().arb(number.text.replace("_", ""))
         assert ball.is_finite()

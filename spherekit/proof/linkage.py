@@ -519,7 +519,8 @@ class Linkage:
         Parameters
         ----------
         start
-            (k, variables) start values (rad), balls.
+            (k, variables) start values (rad), as balls (numbers with a bound of their
+            error) whose bound is 0.
         held
             Numbers of the variables that keep their values.
         eps
@@ -609,7 +610,10 @@ class Linkage:
 
 
 def largest_in_rows(values: Array) -> Floats:
-    """Return the largest magnitude (k,) in each row of balls (k, m), 0 without columns."""
+    """Return the largest magnitude (k,) in each row of numbers (k, m), 0 without columns.
+
+    The numbers are balls. Their error bounds are left out.
+    """
     return np.max(np.abs(centre_floats(values)), axis=1, initial=0.0)
 
 

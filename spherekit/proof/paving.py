@@ -161,8 +161,8 @@ class VariableRanges:
     def circle_points(self, boxes: Integers) -> Floats:
         """Return cosines and sines (n, variables, 2) of `centres`, each rounded once.
 
-        For a variable with one value, such as an input, they are those of its ball, not of
-        a float64 number near it.
+        A variable with one value, such as an input, is known with more digits than a
+        float64 number has. Its cosine and sine are computed with these digits.
         """
         centres = self.centres(boxes)
         # Many boxes share coordinates, so each number is evaluated once.

@@ -199,7 +199,8 @@ class ReducedEquation:
         Parameters
         ----------
         positions
-            (n,) balls (rad).
+            (n,) values of z (rad), as balls: each is a number with a bound of its error.
+            The results apply to all points of the balls.
         residual
             (k,) balls: the residual F(z) - g l that is to be removed.
         order

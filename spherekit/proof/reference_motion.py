@@ -928,5 +928,8 @@ class ExactSimulation:
 
 
 def _largest(balls: Any) -> float:
-    """Return the largest magnitude of an array of balls, 0 if it is empty."""
+    """Return the largest magnitude of an array of numbers, 0 if it is empty.
+
+    The numbers are balls. Their error bounds are left out.
+    """
     return np.max(np.abs(centre_floats(balls)), initial=0.0)

@@ -56,8 +56,9 @@ Key = TypeVar("Key")
 class ExactRows:
     """Reference values of n rows while one input moves at unit rate, the others locked.
 
-    Vectors and rotations are in ground axes. Values are balls of the `arithmetic`, and NaN
-    in rows whose status is not OK.
+    Vectors and rotations are in ground axes. Values are balls, which are numbers with a
+    bound of their error, with the digits of `arithmetic`. They are NaN in rows whose status
+    is not OK.
 
     Attributes
     ----------
@@ -261,7 +262,10 @@ def exact_rows_by_input(
 
 
 def _nan_unless(is_good: Bools, balls: Array) -> Array:
-    """Return balls (n, ...) with NaN in the rows in which `is_good` (n,) is false."""
+    """Return numbers (n, ...), with NaN in the rows in which `is_good` (n,) is false.
+
+    The numbers are balls: each has a bound of its error.
+    """
     result = balls.copy()
     result[~is_good] = exact_ball(np.nan)
     return result
@@ -348,8 +352,9 @@ def exact_direction(reference: ExactRows, pole: Pole, toward: Floats) -> Array:
 
     Returns
     -------
-    (n, 3) balls, unit vectors in ground axes. NaN where `toward` or the reference is NaN,
-    and where rounding could rotate the direction by 1e-6 rad.
+    (n, 3) unit vectors in ground axes, as balls (numbers with a bound of their error). NaN
+    where `toward` or the reference is NaN, and where rounding could rotate the direction by
+    1e-6 rad.
 
     Raises
     ------
@@ -490,7 +495,15 @@ def exact_field(reference: ExactRows, request: Request, field: PoleField) -> Pol
 def _round_where_known(
     field_values: Mapping[Key, Floats], balls: Mapping[Key, Array]
 ) -> dict[Key, Floats]:
-    """Return the float64 numbers nearest to balls, NaN where the values of a field are."""
+    """Round reference numbers to float64, with NaN where the values of a field are NaN.
+
+    Parameters
+    ----------
+    field_values
+        The values of the field, by pole or link.
+    balls
+        Reference numbers by the same keys, in many digits with a bound of their error.
+    """
     return {
         key: np.where(np.isnan(field_values[key]), np.nan, centre_floats(array))
         for key, array in balls.items()

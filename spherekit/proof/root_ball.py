@@ -107,7 +107,7 @@ class CertifiedRoot:
         return bool(np.all(distance < 0.5 * self.unique))
 
     def points(self) -> list[Ball]:
-        """Return balls of e^(i angle) of all unknown angles."""
+        """Return e^(i angle) of the unknown angles, as numbers with error bounds."""
         return [(complex_ball(1j) * angle).exp() for angle in self.balls()]
 
 
@@ -157,7 +157,10 @@ def find_root(
 def _evaluate(
     equations: ArcEquations, x: Array, known_angles: Sequence[Ball]
 ) -> tuple[Array, Array]:
-    """Return F (k,) and F' (k, k) by the unknowns, at balls x (k,) of the unknowns."""
+    """Return F (k,) and F' (k, k) by the unknowns, at values x (k,) of the unknowns.
+
+    All numbers are balls, which are numbers with a bound of their error.
+    """
     values, slopes = equations.evaluate([*x, *known_angles])
     return values, slopes[:, : equations.unknown_count]
 

@@ -130,7 +130,7 @@ def _bound_arm_slopes(hessian: Array, form_error: float) -> dict[int, tuple[floa
     Parameters
     ----------
     hessian
-        (2, 2) balls, the matrix of Q.
+        (2, 2) the matrix of Q. Its elements are balls, numbers with a bound of their error.
     form_error
         Largest |Q(u, v)| on the arms, over the square of the larger of |u| and |v|.
 
@@ -260,7 +260,8 @@ def find_monotonic_variables(
     form
         The form of the saddle.
     level
-        The value of g at the saddle, a ball that does not contain 0.
+        The value of g at the saddle: a ball (number with a bound of its error) that does
+        not contain 0.
     slope_at_saddle
         Bound of the slopes of g at the point that counts as the saddle.
 
