@@ -426,9 +426,9 @@ def _solve_torque(batch: Batch) -> InverseSolution:
 
     In the second case, rows with inaccurate rates get the status ILL_CONDITIONED.
     """
+    # A spring counts whole revolutions, so angles of pairs with loads must not jump by 2
+    # pi. In both cases the motion has continued angles.
     if Loads(batch.mechanism).friction_components:
-        # A spring counts whole revolutions, so angles must not jump by 2 pi. Without
-        # friction, `_coordinate_motion` reads such angles from the batch.
         motion = continue_load_angles(batch)
         return needed_torques(motion)
     status = batch.status.copy()

@@ -204,9 +204,12 @@ class EquivalentRotation(AbstractAnalysis):
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return that this analysis needs the position analysis of the run (`tracer`).
 
-        Its solver computes the configurations at the start pose. All parameters are checked
-        here, before anything is computed. Whether `theta` exceeds the angle of the rotation
-        is checked later, when this angle is computed.
+        The analysis turns the output link from a start to an end about one fixed axis, and
+        computes the inputs during this rotation. The parameter `theta` has further angles
+        of the rotation, from the start, at which they are wanted.
+
+        All parameters are checked here, before anything is computed. Only whether an angle
+        in `theta` exceeds the whole rotation is checked later, when its angle is known.
 
         Raises
         ------

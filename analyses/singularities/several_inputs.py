@@ -378,16 +378,17 @@ class SeveralInputs:
         type II, d_i at type I. The table has every row of the batch once for each output
         and input. Some columns are:
 
-        - `form`: always i, as w_i is relative to the reference link of the output. (Tables
-          of mechanisms with one input have another form, ii.)
+        - `form`: i, which means that w_i is relative to the reference link of the output.
+          (Mechanisms with one input have rows of another form, ii. Its angular velocity is
+          relative to the reference link of the input.)
         - `velocity_coefficient`: w_i at the rate q_i' = 1.
         - `output_rate` and `input_rate`: w_i and q_i' in the same motion, scaled so that
           the rates of all pairs have unit length. They are finite at singularities, too.
         - `sigma`: the smallest singular value of the loop equations with all inputs locked.
           It is 0 if a link can move nevertheless.
-        - `group`: 1 for a row that is singular with one input moving alone, for at least
-          one of the inputs. 2 for a row that is singular for none of them, but only with
-          several inputs moving. 0 for regular rows.
+        - `group`: 0 for regular rows. 1 for rows that are singular with one input moving
+          alone, whichever it is. 2 for other singular rows, which are singular only with
+          several inputs moving.
         """
         batch = self.batch
         tables: list[Columns] = []

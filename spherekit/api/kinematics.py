@@ -639,7 +639,10 @@ def _single_row_evaluator(
         """Return the batch of one configuration at an input q (rad).
 
         A batch has arrays with the configurations, here a single one, their poles, rates
-        and error bounds. The evaluated row has the same numbers as plain floats.
+        and error bounds. The evaluated row has the same numbers as plain floats, in the
+        columns of `kernel`, the expressions that computed them. `row_template` is another
+        configuration of the same mode, whose other fields are kept. `request` and `needs`
+        list the quantities.
         """
         columns = np.array(evaluated_row.columns)[:, None]
         values = np.array([evaluated_row.variables])
@@ -659,12 +662,10 @@ def _single_row_evaluator(
         # are `signed_columns` (components, poles, 1), whose first three components are the
         # direction of the pole. It is a view, so `*=` below changes `columns`.
         signed_columns = input_columns_of_row.signed_part(columns)
+        # `signs_by_axis_sums` returns a function of directions, rows and modes, which gives
+        # their signs. The batch has one row of one mode, so both have the index 0.
         find_signs = signs_by_axis_sums(np.array([evaluated_row.axis_sum]))
-        # The batch has one row, of one mode, so both have index 0.
-        row_index = 0
-        mode_index_of_row = 0
-        signs = find_signs(signed_columns[:3], row_index, mode_index_of_row)
-        signed_columns *= signs
+        signed_columns *= find_signs(signed_columns[:3], 0, 0)
         # The field has the poles, their rates and the bounds of their errors. The kernel
         # has certified them, which means that the bounds are small enough.
         field = make_certified_field(input_columns_of_row, columns, row, request)

@@ -28,9 +28,26 @@ class PlaceText:
     ----------
     overview
         The entry ``overview`` of the summary of a run.
+
+    Attributes
+    ----------
+    kind
+        What a place is: "input", "time" or "sample".
+    name, unit, heading
+        Name and unit of places, and the heading of a column of places.
+    sample_step
+        Distance of two examined samples, in rad or s.
+    step_words
+        This distance as text, such as ``2 deg of 21``; empty for numbers of samples.
+    step_text
+        The same, such as ``10 deg``, if samples are so far apart that a place between two
+        of them is uncertain (`COARSE_STEP_DEG`). Otherwise empty.
+    between_decimals
+        Number of decimals (deg) of a place that is interpolated between samples.
     """
 
     def __init__(self, overview: Any) -> None:
+        """Compute the distance of samples, on which the texts of places depend."""
         place = overview["place"]
         self.kind: str = place["kind"]
         self.unit = {"rad": "deg"}.get(place["unit"], place["unit"])
@@ -41,8 +58,6 @@ class PlaceText:
             self.heading = "t (s)"
         else:
             self.heading = "sample"
-        # Distance of the examined samples: finer digits of places between them would not
-        # be known.
         low, high = overview["place_range"] or (0.0, 0.0)
         intervals = max(overview["examined_samples"] - 1, 1)
         step = abs(high - low) / intervals
@@ -54,11 +69,17 @@ class PlaceText:
             unit = "deg" if self.kind == "input" else "s"
             name = f" of {self.name}" if self.kind == "input" else ""
             self.step_words = f"{number_text(step, digits=3)} {unit}{name}"
-        # A place between samples is known to about the square of the step.
         self.step_text = ""
         if self.kind == "input" and step >= COARSE_STEP_DEG:
             self.step_text = f"{number_text(step, digits=3)} deg"
-        self.between_decimals = 2 if step < 1.5 else (1 if step < 5.0 else 0)
+        # The error of a place between samples grows with the square of the step (deg), so
+        # that fewer decimals are known with a larger step.
+        if step < 1.5:
+            self.between_decimals = 2
+        elif step < 5.0:
+            self.between_decimals = 1
+        else:
+            self.between_decimals = 0
 
     def value(self, place: float, between_samples: bool = False) -> str:
         """Return a place as text, without its name and unit.

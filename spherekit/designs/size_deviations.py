@@ -51,6 +51,7 @@ class SizeDeviations:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        """Raise `DesignError` if a value is not possible; see the class."""
         if self.distribution not in DISTRIBUTIONS:
             raise DesignError(
                 f'distribution "{self.distribution}" is not known; it is normal or uniform'

@@ -375,6 +375,7 @@ class _Progress:
     """
 
     def __init__(self, sweep: Sweep, parts_folder: Path) -> None:
+        """Begin before any part of the sweep is counted; see the class."""
         self.sweep = sweep
         self.parts_folder = parts_folder
         self.computed = 0

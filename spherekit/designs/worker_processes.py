@@ -385,6 +385,7 @@ class _Crew:
         return self
 
     def __exit__(self, *_: object) -> None:
+        """End all workers and threads, also those that are still computing a part."""
         self._must_stop.set()
         # A thread that saw `_must_stop` too late may still start a worker. Therefore the
         # workers are killed repeatedly until all threads have ended.

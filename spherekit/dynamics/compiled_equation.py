@@ -463,6 +463,7 @@ def _make_sticking_test(
     """
 
     def sticks(state: Floats, time: float, parameters: Floats) -> bool:
+        """Return whether the condition moves back to zero with the changed load."""
         # One column: `switch_function` computes several states at once.
         inputs = np.concatenate([state, [time], parameters])[:, None]
         # The signs of all conditions are the last parameters.

@@ -255,10 +255,10 @@ class Collocation:
         self.scales = np.ones(len(self.start_state))
         self.scales[equation.momenta] = np.sqrt(largest_inertia)
         self.scales[equation.load_work_rows] = largest_inertia
-        # The largest determinant so far, with the sign at the last node; 0 before the first
-        # step. Its matrix is the Jacobian of the loop-closure equations, with the rates of
-        # the pair variables by each coordinate as further rows. It changes its sign where
-        # curves of configurations cross.
+        # A determinant changes its sign where curves of configurations cross. Its matrix is
+        # the Jacobian of the loop-closure equations, with the rates of the pair variables
+        # by each coordinate as further rows. This number has the magnitude of the largest
+        # determinant so far, and the sign of the last one. It is 0 before the first step.
         self.largest_determinant = 0.0
         # Whether this determinant became small in the last step.
         self.is_near_crossing = False

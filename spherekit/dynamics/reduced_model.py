@@ -720,6 +720,7 @@ class StoredModel:
             find_cell = self._find_cell
 
             def evaluate_in_box(q: Sequence[float]) -> list[float]:
+                """Return all sums at one point, the inputs q (m,) in rad."""
                 return cell_sums.evaluate(find_cell(q), q).tolist()  # type: ignore[no-any-return]
 
             return evaluate_in_box
@@ -742,6 +743,7 @@ class StoredModel:
         reduce_to_range = heading.reduce_to_range
 
         def evaluate_on_curve(x: float) -> list[float]:
+            """Return all sums at one coordinate x (rad), which may be in another lap."""
             if low <= x < high:
                 return evaluate_in_range(x)
             reduced_x, laps = reduce_to_range(x)

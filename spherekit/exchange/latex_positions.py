@@ -337,11 +337,12 @@ class PositionFormulas:
     # Placing links
 
     def _place_ground(self, ground_axes: Floats) -> None:
-        """Write the axes of the pairs of the ground, whose frame i, j, k is given.
+        """Add formulas of the axes of the pairs of the ground, whose frame is given.
 
-        As in every link, k is the first axis of the ground, and j is the tangent at k of
-        the arc from k to the second axis. The other axes follow from them and the sizes of
-        the ground.
+        The formulas are LaTeX text, and are added to the list of all formulas. The axes i,
+        j and k of the frame become symbols with known components. As in every link, k is
+        the first axis of the ground, and j is the tangent at k of the arc from k to the
+        second axis. The other axes follow from them and the sizes of the ground.
 
         Parameters
         ----------

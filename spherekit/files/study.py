@@ -65,7 +65,10 @@ class Start:
     """What to write, for messages about an argument that is no start."""
 
     def __post_init__(self) -> None:
-        # Lists become tuples, so that starts with the same numbers are equal.
+        """Raise an error if a number is not finite, and convert lists to tuples.
+
+        Starts with the same numbers are then equal.
+        """
         for name in ("q", "dq"):
             value = getattr(self, name)
             if isinstance(value, Sequence):
@@ -297,6 +300,7 @@ class Study:
     locate: Locate | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        """Convert the start and the path, and raise `AnalysisError` if a value is wrong."""
         # A mechanism of another type is refused below.
         has_mechanism = isinstance(self.mechanism, Mechanism)
         if has_mechanism and isinstance(self.start, str | Mapping):

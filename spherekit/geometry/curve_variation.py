@@ -365,9 +365,10 @@ def differentiate_fourier(
 def differentiate_spline(
     points: ArrayLike, change: ArrayLike, closed: bool, backwards: bool = False
 ) -> CurveDerivative:
-    """Return the derivative of the smooth spline curve through points.
+    """Return the derivative of the smooth spline curve through points by a design variable.
 
-    `spherekit.geometry.profile_curve.through` makes this curve.
+    The points change with this variable, and the curve with them.
+    `spherekit.geometry.profile_curve.through` makes the curve.
 
     Parameters
     ----------

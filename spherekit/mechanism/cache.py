@@ -23,6 +23,7 @@ class MechanismCache:
     """
 
     def __init__(self, max_results: int | None = None) -> None:
+        """Begin without results."""
         self._max_results = max_results
         # A dict keeps the order of insertion: the least recently used result comes first.
         self._results: dict[tuple[str, str], Any] = {}

@@ -473,9 +473,12 @@ class Rolling(Joint):
 
     @property
     def periods(self) -> Numbers:
+        """The rolled length (rad) after which both wheels are back, or infinite.
+
+        Both have then made whole numbers of revolutions. Such numbers exist if the ratio of
+        the circumferences is a ratio of numbers of teeth.
+        """
         if len(self.closed_lengths) == 2:
-            # Both wheels are back after whole numbers of revolutions, which exist if the
-            # ratio of their lengths is a ratio of numbers of teeth.
             ratio = self.first.length / self.second.length
             tooth_ratio = Fraction(ratio).limit_denominator(MAX_TEETH)
             if abs(float(tooth_ratio) / ratio - 1.0) < TOOTH_RATIO_TOLERANCE:

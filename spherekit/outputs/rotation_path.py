@@ -336,7 +336,8 @@ class RotationPath:
         theta
             (n,) angles of the target (rad).
         deviation
-            The nearest configurations at these angles.
+            The nearest configurations at these angles, with equations, derivatives and
+            errors that compare the output link with its target.
         """
         # The first and second derivatives of the variables by theta, and whether the output
         # link turns exactly with the target (`follows`).

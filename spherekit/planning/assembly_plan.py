@@ -435,13 +435,13 @@ def _find_smallest_part(
     parts = []
     for body_a, body_b in sorted(couples):
         # The whole structure can move on the sphere as one body, so it has three free
-        # pebbles (`BODY_FREEDOMS`). They are gathered on body a.
-        # No constraint points out of the set of bodies that are reachable from a and b. All
-        # pebbles of the set but these three are taken by constraints within the set. They
-        # leave only the freedom of one body, so the set is a rigid part.
-        # Any rigid part with a and b has these three free pebbles, too. Its other pebbles
-        # are taken by constraints within it, so no constraint points out of it either. It
-        # therefore contains the reachable set.
+        # pebbles (`BODY_FREEDOMS`). They are gathered on body a. The bodies that can then
+        # be reached from a and b along constraints are the smallest rigid part with a and b
+        # (Lee and Streinu 2008):
+        # - They are rigid: no constraint leads out of the reachable bodies, so constraints
+        #   between them take all their pebbles but the three of a rigid body.
+        # - A smaller part is not rigid: some of its pebbles are taken by constraints that
+        #   lead out of it, so those within it leave more than three.
         pebble_game.gather_pebbles(body_a, BODY_FREEDOMS)
         part = pebble_game.reachable_bodies([body_a, body_b])
         parts.append(part)

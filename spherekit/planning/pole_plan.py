@@ -90,11 +90,13 @@ class LinePole:
 
     @property
     def case(self) -> str:
-        """The letter of the two lines that determine the pole, for exported plans.
+        """The letter of the two lines that determine the pole.
 
-        The letters are those of R. Di Gregorio's lecture: (a) two great circles through
-        poles, (b) one great circle and one contact plane, (c) two contact planes.
+        It is stated where a plan is written to a file. The letters are those of R. Di
+        Gregorio's lecture: (a) two great circles through poles, (b) one great circle and
+        one contact plane, (c) two contact planes.
         """
+        # Without a third body (`via`) there is no great circle, but there are two contacts.
         needed_circles = 1 if self.contacts else 2
         circle_count = min(len(self.via), needed_circles)
         return {2: "a", 1: "b", 0: "c"}[circle_count]

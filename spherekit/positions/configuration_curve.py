@@ -321,10 +321,10 @@ class ArcCurve(Chords):
 
         The first of these cases that applies gives the result:
 
-        1. `period` is finite: it is the result.
+        1. The period is known for the whole mechanism: it is the result.
         2. The curve is closed, so that its configurations return after one lap, and the
            variable grows in a lap: the result is this growth.
-        3. The curve is closed, the variable only swings, and `period` is NaN: the result is
+        3. The curve is closed, the variable only swings, and no wheels roll: the result is
            one revolution. An angle and the same angle plus 2 pi are one position.
         4. Otherwise the configurations never return, and the result is infinite. An example
            are wheels, which are in another position after one revolution of the variable.
@@ -334,9 +334,8 @@ class ArcCurve(Chords):
         variable
             Number of the variable.
         period
-            Its period (rad) in all configurations of the mechanism, if one is known.
-            Infinite: no period is known, and wheels roll in proportion to the variable.
-            NaN: no period is known, and no wheels roll.
+            The period (rad) of the whole mechanism if it is known. Otherwise infinite if
+            wheels roll in proportion to the variable, and NaN if no wheels roll.
         """
         if np.isfinite(period):
             return period

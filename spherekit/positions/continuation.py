@@ -105,6 +105,7 @@ class CurveContinuation(ABC, Generic[Node]):
     max_step: float
 
     def __post_init__(self) -> None:
+        """Begin n curves that consist of their first node only."""
         n = len(self.start_nodes.values)
         self.last_nodes = self.start_nodes.rows(np.arange(n))
         self.end_status = np.full(n, UNFINISHED, dtype=np.int8)

@@ -576,8 +576,9 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
                 )
 
             # Newton's method finds a point at which the limit is reached, but does not
-            # verify that it is on the same curve. It becomes the last node of the curve if
-            # a verified step of this length leads to the same point.
+            # verify that it is on the same curve. A verified step is therefore made, whose
+            # length is the distance to this point along the tangent. If it leads to the
+            # same point, this becomes the last node of the curve.
             landing, _ = newton(
                 compute_steps,
                 node.values,

@@ -82,7 +82,8 @@ class Crossing(NamedTuple):
     values
         (variables,) the configuration (rad).
     freedoms
-        Number of independent motions: of variables less the rank of the velocity equations.
+        Number of independent motions: the number of variables minus the rank of the
+        velocity equations.
     tangents
         (curves, variables) unit tangent of each real curve through the crossing, in one of
         its two directions.

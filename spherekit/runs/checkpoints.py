@@ -138,6 +138,7 @@ def checkpointing(
     saved_samples = run_state.samples_done
 
     def save_checkpoint() -> None:
+        """Write the state to the journal, if the run can be resumed from it."""
         nonlocal saved_samples
         # Tables in memory are lost if the run stops, so there is nothing to resume.
         if run_folder is not None and isinstance(table_store, StoredTables):

@@ -72,6 +72,7 @@ class Execution:
     accuracy: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
+        """Raise `AnalysisError` if a value is wrong, or has no effect with the others."""
         check_fields(self, AnalysisError, "run")
         for name in ("block", "log_every"):
             number = getattr(self, name)

@@ -74,6 +74,7 @@ class FigureOfMerit:
     place: str = ""
 
     def __post_init__(self) -> None:
+        """Raise `AnalysisError` if the reduction, the name or the point is not valid."""
         if self.reduction not in REDUCTIONS:
             raise AnalysisError(
                 f'{self.name}: "{self.reduction}" is not a reduction'

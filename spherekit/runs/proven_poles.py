@@ -177,6 +177,7 @@ class ProvenPoles:
         return sum(counts[EXCEEDED] for counts in self.counts.values())
 
     def __str__(self) -> str:
+        """Return how many rows were compared, and the findings for each kind of bound."""
         parts = []
         for bound, counts in self.counts.items():
             findings = ", ".join(

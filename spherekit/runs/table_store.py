@@ -37,6 +37,7 @@ class StoredTables:
         has_several_blocks: bool,
         file_counts: Iterable[tuple[str, str, int]],
     ) -> None:
+        """Store the arguments, which the class explains; no file is read yet."""
         self.folder = folder
         self._has_several_blocks = has_several_blocks
         self._file_counts = Counter(

@@ -214,6 +214,7 @@ class Verifier:
     """
 
     def __init__(self, run_plan: RunPlan, count: int) -> None:
+        """Begin without selected rows; see the class for the arguments."""
         self._run_plan = run_plan
         self._sampling = run_plan.sampling
         self._requests = [item for item in run_plan.requests if item.poles]
@@ -391,6 +392,7 @@ class Verifier:
     def _compute_tables(
         self, analysis: AbstractAnalysis, rows: _BlockRows
     ) -> dict[str, TableData]:
+        """Return the tables of an analysis at some rows, by name."""
         batch = self._run_plan.make_batch(
             analysis, rows.motion, rows.pole_fields, rows.continued_angles
         )

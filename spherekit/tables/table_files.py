@@ -679,6 +679,7 @@ class ParquetColumns(Mapping[str, Array]):
         return iter(self._columns)
 
     def __getitem__(self, name: str) -> Array:
+        """Read a column: status codes, texts, or numbers with angles in rad."""
         column = self._columns[name]
         header = column.header(self._degrees)
         series = _read_arrow_table(self._path, [header]).to_pandas()[header]

@@ -372,9 +372,10 @@ class RerunRecorder:
     ) -> None:
         """Log the rows of all primitives (things that are drawn) of a scene.
 
-        Some primitives leave a curve, the path of a moving point: pole axes and traced
-        directions on the sphere, and points in plots without other curves. Their rows are
-        also stored, since the curve is drawn at the end of the recording.
+        A row is the scene at one sample of the motion. Some primitives leave a curve, the
+        path of a moving point: pole axes and traced directions on the sphere, and the point
+        of a portrait (a plot of two quantities) that has no curves of its own. Their rows
+        are also stored, since the curve is drawn at the end of the recording.
 
         Parameters
         ----------
