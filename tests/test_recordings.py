@@ -347,7 +347,7 @@ def test_view_says_which_picture_it_wrote(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(module, lambda *arguments, **options: None)
     picture = str(tmp_path / "x.png")
     assert main(["view", str(tmp_path / "b.rrd"), "--png", picture]) == 0
-    assert f"Files: {picture}" in capsys.readouterr().err
+    assert f"Files: {picture}" in capsys.readouterr().out
     assert main(["view", str(tmp_path / "b.rrd"), "--png", picture, "-q"]) == 0
     assert capsys.readouterr().err == ""
 

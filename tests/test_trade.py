@@ -360,7 +360,7 @@ def test_the_command_says_that_no_setting_meets_a_tolerance(capsys, tmp_path):
     arguments = ["four_bar", "--samples", "13", "--rounds", "1"]
     assert main(["trade", *arguments, "--tol", "1e-30", "-o", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
-    message = "for 1e-30: no setting meets it with a margin of 4; the best reached is"
+    message = "For 1e-30: no setting meets it with a margin of 4; the best reached is"
     assert message in printed
     settings = json.loads((tmp_path / "trade.json").read_text())["settings"]
     lines = (tmp_path / "trade.csv").read_text().splitlines()

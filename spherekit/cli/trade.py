@@ -5,7 +5,7 @@ import shlex
 from argparse import ArgumentParser, Namespace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.argument_types import number, whole_number
 from spherekit.cli.completers import complete_analyses, set_completer
@@ -16,6 +16,10 @@ from spherekit.cli.study_arguments import (
     add_time_arguments,
     study_from,
 )
+from spherekit.tables.screen_table import ScreenColumn, ScreenTable
+
+if TYPE_CHECKING:
+    from spherekit.runs.trade_record import Trade
 
 EXAMPLES = """examples:
   # the fastest setting that meets a tolerance
@@ -91,7 +95,6 @@ def execute(options: Namespace) -> int:
     from spherekit.runs.registry import create_analysis
     from spherekit.runs.study_analyses import make_study_analyses
     from spherekit.runs.trade_record import check_tolerance
-    from spherekit.runs.trade_text import as_text
 
     study = study_from(options)
     if options.tol is not None:
@@ -119,8 +122,7 @@ def execute(options: Namespace) -> int:
     if options.json:
         print_json(result.as_dict(options.tol))
     else:
-        heading, *lines = as_text(result, options.tol).splitlines()
-        report = ScreenReport(heading, results=[*lines])
+        report = _make_report(result, options.tol)
         report.files = "; ".join(files) or "not saved; add -o DIR"
         if options.tol is None:
             words = [*options.words, "--tol", "1e-9"]
@@ -131,6 +133,37 @@ def execute(options: Namespace) -> int:
             report.next_steps = [command]
         report.print(options)
     return 0
+
+
+def _make_report(result: "Trade", tolerance: float | None) -> ScreenReport:
+    """Return the report of a trade: the recommended setting, then all of them.
+
+    The numbers to which errors are relative are details.
+    """
+    from spherekit.runs.trade_text import (
+        ALIGNMENTS,
+        HEADINGS,
+        MARK_TEXT,
+        advise,
+        describe_errors,
+        list_inapplicable_settings,
+        make_heading,
+        make_rows,
+    )
+
+    report = ScreenReport(make_heading(result))
+    if tolerance is not None:
+        report.results.append(advise(result, tolerance))
+    columns = tuple(
+        ScreenColumn(heading, "left" if alignment == "<" else "right")
+        for heading, alignment in zip(HEADINGS, ALIGNMENTS, strict=True)
+    )
+    report.results.append(ScreenTable(columns, tuple(make_rows(result))))
+    report.results.append(MARK_TEXT)
+    report.results += list_inapplicable_settings(result)
+    report.results.append("--verbose also prints to which numbers errors are relative.")
+    report.details = describe_errors(result)
+    return report
 
 
 def _check_destinations(options: Namespace) -> None:

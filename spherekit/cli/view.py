@@ -1,5 +1,6 @@
 """`spherekit view`: a recording or a mechanism in the viewer, or as a picture."""
 
+import shlex
 import shutil
 import sys
 import tempfile
@@ -10,6 +11,7 @@ from pathlib import Path
 from spherekit.cli.argument_types import whole_number
 from spherekit.cli.completers import complete_recordings, set_completer
 from spherekit.cli.main import note
+from spherekit.cli.screen_report import ScreenReport
 from spherekit.errors import OutputError
 from spherekit.wording import listing
 
@@ -177,7 +179,14 @@ def _show_recording(path: Path, options: Namespace) -> int:
         view="3D" if options.only_3d else "all",
         front=options.front or (),
     )
-    note(options, f"Files: {options.png}")
+    what = "the mechanism" if is_mechanism(options.file) else "the recording"
+    sample = "" if options.sample is None else f" at sample {options.sample}"
+    report = ScreenReport(
+        f"{path.stem}: picture of {what}{sample}", files=f"{options.png}, {options.size}"
+    )
+    command = shlex.join(["spherekit", "view", options.file])
+    report.next_steps = [(command, "turn and zoom it in the viewer")]
+    report.print(options)
     return 0
 
 

@@ -13,6 +13,13 @@ HEADINGS = ("", "setting", "error", "worst column", "time", "median", "compiling
 ALIGNMENTS = "<<<<>>>"
 """Alignment of each column: to the left or to the right."""
 
+MARK_TEXT = (
+    "*: no other setting is both faster and as accurate. Times are processor times of the "
+    "whole run: the best of all rounds, and their median. Time for compiling is needed "
+    "only once."
+)
+"""Explains the first column and the times. Each setting was run in several rounds."""
+
 MIN_LISTED_COMPILE_SECONDS = 1e-3
 """Time (s) for compiling below which its cell is empty."""
 
@@ -32,27 +39,40 @@ def as_text(trade: Trade, tolerance: float | None = None) -> str:
         Largest error that is accepted. If given, a setting is recommended at the end.
     """
     # The table of settings, in columns as wide as their longest cell.
-    front = trade.pareto
-    rows: list[Names] = [HEADINGS]
-    for measured in trade.settings:
-        # A setting that does not apply to this run has a reason.
-        if not measured.reason:
-            rows.append(_make_cells(measured, is_on_front=measured in front))
+    rows: list[Names] = [HEADINGS, *make_rows(trade)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = [_make_heading(trade)]
+    lines = [make_heading(trade)]
     for row in rows:
         cells = [
             f"{cell:{alignment}{width}}"
             for cell, alignment, width in zip(row, ALIGNMENTS, widths, strict=True)
         ]
         lines.append("  ".join(cells).rstrip())
-    # Each setting was run several times, in rounds.
-    lines.append(
-        "*: no other setting is both faster and as accurate. Times are processor times "
-        "of the whole run: the best of all rounds, and their median. Time for compiling "
-        "is needed only once."
-    )
-    lines += [
+    lines.append(MARK_TEXT)
+    lines += describe_errors(trade)
+    lines += list_inapplicable_settings(trade)
+    if tolerance is not None:
+        lines.append(advise(trade, tolerance))
+    return "\n".join(lines)
+
+
+def make_rows(trade: Trade) -> list[Names]:
+    """Return the cells of each measured setting, in the order of `HEADINGS`."""
+    front = trade.pareto
+    # A setting that does not apply to this run has a reason, and no row.
+    return [
+        _make_cells(measured, is_on_front=measured in front)
+        for measured in trade.settings
+        if not measured.reason
+    ]
+
+
+def describe_errors(trade: Trade) -> list[str]:
+    """Return lines on the scales to which the errors of columns are relative.
+
+    Estimates that an analysis makes of its own error have a line each.
+    """
+    lines = [
         f"  {measured.name}: the analysis's own estimate of its error "
         f"{measured.own_estimate:.1e}"
         for measured in trade.settings
@@ -69,13 +89,10 @@ def as_text(trade: Trade, tolerance: float | None = None) -> str:
         f"error of {', '.join(columns)}: {scale_words}"
         for scale_words, columns in columns_by_scale.items()
     ]
-    lines += _list_inapplicable_settings(trade)
-    if tolerance is not None:
-        lines.append(advise(trade, tolerance))
-    return "\n".join(lines)
+    return lines
 
 
-def _make_heading(trade: Trade) -> str:
+def make_heading(trade: Trade) -> str:
     """Return the first line of the text: what was measured, and against what."""
     subject = f"{trade.mechanism}, {trade.analysis}"
     if trade.derivatives is None:
@@ -97,7 +114,7 @@ def advise(trade: Trade, tolerance: float) -> str:
     best = trade.cheapest(tolerance)
     if best is not None:
         return (
-            f"for {tolerance:g}: {best.name}, error {best.error:.1e} ({MARGIN:g} times "
+            f"For {tolerance:g}: {best.name}, error {best.error:.1e} ({MARGIN:g} times "
             f"this is within the tolerance), {format_seconds(best.total)} including "
             "compiling"
         )
@@ -105,10 +122,10 @@ def advise(trade: Trade, tolerance: float) -> str:
     # first. Settings that do not compute all numbers of the reference are left out of it.
     front = trade.pareto
     if not front:
-        return f"for {tolerance:g}: no setting computes all numbers"
+        return f"For {tolerance:g}: no setting computes all numbers"
     most_accurate = front[-1]
     return (
-        f"for {tolerance:g}: no setting meets it with a margin of {MARGIN:g}; the best "
+        f"For {tolerance:g}: no setting meets it with a margin of {MARGIN:g}; the best "
         f"reached is {most_accurate.error:.1e}, by {most_accurate.name}"
     )
 
@@ -144,7 +161,7 @@ def _make_cells(measured: Measured, is_on_front: bool) -> Names:
     )
 
 
-def _list_inapplicable_settings(trade: Trade) -> list[str]:
+def list_inapplicable_settings(trade: Trade) -> list[str]:
     """Return lines that list the settings which do not apply, with the reasons.
 
     A trade has the measured times and errors of all settings, the ways to compute a run.
