@@ -71,8 +71,8 @@ def read_pose(
         If the text has no such form.
     """
     # `read_end` reads the pose at which a rotation ends. By default it also accepts a turn
-    # from the start pose (ux, uy, uz, angle), which is not a pose. A rotation vector is
-    # one: it is the orientation itself.
+    # from the start pose (ux, uy, uz, angle), which is refused here. A rotation vector (rx,
+    # ry, rz) states an orientation and is accepted.
     pose = read_end(text, inputs, where, angle_unit, allow_rotation=False)
     assert not isinstance(pose, AtRotation)
     return pose

@@ -160,7 +160,8 @@ def _list_construction_steps(batch: Batch) -> list[ConstructionStep]:
     # The construction is only drawn for mechanisms with one input, which have one plan.
     plan = batch.plans[0]
     # A `PrimaryPole` is an axis of a pair. In round 0 the pair joins both links of the
-    # pole. In later rounds it is coaxial with other pairs that lead from link to link.
+    # pole. In later rounds several coaxial pairs lead from one link to the other, and the
+    # pole is their common axis.
     pair_steps = [
         step for step in plan.steps if isinstance(step, PrimaryPole) and not step.round
     ]
@@ -174,8 +175,8 @@ def _list_construction_steps(batch: Batch) -> list[ConstructionStep]:
         # the equations of a block, and one for each pole at two great circles.
         texts = describe(plan, step).split("\n")
         if isinstance(step, BlockPoles):
-            # The equations of a block determine some poles. The others (`passes`) follow
-            # one by one as intersections of two great circles.
+            # `step.poles` are all poles of the block. Those in `passes` follow one by one
+            # as intersections of two great circles, the others from equations.
             later_poles = [circle_step.pole for circle_step in step.passes]
             block_poles = [pole for pole in step.poles if pole not in later_poles]
             pole_sets = [block_poles, *([pole] for pole in later_poles)]

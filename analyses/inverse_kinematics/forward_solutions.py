@@ -99,7 +99,8 @@ class ForwardSolutions:
             for name in POSE_ANGLES:
                 if name in columns and np.isfinite(columns[name][row]):
                     angles.append(self._describe_angle(name, row))
-            # The column is named as in inverse kinematics, where poses are numbered.
+            # In inverse kinematics the column "pose" has the number of a given pose. Here,
+            # in forward kinematics, it has the number of a given set of inputs.
             input_set = columns["pose"][row]
             sentence = f"Inputs {input_set}: {', '.join(angles)}"
             if columns["working_mode"][row]:

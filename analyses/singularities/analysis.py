@@ -165,7 +165,8 @@ class SingularityAnalysis(AbstractAnalysis):
     def merits(self, mechanism: Mechanism) -> tuple[FigureOfMerit, ...]:
         """Return a figure of merit for each dyad: how near it comes to type II.
 
-        This is the value of its transmission angle that is nearest to 0, over all rows.
+        It is the least value of its transmission angle at all samples. The transmission
+        angle is acute, and 0 at type II.
         """
         return tuple(
             FigureOfMerit(

@@ -621,11 +621,13 @@ class DesignEvaluator:
 
         Returns
         -------
-        The modes, with configurations at all samples of the inputs. Those at the points
-        follow: inputs at which some figure of merit is evaluated.
+        The modes, with configurations at all samples of the inputs, and then at the points.
+        A point is the inputs at which some figure of merit is evaluated.
         """
         assert self._tracking is not None
         path_kernel, start_solutions = self._tracking
+        # Modes are tracked from input to neighbouring input. `row_indices` are the indices
+        # of all samples, and then of all points, among the inputs in this order.
         input_grid, row_indices = self._tracking_inputs
         modes = track_assembly_modes(path_kernel, start_solutions, sizes, input_grid)
         return replace(modes, values=modes.values[:, row_indices])

@@ -70,11 +70,13 @@ def judged(
 ) -> SmallIntegers:
     """Set unknown torques and their parts to NaN in place, and return the status.
 
-    Entries that are known keep their numbers even if the torques of the row are unknown:
+    Three rules say what is known in a row:
 
     - Inertia does not depend on loads or friction. It is known in each row with rates,
       except for numbers that overflow.
-    - If one load is not finite, the other loads of the row are known.
+    - Loads are known in each row with rates, unless friction is unknown. If one load is not
+      finite, the other loads of the row are known.
+    - Torques are known if the status of the row is OK.
 
     Parameters
     ----------
@@ -106,11 +108,11 @@ def judged(
     is_finite = np.isfinite(powers) & all_finite(forces, 1)
     is_overflow = ~(all_finite(torques, 1) & np.all(is_finite, axis=1))
     status[(status == Status.OK) & is_overflow] = Status.OVERFLOW
-    # Unknown entries become NaN: inertia without rates, single loads that are not finite,
-    # and torques unless the row is OK.
+    # Apply the three rules.
     for parts in (masses.M_parts, masses.dM_parts):
         parts[~has_rates] = np.nan
         parts[~np.isfinite(parts)] = np.nan
+    # The status is OVERFLOW if a load is not finite, and others may be known.
     has_forces = np.isin(status, (Status.OK, Status.OVERFLOW))
     is_known = is_finite & has_forces[:, None]
     np.moveaxis(forces, 1, 2)[~is_known] = np.nan

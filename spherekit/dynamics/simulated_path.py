@@ -173,29 +173,22 @@ class CurveMomentumConversion:
     positive direction. The compiled engine may have chosen the opposite direction. Its
     momenta then change their sign.
 
-    Instances are called like functions. They can be pickled with a simulation, which a
-    nested function could not.
+    Instances are called like functions. They can be pickled, which nested functions cannot.
 
     Attributes
     ----------
     equation
-        The compiled equation of motion. Its homogeneous rates are rates of all pair
-        variables by a parameter of the curve: a tangent of any length.
+        The compiled equation of motion. It computes homogeneous rates: a tangent of the
+        curve, of any length.
     sense
-        +1 if the homogeneous rates point in the positive direction of the simulation,
-        otherwise -1.
+        +1 if this tangent points in the positive direction of the simulation, otherwise -1.
     """
 
     equation: CompiledEquation
     sense: float
 
     def __call__(self, states: Floats, rates: Floats) -> Floats:
-        """Give the momentum the sign of the simulation, and return its positive direction.
-
-        In the compiled engine, a positive momentum moves the mechanism along the
-        homogeneous rates, a tangent of the configuration curve. This tangent may point in
-        the negative direction of the simulation. `sense` is then -1, and both the momentum
-        and the tangent are reversed. The momentum is changed in place.
+        """Convert the momentum in place, and return its positive direction.
 
         Parameters
         ----------
@@ -205,8 +198,8 @@ class CurveMomentumConversion:
 
         Returns
         -------
-        (n, 1, variables) a tangent of the configuration curve for each state, which points
-        to where the momentum is positive. Only its direction is used, not its length.
+        (n, 1, variables) tangents of the configuration curve, of any length. A positive
+        momentum moves the mechanism along them.
         """
         count = self.equation.layout.variable_count
         for array in (states, rates):

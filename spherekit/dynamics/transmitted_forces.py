@@ -548,8 +548,8 @@ def compute_reactions(driven: DrivenState, *, forces: bool = False) -> JointReac
     is_sliding = np.any(equations.slides, axis=1)
     if np.any(is_sliding):
         # Forces are not determined in these rows. Moments are, and they are computed from
-        # the equations of moments alone.
-        moments_only = compute_reactions(driven.rows(is_sliding))
+        # the equations of moments alone. Without equations of forces no link slides.
+        moments_only = compute_reactions(driven.rows(is_sliding), forces=False)
         wrenches[is_sliding] = moments_only.wrenches
         opened[is_sliding] = moments_only.opened
         opened[is_sliding, :, MOMENT_COMPONENTS:] = True

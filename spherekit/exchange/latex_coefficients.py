@@ -316,8 +316,8 @@ class CoefficientFormulas:
         for term, formula in earlier_formulas:
             if formula.section == "Positions":
                 continue
-            # These formulas have one row, also those of vectors. (Only vectors that are
-            # printed by components have three.)
+            # Each of these formulas has one expression. (Only some formulas of positions
+            # have the three components of a vector.)
             right_side = formula.rows[0]
             (derivative,) = differentiate([right_side], derivative_by_term)
             # The derivative of a quotient is written by means of the quotient itself:

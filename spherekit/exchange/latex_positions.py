@@ -692,16 +692,18 @@ class PositionFormulas:
         EngineError
             If the arc is 0 or 180 degrees. It then has no tangent.
         """
+        # `axis.arc` is the arc from the first axis k of the link to the axis of the pair.
         axis = self._find_axis(link, pair)
-        # At the first axis k of the link, the arc leads to the second axis, with tangent j.
-        _, tangent, k = self.link_frames[link]
-        if axis.vector is not k:
-            # At any other axis, the arc leads back to k.
-            tangent = axis.arc.sine * k - axis.arc.cosine * self._tangent_at_first_axis(
-                link, axis
-            )
+        _, j, k = self.link_frames[link]
+        if axis.vector is k:
+            # The reference arc leads from k to the second axis. Its tangent at k is j.
+            tangent: Expr = j
+        else:
+            # The reference arc leads back to k. An arc of 0 or 180 degrees is refused.
             if axis.arc.sine == 0.0:
                 raise self._refuse_link(link)
+            tangent_at_k = self._tangent_at_first_axis(link, axis)
+            tangent = axis.arc.sine * k - axis.arc.cosine * tangent_at_k
         return self._formula_list.write(self._tangent_symbol(link, pair), tangent)
 
     def _write_zero_direction(self, pair: int) -> Expr:

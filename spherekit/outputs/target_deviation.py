@@ -289,7 +289,8 @@ class TargetDeviation:
     def _moments_at_pairs(self, output_moment: Floats, force: Floats) -> Floats:
         """Return the moment (n, variables, 3) that the pair of each variable transmits.
 
-        It is the sum of two moments:
+        If the arguments are rates, the result is the rates of these moments. A moment is
+        the sum of two:
 
         - A moment acts on the output link. The pairs on the path from body 0 to this link
           transmit it.
@@ -303,16 +304,11 @@ class TargetDeviation:
         Parameters
         ----------
         output_moment
-            (n, 3) moment on the output link.
+            (n, 3) moment on the output link, or its rate.
         force
             (n, variables) generalised forces that the reactions balance, due to the output
-            moment.
-
-        Notes
-        -----
-        The function also returns the rates of the moments. `output_moment` is then a rate.
-        The derivative of the balance is J^T m' + force' + J'^T m = 0, so `force` is then
-        the sum force' + J'^T m.
+            moment. For rates it is the sum force' + J'^T m, because the derivative of the
+            balance is J^T m' + force' + J'^T m = 0.
         """
         # `paths` and `signs` have 1 or -1 for the direction in which a path or a loop goes
         # through a pair, and 0 if it does not. So both moments are added.
@@ -424,13 +420,15 @@ class TargetDeviation:
         Parameters
         ----------
         force
-            (n, variables) generalised forces on the variables. For a motion to the target
-            they are the forces G^T d of the spring, with the Jacobian G of the output link
-            and the rotation d that is left to the target. If the target turns, the balance
-            of forces is differentiated by its angle, and x is the unknown derivative of the
-            variables. The forces are then all terms of the differentiated balance that do
-            not contain x. Reactions in the loops balance the part of the force that is not
-            along N.
+            (n, variables) generalised forces on the variables. Reactions in the loops
+            balance the part of them that is not along N. There are two uses:
+
+            - x is a Newton step to the target. The forces are those of the spring, G^T d,
+              with the Jacobian G of the output link and the rotation d that is left to the
+              target.
+            - x is the derivative of the variables by the angle through which the target
+              turns. The balance of forces is differentiated by this angle, and the forces
+              are all its terms that do not contain x.
         closure_change
             (n, equations) required change of the closure residuals.
         stiffness

@@ -670,13 +670,15 @@ class WorkingMode:
         """Return the square (n,) of `output_speed`, continued to poses out of reach.
 
         `output_speed` is the speed of the output per unit rate of the input `pair`, an
-        outer pair of a dyad. For a dyad between the base and the output's link it is
-        ``|b . (a x c)| / sin(arc)``, with the axes a, b, c of the dyad and the arc of that
-        link of the dyad which the input does not join.
+        outer pair of a dyad. The border of a workspace is searched where its square is
+        zero. This needs numbers on both sides, also where the dyad does not reach.
 
-        The square of the triple product is a function of a and c alone. It is negative
-        where the dyad does not reach, so that there is no b. It continues the square of the
-        speed through 0, for such dyads smoothly.
+        If the dyad is between the base and the output's link, the speed is
+        ``|b . (a x c)| / sin(arc)``, with the axes a, b, c of the dyad and the arc of that
+        link of the dyad which the input does not join. The square of the triple product is
+        a function of a and c alone. It is negative where the dyad does not reach, so that
+        there is no b. It passes through 0 smoothly. For other dyads the same continuation
+        is used, but it may have a kink.
         """
         dyad_number = self.chain.dyad_of_pair[pair]
         square = self.output_speed(pair) ** 2
@@ -687,9 +689,8 @@ class WorkingMode:
         triple_product_square = triple_square(
             *dyad.half_arcs, triangle.sum_square, triangle.difference_square
         )
-        # The speed is NaN if any dyad does not reach. If this dyad reaches and another one
-        # does not, the square of the triple product is positive or NaN. The continuation is
-        # then 0.
+        # The speed is NaN if any dyad does not reach. If it is another dyad, the square of
+        # the triple product of this one is positive or NaN. `fmin` then returns 0.
         continuation = np.fmin(triple_product_square / np.sin(other_arc) ** 2, 0.0)
         return np.where(np.isnan(square), continuation, square)
 

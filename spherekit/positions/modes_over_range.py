@@ -508,7 +508,8 @@ class ModesOverRange:
             if families[row] >= 0 or self._has_enough_modes:
                 continue
             if row not in followed:
-                # All rows in `followed` are before this one, so they are not needed again.
+                # The curves of the last group are used up. Follow the next group: the first
+                # `together` configurations from this row on that are on no mode yet.
                 unknown = np.flatnonzero(families < 0)
                 rows = unknown[unknown >= row][:together]
                 results = self._follow_configurations(values[rows])

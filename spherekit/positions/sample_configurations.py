@@ -445,9 +445,11 @@ def _solve_real_roots(
 ) -> tuple[Floats, Bools]:
     """Return the real solutions of the equations of a group, from real roots only.
 
-    The unknowns are the angles of t pairs that join some bodies of the group to a tree. All
-    but one are eliminated. The roots of the remaining polynomial are values of
-    exp(i angle), so a real angle belongs to a root on the unit circle.
+    A group is a set of bodies that are placed together. Without t of its links it is a tree
+    of bodies that t pairs join. The angles of these pairs are the unknowns. Each link that
+    was left out gives an equation: the arc between its axes is known. All unknowns but one
+    are eliminated. The roots of the remaining polynomial are values of exp(i angle), so a
+    real angle belongs to a root on the unit circle.
 
     Parameters
     ----------
@@ -465,6 +467,7 @@ def _solve_real_roots(
         (n,) whether there is one solution for each root on the unit circle, and every other
         root is clearly off the circle.
     """
+    # `incidence` (t, t) says which equation contains which unknown.
     return estimate_real_angles(geometry.form_equations(order), order.incidence)
 
 
@@ -473,7 +476,9 @@ def _solve_all_roots(
 ) -> tuple[Floats, Bools]:
     """Return the real solutions of the equations of a group, from all complex ones.
 
-    The unknowns are the angles of t pairs that join some bodies of the group to a tree.
+    A group is a set of bodies that are placed together. Without t of its links it is a tree
+    of bodies that t pairs join. The angles of these pairs are the unknowns. Each link that
+    was left out gives an equation: the arc between its axes is known.
 
     Parameters
     ----------

@@ -173,21 +173,19 @@ class PageMaker:
             "picture": self._make_formulas(drawn_names),
         }
         if self._has_named_sizes:
-            # This raises an error if a number with a slider changes no result.
+            # The user has named the numbers with sliders. This raises an error if one of
+            # them changes no result.
             check_arguments(formulas_by_kernel.values())
-        else:
-            idle_keys = idle_arguments(formulas_by_kernel.values())
-            if idle_keys:
-                # The page is made again without sliders that change nothing.
-                for key in idle_keys:
-                    self.notes.append(f"no slider for {key}: nothing changes with it")
-                self.keys = tuple(key for key in self.keys if key not in idle_keys)
-                return self.make_page()
+        elif idle_keys := idle_arguments(formulas_by_kernel.values()):
+            # The page is made again without the sliders that change nothing.
+            for key in idle_keys:
+                self.notes.append(f"no slider for {key}: nothing changes with it")
+            self.keys = tuple(key for key in self.keys if key not in idle_keys)
+            return self.make_page()
         for reason in row_formulas.mode_table.left_out:
             self.notes.append(f"left out: assembly mode {reason}")
-        # The user asked that modes pass through crossings of configuration curves. Newton's
-        # method cannot do this. No crossings are known here, as `_make_row_formulas` raises
-        # an error otherwise. With other numbers at the sliders there may be some.
+        # The user asked that modes pass through crossings, which Newton's method cannot do.
+        # With the sizes of the file there are none: `_make_row_formulas` has checked this.
         if self._crossings == "pass" and not has_closed_form:
             self.notes.append(
                 "with the sizes of the file, no curves are known to cross; if they "
