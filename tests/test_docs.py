@@ -156,7 +156,9 @@ def pattern(shown):
 
 def test_commands_are_understood():
     for page, text in PAGES.items():
-        for line in "".join(blocks(page, "sh")).splitlines():
+        # A backslash at its end continues a line of a shell.
+        commands = re.sub(r"\\\n\s*", " ", "".join(blocks(page, "sh")))
+        for line in commands.splitlines():
             program, *arguments = shlex.split(line.split(" #")[0]) or [""]
             if Path(program).name == "spherekit":
                 build_parser().parse_args(arguments), page

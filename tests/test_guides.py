@@ -31,6 +31,8 @@ PAGES = [
         if path.name != "index.md"
     ),
 ]
+REFERENCE_PAGES = ["exchange.md", "figures.md", "pages.md", "python.md"]
+"""Pages of the reference that the list of how-to guides links to."""
 BLOCK = re.compile(r"^```(\w+|\{run\})\n(.*?)^```$", re.M | re.S)
 FILE_NAME = re.compile(r"(?:# |<!-- |/\* )([\w.]+\.\w+)")
 """The name of a file in the comment on the first line of a block."""
@@ -101,7 +103,7 @@ def check_console(text, capsys):
 
 @pytest.mark.slow
 @pytest.mark.many
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize("page", [*PAGES, *REFERENCE_PAGES])
 def test_a_reader_can_type_a_guide_from_an_empty_folder(
     page, tmp_path, capsys, monkeypatch
 ):
