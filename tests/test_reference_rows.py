@@ -542,6 +542,22 @@ def test_errors_of_random_mechanisms_lie_within_their_bounds(seeds):
     assert largest_error > 1e-15
 
 
+def test_the_reference_of_a_contact_at_rest_turns_with_its_links():
+    """Two rolling contacts of this mechanism rest: their links turn as one about the crank.
+
+    The derivative of a contact line u is then w x u. Divided by the rate of the contact, it
+    would be the quotient of two rounding errors.
+    """
+    _, mechanism = random_mechanism(338)
+    position_analysis = PositionAnalysis(
+        mechanism, search=False, samples=3, assembly_mode=0
+    )
+    comparison = compare_errors_with_bounds(position_analysis)
+    for kind in KINDS:
+        assert np.all(comparison.error_ratios(kind) <= 1.0), kind
+    assert len(comparison.error_ratios("direction derivatives")) > 20
+
+
 def test_poles_found_from_a_common_axis_have_the_error_of_its_rounding():
     """The crank axes of this mechanism are equal but for rounding, so it turns idle.
 
@@ -555,5 +571,5 @@ def test_poles_found_from_a_common_axis_have_the_error_of_its_rounding():
     comparison = compare_errors_with_bounds(position_analysis)
     for kind in KINDS:
         assert np.all(comparison.error_ratios(kind) <= 1.0), kind
-    assert len(comparison.error_ratios("directions")) >= 40
+    assert len(comparison.error_ratios("directions")) > 30
     assert comparison.missing_numbers == 0

@@ -15,6 +15,7 @@ from spherekit.argument_validation import checked
 from spherekit.arrays import Array, Bools, Floats, SmallIntegers
 from spherekit.conventions import TURN
 from spherekit.errors import SolveError
+from spherekit.geometry.vectors import nans
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.pole_plan import Pole
 from spherekit.positions.motion import Motion
@@ -368,15 +369,9 @@ def exact_direction(reference: ExactRows, pole: Pole, toward: Floats) -> Array:
         if joining_pair is not None:
             vector = reference.axes[:, joining_pair]
         else:
-            # Rounding error of relative velocities, in the unit of `_relative_size`.
-            rounding = reference.arithmetic.eps * reference.condition
-            speed = _relative_size(velocity, reference.w, pole)
+            moves, rests = _find_relative_motion(reference, pole)
             change = _relative_size(derivative, reference.slopes, pole)
-            # The links move if rounding cannot rotate the velocity by more than 1e-6 rad.
-            # They are at relative rest if the velocity is at most `ROUNDING_STEP_RATIO`
-            # times its rounding error. In between there is no direction.
-            moves = speed > DIRECTION_ROUNDING_RATIO * rounding
-            rests = ~(speed > ROUNDING_STEP_RATIO * rounding)
+            rounding = reference.arithmetic.eps * reference.condition
             # The error of velocities enters the equations of the derivatives. Their
             # solution multiplies it by the condition number of the same matrix.
             starts_moving = (
@@ -393,6 +388,34 @@ def exact_direction(reference: ExactRows, pole: Pole, toward: Floats) -> Array:
         length = vector_lengths(exact_centres(vector))
         has_side = np.all(np.isfinite(toward), axis=1)
         return _nan_unless(has_side, vector * (sign / length)[:, None])
+
+
+def _find_relative_motion(reference: ExactRows, pole: Pole) -> tuple[Bools, Bools]:
+    """Return in which rows two links move relative to each other, and in which they rest.
+
+    The links move if rounding cannot rotate their relative velocity by more than 1e-6 rad.
+    They rest if it is at most `ROUNDING_STEP_RATIO` times its rounding error. In between
+    (both False) neither is known.
+
+    Parameters
+    ----------
+    reference
+        The reference rows.
+    pole
+        Numbers of the two links.
+
+    Returns
+    -------
+    moves, rests
+        (n,) whether the links move, and whether they rest.
+    """
+    velocity = _relative_vector(reference.w, pole)
+    speed = _relative_size(velocity, reference.w, pole)
+    # Rounding error of relative velocities, in the unit of `_relative_size`.
+    rounding = reference.arithmetic.eps * reference.condition
+    moves = speed > DIRECTION_ROUNDING_RATIO * rounding
+    rests = ~(speed > ROUNDING_STEP_RATIO * rounding)
+    return moves, rests
 
 
 def _relative_size(relative: Array, vectors: Array, pole: Pole) -> Floats:
@@ -531,7 +554,9 @@ def _direction_derivative(reference: ExactRows, pole: Pole, direction: Array) ->
     The pole of two links is the axis of their relative rotation. If it is the axis of an R
     pair, it is fixed in both links of the pair. With the angular velocity w of one of them,
     u' = w x u. Otherwise the relative angular velocity is v = k u, and u' is the part of v'
-    at right angles to u, divided by k. All derivatives are by the input.
+    at right angles to u, divided by k. If k is zero at a rolling contact, the contact point
+    does not move along the profiles, and u' = w x u again. At other poles u' is NaN then.
+    All derivatives are by the input.
 
     Parameters
     ----------
@@ -546,18 +571,24 @@ def _direction_derivative(reference: ExactRows, pole: Pole, direction: Array) ->
     """
     mechanism = reference.mechanism
     joining_pair = mechanism.pole_pairs.get(pole)
-    if joining_pair is not None and mechanism.pairs[joining_pair].kind.has_axis:
+    moves, rests = _find_relative_motion(reference, pole)
+    turned = nans((len(moves), 3))  # w x u
+    if joining_pair is not None:
         link = mechanism.ends[joining_pair][0]
         # The product is computed in balls and rounded afterwards: if the axis rests,
         # products of rounded factors would not cancel, and the run's bound may be 0.
-        return centre_floats(np.cross(reference.w[:, link], direction))
+        turned = centre_floats(np.cross(reference.w[:, link], direction))
+        if mechanism.pairs[joining_pair].kind.has_axis:
+            return turned
+    turned[~rests] = np.nan
     v = _relative_vector(reference.w, pole)
     # `slopes` are the derivatives of w by the input.
     dv = _relative_vector(reference.slopes, pole)
     dv_along = np.sum(dv * direction, axis=1)[:, None] * direction
     k = np.sum(v * direction, axis=1)
     with np.errstate(all="ignore"):
-        return centre_floats(dv - dv_along) / centre_floats(k)[:, None]
+        moved = centre_floats(dv - dv_along) / centre_floats(k)[:, None]
+    return np.where(moves[:, None], moved, turned)
 
 
 def _relative_vector(vectors: Array, pole: Pole) -> Array:
