@@ -15,7 +15,6 @@ from spherekit.argument_validation import checked
 from spherekit.arrays import Array, Bools, Floats, SmallIntegers
 from spherekit.conventions import TURN
 from spherekit.errors import SolveError
-from spherekit.geometry.vectors import nans
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.pole_plan import Pole
 from spherekit.positions.motion import Motion
@@ -572,7 +571,7 @@ def _direction_derivative(reference: ExactRows, pole: Pole, direction: Array) ->
     mechanism = reference.mechanism
     joining_pair = mechanism.pole_pairs.get(pole)
     moves, rests = _find_relative_motion(reference, pole)
-    turned = nans((len(moves), 3))  # w x u
+    turned = np.full((len(moves), 3), np.nan)  # w x u
     if joining_pair is not None:
         link = mechanism.ends[joining_pair][0]
         # The product is computed in balls and rounded afterwards: if the axis rests,
