@@ -274,6 +274,18 @@ def test_columns_of_several_inputs_are_verified_by_moving_input():
     assert moving_inputs <= set(sk.load("five_bar").pair_number)
 
 
+def test_numbers_within_their_own_error_bound_do_not_deviate_too_far(monkeypatch):
+    """Coefficients have error bounds in the table; components of directions have none.
+
+    If hardly any rounding is allowed, only the latter deviate by more than that.
+    """
+    monkeypatch.setattr(verification, "MAX_ROUNDINGS", 1e-3)
+    beyond = verify_run(samples=31, verify=6)["beyond"]
+    assert "poles.uy" in beyond
+    assert "poles.velocity_coefficient" not in beyond
+    assert "poles.acceleration_coefficient" not in beyond
+
+
 @pytest.mark.slow
 def test_the_reference_of_an_axis_that_rests_does_not_move():
     """The axis of pair 54 of the five-bar is fixed in link 5, which rests while 21 moves.
