@@ -554,20 +554,20 @@ class ModesOverRange:
             self.assembly_modes[first_mode:], self._families[first_mode:], strict=True
         ):
             (rows,) = np.nonzero(families < 0)
-            # 1. The guide of a mode has its verified configurations (nodes). A prediction
-            # is interpolated between two nodes. It is not OK where the mode has no node.
-            # Its `spread` is the largest change of a variable between the two nodes. If the
-            # error of the prediction exceeds `spread` plus `MODE_DISTANCE_RAD`, a
-            # configuration of the mode is missed here. The inputs of both configurations
-            # are equal, so only passive angles are compared.
+            # 1. Leave out configurations that are far from a prediction of the mode at
+            # their input. The guide of the mode has its verified configurations (nodes).
+            # The prediction is interpolated between two nodes. It is not OK where the mode
+            # has no node. Its error is assumed to be less than `spread`, the largest change
+            # of a variable between the two nodes, plus `MODE_DISTANCE_RAD`. Only passive
+            # angles are compared, because the inputs are equal.
             assert mode.guide is not None
             # A guide of one input is a curve, which needs no numbers of rows.
             prediction = mode.guide.predict(q[rows], rows=None)
             difference = wrap(prediction.values - values[rows])[:, passive_angles]
             is_near = max_abs(difference, axis=1) < prediction.spread + MODE_DISTANCE_RAD
             rows = rows[is_near & (prediction.status == Status.OK)]
-            # 2. The exact configuration of the mode. It is the same if components of
-            # rotation matrices differ by less than `SAME_MODE`.
+            # 2. Compute the exact configuration of the mode for the others. It is the same
+            # if components of rotation matrices differ by less than `SAME_MODE`.
             if len(rows):
                 mode_rotations = self.solver.evaluate(mode, q[rows]).rotations
                 distance = max_abs(mode_rotations - rotations[rows], axis=(1, 2, 3))

@@ -124,9 +124,9 @@ class SampledModes:
         self.mobilities: list[int] = []
         self._graph = ConfigurationGraph(solver, input_grid)
         # A search from random starts counts how often it reaches each solution, and ends if
-        # it has reached all often enough. A solution is a sheet, or a single configuration
-        # that was computed before the search. The latter have the first
-        # `_computed_solution_count` of the `_solution_count` numbers.
+        # it has reached all often enough. There are two kinds of solutions. The first
+        # `_computed_solution_count` numbers are those of single configurations that were
+        # computed before the search. The others are those of sheets.
         self._solution_count = 0
         self._computed_solution_count = 0
         # (nodes of the graph,) number of the solution to which each node belongs. A node
@@ -139,9 +139,11 @@ class SampledModes:
         reference_node = None
         if not search:
             reference_node = self._reach_reference(is_enumerated=False)
-        # 2. Search other modes, also if the reference pose reaches no sample. If all
-        # configurations at all samples can be computed, the reference pose is looked up
-        # among them. Otherwise its sheet is followed before others from random starts.
+        # 2. Search other modes, also if the reference pose reaches no sample.
+        # - If all configurations at all samples can be computed, they are computed first.
+        #   The reference pose is then looked up among them.
+        # - Otherwise the sheet of the reference pose is followed first, and then those from
+        #   random starts.
         if search or reference_node is None:
             is_enumerated = self._can_enumerate
             if is_enumerated:

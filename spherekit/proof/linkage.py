@@ -452,7 +452,8 @@ class Linkage:
         (n, variables, 3) in ground axes.
         """
         vectors = []
-        # A pair as the file states it, and its functions in balls.
+        # Both lists have the same pairs: as the file states them, and with functions that
+        # compute in balls.
         for stated_pair, pair in zip(self.mechanism.pairs, self._pairs, strict=True):
             pair_values = values[:, pair.variables]
             is_revolute = stated_pair.profiles is None

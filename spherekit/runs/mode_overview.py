@@ -174,6 +174,10 @@ class OutputOverview:
     ) -> None:
         """Note where determinants of successive rows change their sign.
 
+        They are determinants of velocity Jacobians. Between two rows with different signs
+        there is a singularity of type I, unless an input turns back between them. The rate
+        of the input then changes its sign, and the determinant with it.
+
         Parameters
         ----------
         determinants
@@ -183,7 +187,7 @@ class OutputOverview:
             (m,) sign of the product of the rates of all inputs in a simulation, otherwise
             0. No sign change is looked for between rows of different senses.
         places
-            (m,) places of the samples.
+            (m,) place of each sample: its time (s), the first input (rad) or its number.
         """
         if not len(determinants):
             return
@@ -195,6 +199,7 @@ class OutputOverview:
         has_other_sign = determinants[1:] * determinants[:-1] < 0.0
         changes = np.flatnonzero(has_other_sign & (senses[1:] == senses[:-1]))
         for row in changes.tolist():
+            # The place of the zero, by linear interpolation between both rows.
             before, after = determinants[row], determinants[row + 1]
             share = before / (before - after)
             place = float(places[row] + share * (places[row + 1] - places[row]))

@@ -46,9 +46,11 @@ class PendingRows:
         """
         mode_count = len(motion.assembly_modes)
         shape = (mode_count, len(examined))
+        # A motion has its rows mode after mode, with a row for each sample of the block.
         # The rows are picked out first: a reshaped array could be a copy of the block.
-        first_rows = motion.samples * np.arange(mode_count)
-        rows = (first_rows[:, None] + examined).ravel()
+        sample_count = motion.samples
+        first_row_of_mode = sample_count * np.arange(mode_count)
+        rows = (first_row_of_mode[:, None] + examined).ravel()
         times = None
         if motion.timing is not None:
             timing = motion.timing

@@ -230,7 +230,7 @@ class RunPlan:
         sampling = self.sampling
         return Batch(
             mechanism=self.mechanism,
-            # The steps in which the poles follow, for each moving input.
+            # For each moving input the steps in which poles are computed from known poles.
             plans=self.plans,
             needs=self.needs[self.analyses.index(analysis)],
             _motion=motion,

@@ -85,9 +85,9 @@ class _BlockRows(ArrayRows):
     def select_for_check(self, count: int, sample_count: int) -> "_BlockRows":
         """Return rows to be computed again in many digits: the worst, and some others.
 
-        The worst rows have the largest closure residual, the largest error bound of a pole
-        direction, and the largest condition number of the closure Jacobian. The other rows
-        are spread evenly over the run.
+        The worst rows are those with the largest closure residual, error bound of a pole
+        direction, and condition number of the closure Jacobian. The other rows are spread
+        evenly over the run.
 
         Parameters
         ----------
@@ -106,15 +106,15 @@ class _BlockRows(ArrayRows):
         for pole_field in self.pole_fields:
             for errors in pole_field.direction_error.values():
                 direction_bound = np.fmax(direction_bound, errors)
-        # The row with the largest closure residual, with the largest error bound, and with
-        # the largest condition number. NaN never counts as the largest.
+        # NaN never counts as the largest.
         worst_rows = [
             np.argmax(np.nan_to_num(score, nan=-1.0))
             for score in (motion.residual, direction_bound, motion.conditioning)
         ]
         # The other rows are ordered by the fractional part of a multiple of the golden
         # ratio. The first rows in this order are spread evenly. The order depends only on
-        # mode and sample, so that rows of different blocks can be compared.
+        # mode and sample. Rows that were selected in earlier blocks, together with rows of
+        # a new block, can therefore be selected again.
         row_number = motion.assembly_mode * sample_count + motion.sample
         spread_rows = np.argsort((row_number + 1) * GOLDEN % 1.0)
         # A dictionary removes repeated rows and keeps the order.

@@ -136,9 +136,10 @@ class LinkMotion:
         is_crossing = np.isnan(bends[:, 0])
         reciprocal_condition[is_crossing] = 1.0
         # With the reciprocal condition number k, the configuration has an error of about
-        # EPS / k, and quantities that follow from it EPS / k^2. The bound is a sum of
-        # multiples of both. Larger factors than 8 and 0.25: more rates count as zero and
-        # more axes as unknown; smaller: the bound may not hold.
+        # EPS / k, and quantities that follow from it have one of about EPS / k^2. The bound
+        # is a sum of multiples of both. With larger factors than 8 and 0.25, more rates
+        # would count as zero and more axes as unknown. With smaller ones, the bound might
+        # be exceeded.
         largest_w = np.linalg.norm(self.w, axis=2).max(axis=1, initial=1.0)
         amplification = 8.0 / reciprocal_condition + 0.25 / reciprocal_condition**2
         self.rounding = EPS * largest_w * amplification

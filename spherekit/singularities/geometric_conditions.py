@@ -451,10 +451,10 @@ def _explain_disagreement(
     # The same two links rotate relative to each other as input and as output.
     if len(links.different) == 2:
         return "the output is the input, and c and d are constant"
-    # If all six axes are in one plane, every triple product is 0, and says nothing about
-    # rates. If input and output have the same reference link (form ii), there are only
-    # three links, and the fourth one can be chosen. With another choice the axes need not
-    # be in one plane.
+    # c and d are both 0. This says nothing about rates if all six axes are in one plane,
+    # because every triple product is then 0. A relation of other links can decide: in form
+    # ii the fourth link can be any link, and with another one the axes need not be in one
+    # plane. If links rest relative to each other, this is reported as the cause instead.
     if kind == Type.III:
         cause = "the six axes of the chosen links lie in one plane"
         if resting_links:

@@ -526,16 +526,15 @@ def _measure_type_one(input_rates: Floats, output_rates: Floats) -> tuple[Floats
     # is set to zero.
     output_part = svd.left[:, input_count:, :motion_count] * is_moving[:, None]
     # The singular values of the rates of the output are the sines of the principal angles
-    # to the rates with the output at rest, the largest first.
+    # to the rates with the output at rest, the largest first. There are at most m. The
+    # vectors that were set to zero add sines of 0 at the end, which do not count. The rank
+    # is the number of the other vectors, so the first min(rank, m) sines count. The last of
+    # these is the smallest one. If nothing moves (rank 0), the measure is 1.
     sines = np.linalg.svd(output_part, compute_uv=False)
-    # The rank is the number of independent rates of inputs and output that occur together.
-    # Of the principal angles the first min(rank, m) count, and the last of these has the
-    # smallest sine. A column of ones before the first sine is the measure if nothing moves
-    # (rank 0).
-    sines = np.pad(sines, ((0, 0), (1, 0)), constant_values=1.0)
     rank = np.sum(is_moving, axis=1)
     counted_angles = np.minimum(rank, output_count)
-    type_one = sines[np.arange(len(sines)), counted_angles]
+    smallest = sines[np.arange(len(sines)), np.maximum(counted_angles - 1, 0)]
+    type_one = np.where(counted_angles > 0, smallest, 1.0)
     has_self_motion = rank < motion_count
     return type_one, has_self_motion
 

@@ -413,13 +413,17 @@ class SingleFreedomSingularities:
     ) -> list[tuple[RelationAt, ...]]:
         """Return the relations of an output at singularities, compared with the rates.
 
-        A relation is an equation c y' = d q' with the rate q' of the input, of link i
-        relative to r. c and d follow from pole axes, the axes about which links turn
-        relative to each other. The output is the motion of link o relative to s. Its rate
-        is y' in form "i". In form "ii", y' is the rate of o relative to r.
+        The input is the motion of link i relative to r, the output that of link o relative
+        to s. A relation is an equation c y' = d q' of two rates:
 
-        At a singularity of type I y' is zero, so d should vanish. At type II q' is zero, so
-        c should vanish. This is compared with the types that follow from the rates.
+        - q' is the rate of the input.
+        - y' is the rate of the output in form "i". In form "ii" it is the rate of link o
+          relative to r.
+
+        c and d follow from pole axes, the axes about which links turn relative to each
+        other. At a singularity of type I y' is zero, so d should vanish. At type II q' is
+        zero, so c should vanish. This is compared with the types that follow from the
+        rates.
 
         Parameters
         ----------

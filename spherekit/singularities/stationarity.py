@@ -116,20 +116,21 @@ class OutputStationary:
         linearisation = space.linearisation
         directions = self._constrained_directions(linearisation)
         angular_velocities = self._angular_velocities(linearisation)
-        # 1. The directions turn with the output link. `tree.paths` has, for each link, 1 or
-        # -1 for the variables on the path from body 0, the ground, to it, and 0 for others.
-        # The sum of these numbers times rates times vectors is the angular velocity of the
-        # link relative to the ground. All vectors are in ground axes.
+        # 1. The changes of the directions. All vectors are in ground axes, and the
+        # directions turn with the output link relative to the ground. Its angular velocity
+        # is the sum of sense times rate times vector over all variables. The sense is 1 or
+        # -1 on the path from the ground (body 0) to the link, and 0 elsewhere.
+        #
         # In the einsum n is the configuration, v the variable, g the direction of change
         # (of g + 1), and k the component.
-        link_vectors = linearisation.tree.paths[self.link][:, None] * linearisation.vectors
+        senses_from_ground = linearisation.tree.paths[self.link]
+        link_vectors = senses_from_ground[:, None] * linearisation.vectors
         link_velocity = np.einsum("nvg,nvk->ngk", space.directions, link_vectors)
         direction_changes = cross(link_velocity[:, :, None], directions[:, None])
-        # 2. The changes of the angular velocities. The path now leads from the reference
-        # link to the output link.
-        velocity_changes = (
-            self._path_senses(linearisation)[:, None] * space.vector_derivatives
-        )
+        # 2. The changes of the angular velocities of the output. These are relative to the
+        # reference link, so the path leads from this link to the output link.
+        senses_from_reference = self._path_senses(linearisation)
+        velocity_changes = senses_from_reference[:, None] * space.vector_derivatives
         # The scalar products are matrix products over the three components: (m, 3) times
         # (3, V), for each configuration and direction of change.
         from_directions = direction_changes @ np.swapaxes(angular_velocities, 1, 2)[:, None]

@@ -234,8 +234,8 @@ class DesignExpressions:
         point, curvature k and its derivative dk/ds by the arc length at the contact. The
         derivatives by these columns follow after those by the sizes.
 
-        Expressions may not contain d2k/ds2, which only derivatives of accelerations
-        (linearised motions) do. If the contact moves, d2k/ds2 changes by the third
+        Expressions with d2k/ds2 are refused. They occur in linearised motions, which are
+        derivatives of accelerations. If the contact moves, d2k/ds2 changes by the third
         derivative of k, for which there is no symbol.
 
         Parameters

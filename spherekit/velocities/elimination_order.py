@@ -185,9 +185,9 @@ def choose_elimination_order(
         loops.remove(loop)
         columns = [c for c in columns if c not in chosen]
         # Express the variables of the pivot by the others, and insert them into other
-        # loops. If a loop gives less than three variables, its three equations depend on
-        # each other, up to rounding. The pseudo-inverse solves them all, where an inverse
-        # does not exist.
+        # loops. A pivot has as many variables as its loop has independent equations. If
+        # these are fewer than the three equations, the matrix is not square. The
+        # pseudo-inverse then solves all three, because they agree up to rounding.
         solved = np.linalg.pinv(remaining[:, loop][:, :, chosen]) @ remaining[:, loop]
         remaining[:, loops] -= remaining[:, loops][..., chosen] @ solved[:, None]
     return pivots

@@ -242,7 +242,8 @@ def _add_kinematic_quantities(
         The table, which is changed in place.
     mechanism, assembly
         The mechanism, and its groups: sets of links that are closed together, one group
-        after another. A dyad is a group of two links in series.
+        after another. A group of two links in series is a dyad. It has a transmission
+        angle at its middle pair.
     moving_inputs
         For each input the ending of the names of quantities that depend on it, such as
         ``_by_21`` for the input at pair 21, and its index. With one input only, the ending
