@@ -429,14 +429,16 @@ class ArcEquations:
 
             abs(derivative of f by the variables j1 to jk) <= C d_j1 ... d_jk
 
+        Only C is returned. The caller multiplies it by the degrees.
+
         The equation is f = U . W - cos(arc). U and W are unit axes of two links, multiplied
         by the orientations of links along two paths. The norm of a product is at most the
-        product of the norms. C is therefore the product of the norms of all these
-        orientations. The constant cos(arc) has no derivatives.
+        product of the norms, so C is the product of the norms of all these orientations.
+        The constant cos(arc) has no derivatives.
 
-        The degrees come from the product rule. The derivative of a product by variable j is
-        a sum in which each factor is differentiated once. This multiplies the bound by the
-        degree of the factor in j. The degrees of all factors add up to d_j.
+        The factor d_j follows from the product rule. In the derivative by variable j, each
+        orientation is differentiated in turn. This multiplies its norm by at most its own
+        degree in j, and the degrees of all orientations in j add up to d_j.
         """
         # By link: a bound of the norm of its orientation relative to its reference link. A
         # link placed by one pair (in `_rotation_terms`) has a rotation about a fixed axis,
@@ -447,11 +449,12 @@ class ArcEquations:
             paths = self.construction.parent_paths(step)
             first = prod(norms[link] for link in paths.first)
             second = prod(norms[link] for link in paths.second)
-            # The orientation of a link on two axes is U a^T + W b^T + (U x W) n^T. U and W
-            # have the bounds `first` and `second`, so U x W has their product. The vectors
-            # a, b, n have lengths of at most 1 / sine(arc). Each float64 operation rounds
-            # by at most one unit roundoff. The factors with 16 and 64 round up by more than
-            # all operations together.
+            # The link of this step is placed on the axes U and W. Its orientation is
+            # U a^T + W b^T + (U x W) n^T. U and W have the bounds `first` and `second`, so
+            # U x W has their product. The constant vectors a, b and n have lengths of at
+            # most 1 / sine(arc). Each float64 operation rounds by at most one unit
+            # roundoff. The factors with 16 and 64 round up by more than all operations
+            # together.
             sum_of_norms = (first + second + first * second) * (1 + 16 * UNIT_ROUNDOFF)
             norms[step.link] = sum_of_norms / self._dyad_placements[step.link].arc_sine
             bounds.append(first * second)

@@ -248,16 +248,17 @@ class EquationSystem:
                     np.max(np.abs(slopes_of_row), initial=0.0),
                 )
             )
-        # Error bound of the coefficients and derivatives of each equation, in two parts:
-        # - The Fourier sum of the equation has an error. The derivative of a wave cos(m x)
-        #   by x has the factor m, so the error of a derivative is larger by at most the
-        #   largest degree. The degrees are those in all variables, given ones included.
-        # - The rounding of sums is relative to the sizes of their terms. Adding 1 to the
-        #   sizes keeps the bound if terms cancel and leave small coefficients.
+        # One error bound for each equation, which applies to its coefficients and to their
+        # derivatives by the given variables. It has two parts:
+        # - The error of the Fourier sum of the equation. A derivative of a wave cos(m x) by
+        #   x has the factor m. The error is therefore multiplied by the largest degree,
+        #   which is too much for coefficients, but enough for derivatives.
+        # - The rounding of sums, which is relative to the sizes of their terms. Adding 1 to
+        #   the sizes keeps the bound if terms cancel and leave small coefficients.
         error = harmonics.error[self.rows] * np.max(self.degrees, axis=1, initial=1)
         error += PRODUCT_ROUNDING * np.add(1.0, largest_sizes)
-        # `derivative_bound` times the degrees in the variables by which an equation is
-        # differentiated is a bound of the derivative.
+        # `derivative_bound` (C) serves for bounds over a box: the derivative of an equation
+        # by some variables is at most C times its degrees in these variables.
         return Polynomials(
             coefficients=tuple(coefficients),
             slopes=tuple(slopes),

@@ -85,8 +85,8 @@ class ArmRates:
         For each quadrant (variables,) the sign of the rate of each variable on the arm, in
         the direction away from the saddle; 0 if it is not proven.
     reach
-        For each quadrant (variables,) the largest change (rad) of each variable on the arm
-        from the centre.
+        For each quadrant (variables,) a bound (rad) of the change of each variable on the
+        arm, from the point u = v = 0. This point is the computed saddle.
     """
 
     outward_signs: Mapping[Quadrant, Indices]

@@ -482,20 +482,24 @@ class TubeTest:
         reach_of_box = np.multiply.outer(half_length, along_tangent) + reach_at_centre
         # Index 0 of the first axis (2, ..., v) is the whole box, index 1 is s = 0.
         reach = np.stack(np.broadcast_arrays(reach_of_box, reach_at_centre))
-        # (2, ..., k, v) bounds of |e| (column 0) and |E|. The factor `ROUND_UP` is slightly
-        # above 1. It covers the rounding of the operations before it.
+        # (2, ..., k, v) bounds of |Y F' - (0, I)|: column 0 is that of |e|, and the others
+        # are those of |E|.
         change = self.bound_slope_change(reach)
-        contraction = change[0, ..., 1:].sum(axis=-1).max(axis=-1) * ROUND_UP
+        column_size = change[..., 0].max(axis=-1)  # largest |e|
+        row_sums = change[0, ..., 1:].sum(axis=-1)  # of |E|, in the whole box
+        # The factor `ROUND_UP` is slightly above 1. It covers the rounding of the
+        # operations before it.
+        contraction = row_sums.max(axis=-1) * ROUND_UP
         # Where the contraction exceeds 1 the bounds become huge, and not negative.
         margin = np.maximum(1.0 - contraction, 1e-300)
         # The contraction of the whole box is also a bound of that at s = 0.
-        slope, slope_at_centre = change[..., 0].max(axis=-1) / margin * ROUND_UP
+        slope, slope_at_centre = column_size / margin * ROUND_UP
+        # The mean of |y'| from s = 0 to the end of the box. The bound of |e| is a
+        # polynomial of degree 2 in s with positive coefficients. It is convex, so its mean
+        # is at most the mean of its values at both ends.
+        mean_slope = 0.5 * slope + 0.5 * slope_at_centre
         # The distance at s = 0 is at most |Y F| / (1 - contraction), with F at the centre
         # (`_residual` is the largest |Y F|). To this the integral of the slope is added.
-        # `bound_slope_change` bounds |e| by a polynomial of degree 2 of the reach, with
-        # positive coefficients. It is convex in s, so that its mean is at most the mean of
-        # its values at both ends.
-        mean_slope = 0.5 * slope + 0.5 * slope_at_centre
         distance = (self._residual / margin + half_length * mean_slope) * ROUND_UP
         return ArcBounds(distance, contraction, slope)
 

@@ -650,8 +650,8 @@ def _summarize_columns(columns: Sequence[Facts]) -> Facts:
 
         - its table and name;
         - ``compared``: whether it was compared;
-        - ``in_roundings``: the largest ratio of a deviation to the rounding error of the
-          reference value, which is multiplied by the condition number of the row;
+        - ``in_roundings``: the largest ratio of a deviation to the error that rounding can
+          cause: the rounding error of the value times the condition number of the row;
         - ``worst``: the row with this ratio;
         - ``beyond``: whether the ratio is too large to be explained by rounding.
 
@@ -665,6 +665,7 @@ def _summarize_columns(columns: Sequence[Facts]) -> Facts:
     worst = max(compared, key=lambda item: item["in_roundings"])
 
     def name(item: Facts) -> str:
+        """Return the name of a column with that of its table."""
         return f"{item['table']}.{item['column']}"
 
     return {

@@ -112,10 +112,11 @@ class SingularityMeasure:
 
         A configuration is singular if rates x close the loops and satisfy E x = 0, where E
         x are the rates of the inputs (type II) or of the output (type I). N is a basis of
-        the k rates that close the loops, and B = E N. `value` is det B. It is det(B^T B) if
-        B is not square, or if the sense of the basis N is not fixed: det B would change its
-        sign with it. Both derivatives follow from d det B = trace(adj(B) dB), with the
-        adjugate adj(B), which exists where B is singular, too.
+        the k rates that close the loops, and B = E N (`constraint_on_basis`). `value` is
+        det B if this determinant changes its sign at singularities (`changes_sign`), and
+        otherwise det(B^T B). The derivative of a determinant is
+        d det A = trace(adj(A) dA) for the matrix A = B or A = B^T B (`_square_matrix`). The
+        adjugate adj(A) exists where A is singular, too.
 
         The derivatives are along the g columns of the basis of the tangent space, which
         are the changes of the configuration that keep the loops closed.

@@ -269,7 +269,9 @@ class SampledSingularities:
         arc length s, occurs at inputs that differ by whole periods. If the range has
         several periods, the same part of the curve is one piece in each of them. The inputs
         of these pieces differ by `Piece.shift`, a multiple of the period. Only the pieces
-        whose input at s is q are yielded.
+        whose input at s is q are yielded. For example, let the range be 0 to 720 deg with a
+        period of 360 deg, and let the input on the curve at s be 30 deg. One piece there
+        has the shift 0 and the input 30 deg, another one the shift 360 and the input 390.
 
         Parameters
         ----------
@@ -279,15 +281,16 @@ class SampledSingularities:
             The input (rad).
         """
         arc_curve = self.curves[curve]
-        # The input of a piece at s equals q or differs from it by some periods. The piece
-        # is yielded if this number of periods is a multiple of `period_step`.
+        # The input of a piece at s equals q or differs from it by some periods. In general
+        # the piece is yielded only if this number of periods is 0. There are two
+        # exceptions, so it has to be a multiple of `period_step`.
         period_step: float
         if self.is_simulation:
             # A simulation has no range with several periods: any number is accepted.
             period_step = 1
         elif number_in_range := self.whole_range(curve):
-            # The range has a whole number of periods. Its ends are one configuration, so
-            # the input of the piece may be at one end and q at the other.
+            # The range has a whole number of periods, such as 2. Its ends are one
+            # configuration, so the input of the piece may be at one end and q at the other.
             period_step = number_in_range
         else:
             # The input must be q itself: the remainder n % inf is 0 only for n = 0.

@@ -687,6 +687,11 @@ def _insert_direction(
 ) -> list[_VanishingCandidates]:
     """Return the quantities that may vanish, with those that concern a pointing direction.
 
+    A quantity that vanishes explains why a row is singular. The quantities are in tiers: a
+    tier is reported only in rows in which no quantity of an earlier tier vanishes. A tier
+    has a phrase and a column of numbers, which are zero in singular rows, for each
+    quantity.
+
     The output is a direction. It rests if the output link turns about it. If one input
     moves alone, the link turns about a pole axis, so the direction rests if this axis is
     along it. If two pole axes are coplanar with the direction, a combined motion of both
@@ -695,11 +700,9 @@ def _insert_direction(
     Parameters
     ----------
     tiers
-        Two sets of quantities (`_vanishing_candidates`). The first one begins with the
-        coefficients c_i and d_i of all inputs, which relate the rate w_i of the output to
-        the rate q_i' of input i by c_i w_i = d_i q_i'. Sines and triple products of pole
-        axes follow. The second set has the sines between any two pole axes. Each set is
-        reported only in rows in which no quantity of an earlier set vanishes.
+        Two tiers (`_vanishing_candidates`). The first one begins with two coefficients, c_i
+        and d_i, of each input. Sines and triple products of pole axes follow. The second
+        tier has the sines between any two pole axes.
     inputs
         Names of the g inputs.
     u
@@ -709,12 +712,11 @@ def _insert_direction(
 
     Returns
     -------
-    Three sets of quantities. The first one has the sines between each pole axis and the
-    direction in addition. The third one has the triple products of two pole axes and the
-    direction.
+    Three tiers. The first one has the sines between each pole axis and the direction in
+    addition. The third one has the triple products of two pole axes and the direction.
     """
     first, second = tiers
-    # The first set begins with the coefficients c and d of g inputs, in 2 g columns. The
+    # The first tier begins with the coefficients c and d of g inputs, in 2 g columns. The
     # sines between axes and direction are inserted after these, so that they are reported
     # before other conditions on axes.
     after_coefficients = 2 * len(inputs)

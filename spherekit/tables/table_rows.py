@@ -180,30 +180,41 @@ def sort_by_mode(block: TableData, by_mode: bool = True) -> SortedBlock:
     """
     if not by_mode:
         return SortedBlock(block, [(0, slice(0, row_count(block)))])
-    # A row of the batch may have several rows in the table, one for each subject, such as a
-    # pole. The columns of modes and samples then repeat each number `repeats` times. They
-    # can be stored without the repetitions, which `remove_repetitions` returns. If only
-    # one of both is stored in this way, the rows are sorted below, as if they were in any
-    # order.
-    modes, repeats = remove_repetitions(block[ASSEMBLY_MODE.name])
-    samples, sample_repeats = remove_repetitions(block[SAMPLE.name])
-    if sample_repeats == repeats:
-        # Divide the rows where the mode changes.
-        mode_steps = np.diff(modes)
-        edges = [0, *(np.flatnonzero(mode_steps) + 1).tolist(), len(modes)]
-        rows_of_modes = [
-            (int(modes[low]), slice(low * repeats, high * repeats))
-            for low, high in pairwise(edges)
-            if low < high
-        ]
-        is_falling = (mode_steps == 0) & (np.diff(samples) < 0)
-        has_each_mode_once = len(dict(rows_of_modes)) == len(rows_of_modes)
-        if has_each_mode_once and not np.any(is_falling):
-            return SortedBlock(block, rows_of_modes)
-    # The rows are not in order yet. After sorting, the call below finds the slices.
+    rows_of_modes = _find_modes_in_order(block)
+    if rows_of_modes is not None:
+        return SortedBlock(block, rows_of_modes)
     columns = arrays(block)
     order = np.lexsort((columns[SAMPLE.name], columns[ASSEMBLY_MODE.name]))
+    # The sorted rows are in order, so this call only finds the slices of modes.
     return sort_by_mode({name: column[order] for name, column in columns.items()})
+
+
+def _find_modes_in_order(block: TableData) -> list[tuple[int, slice]] | None:
+    """Return the modes of a block with their slices of rows, if the rows are in order.
+
+    They are in order if all rows of a mode follow each other, with samples that do not
+    fall. Otherwise the result is None.
+
+    A configuration may have several rows in the table, one for each subject, such as a
+    pole. The columns of modes and samples then repeat each number. They are usually stored
+    without the repetitions, and are compared in this form. If only one of them is stored
+    so, the result is None, too.
+    """
+    modes, repeats = remove_repetitions(block[ASSEMBLY_MODE.name])
+    samples, sample_repeats = remove_repetitions(block[SAMPLE.name])
+    if sample_repeats != repeats:
+        return None
+    # Divide the rows where the mode changes.
+    mode_steps = np.diff(modes)
+    edges = [0, *(np.flatnonzero(mode_steps) + 1).tolist(), len(modes)]
+    rows_of_modes = [
+        (int(modes[low]), slice(low * repeats, high * repeats))
+        for low, high in pairwise(edges)
+        if low < high
+    ]
+    is_falling = (mode_steps == 0) & (np.diff(samples) < 0)
+    has_each_mode_once = len(dict(rows_of_modes)) == len(rows_of_modes)
+    return rows_of_modes if has_each_mode_once and not np.any(is_falling) else None
 
 
 def convert_columns(table: Table, data: TableArrays) -> dict[str, Array]:

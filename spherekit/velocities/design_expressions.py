@@ -611,13 +611,15 @@ class DesignExpressions:
         direction = self._relative_direction(link_name, other_name, moving)
         link = self.mechanism.link(link_name)
         other = self.mechanism.link(other_name)
-        if self.mechanism.angle_between(link, other) is not None:
+        has_common_pair = self.mechanism.angle_between(link, other) is not None
+        if has_common_pair:
             # The axis of a pair is defined even if the pair rests.
             return direction
         # The relative velocity of links at rest is a rounding error, which has a direction
         # too. Links count as at rest if their relative velocity is less than `NO_MOTION`
-        # times a reference: the velocity of the link with the larger number, at least 1.
-        # Runs use the same link, so both give NaN in the same rows.
+        # times a reference: the velocity of one of the links, at least 1. The link with the
+        # larger number is used, as in the numerical analysis of a run. So these expressions
+        # and a run give NaN in the same rows.
         w = self._link_velocities[moving]
         reference_velocity = w[max(link, other)]
         relative_velocity = w[link] - w[other]

@@ -403,14 +403,15 @@ def pair_angle(
     orientations
         Orientations of all links.
     """
-    chain = structure.pairs.chains[pair]
+    # The rotation from the second link to the first is the product of a constant matrix, a
+    # rotation by the angle, and another constant matrix. These are the frame of the pair in
+    # the first link and the transposed frame in the second. The columns of a frame are the
+    # zero direction, the direction 90 degrees ahead, and the axis.
+    first_frame, transposed_second_frame = structure.pairs.chains[pair].constants
     first_link, second_link = structure.mechanism.ends[pair]
     first = orientations[first_link]
-    # The first constant of the chain is the frame of the pair in the first link. Its
-    # columns are the zero direction, the direction 90 degrees ahead, and the axis. The
-    # second constant is the transposed frame in the second link; its first row is the zero
-    # direction there, which acts as a pointer.
-    zero = first.direction(chain.constants[0][:, 0])
-    quarter = first.direction(chain.constants[0][:, 1])
-    pointer = orientations[second_link].direction(chain.constants[1][0])
+    zero = first.direction(first_frame[:, 0])
+    quarter = first.direction(first_frame[:, 1])
+    # The zero direction in the second link points to the angle.
+    pointer = orientations[second_link].direction(transposed_second_frame[0])
     return function("atan2", dot(quarter, pointer), dot(zero, pointer))

@@ -38,9 +38,9 @@ def masses_and_loads(mechanism: Mechanism) -> MassesAndLoads:
 def replace_numbers(part: Any, replace_number: Callable[[Any], Any]) -> Any:
     """Return masses and loads, or a part of them, with other numbers.
 
-    The nested data are visited recursively. Texts of expressions are removed, because they
-    contain the old numbers. So if all numbers are replaced by 0, the results are equal for
-    mechanisms that differ in these numbers only.
+    The nested data (tuples and dataclasses) are visited recursively. Texts of expressions
+    are removed, because they contain the old numbers. So if all numbers are replaced by 0,
+    the results are equal for mechanisms that differ in these numbers only.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def replace_numbers(part: Any, replace_number: Callable[[Any], Any]) -> Any:
     fields_with_numbers: dict[str, Any] = {}
     if isinstance(part, LoadComponent):
         fields_with_numbers = {"magnitude": part.magnitude, "moments": part.moments}
-        # This object describes the load again, with the old numbers.
+        # `bearing_friction` refers to the load of the file, which has the old numbers.
         part = replace(part, bearing_friction=None)
     elif isinstance(part, LinkMoment):
         fields_with_numbers = {"direction": part.direction, "arm": part.arm}

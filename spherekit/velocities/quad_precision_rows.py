@@ -165,11 +165,12 @@ def _close_loops(kernel: RowKernel, values: Floats) -> tuple[Array, Bools]:
 
 
 def _sum_opening_changes(kernel: RowKernel, values: Floats, inverse: Floats) -> Floats:
-    """Return the absolute changes of columns as loops open, summed over all directions.
+    """Return how much each output column changes if loops open, as a sum of magnitudes.
 
-    The sizes of a mechanism are rounded, so that its computed loops remain open by tiny
-    angles. Such an angle times the sum is a bound of the error of a column. A loop can open
-    about three axes, so there are three directions for each loop.
+    Output columns are the computed quantities, such as angular velocities of links. The
+    sizes of a mechanism are rounded, so that its computed loops remain open by tiny angles.
+    Such an angle times the sum is a bound of the error of a column. A loop can open about
+    three axes, so there are three directions for each loop.
 
     The derivatives are computed with complex steps: f'(x) = Im f(x + ih) / h (Squire and
     Trapp 1998).
@@ -196,7 +197,7 @@ def _sum_opening_changes(kernel: RowKernel, values: Floats, inverse: Floats) -> 
     directions_per_call = max(1, BATCH_ROWS // max(count, 1))
     for start in range(0, direction_count, directions_per_call):
         # All n configurations are repeated, once for each direction of this call. The
-        # movements (variables, directions, n) become columns in the same order.
+        # movements (variables, directions, n) are put in the same order.
         movements = inverse[:, start : start + directions_per_call]
         repeated = np.tile(values, movements.shape[1])
         stepped = repeated.astype(complex)
