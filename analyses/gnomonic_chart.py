@@ -63,6 +63,7 @@ def chart_coordinates(directions: Floats) -> tuple[Floats, Floats]:
 def circle_coordinates(normals: Floats) -> tuple[Floats, Floats]:
     """Return the slope epsilon and the angle theta (n,) of great circles, rad.
 
+    In the gnomonic chart an axis (x, y, z) is the point (tan xi, tan zeta) = (y/x, z/x).
     The great circle with the normal (a, b, c) is the line a + b tan xi + c tan zeta = 0. It
     has the direction (cos epsilon, sin epsilon) = (c, -b) / sqrt(b^2 + c^2), with epsilon
     from -pi/2 (exclusive) to pi/2. Its distance from the origin is tan theta =

@@ -256,9 +256,10 @@ class SensitivityAnalysis(AbstractAnalysis):
     def needs(self, mechanism: Mechanism) -> Needs:
         """Declare that the analysis reads configurations, and check its parameters.
 
-        Times and rates are read if a quantity depends on them, and for mechanisms with one
-        input always. The variables of pairs on which loads such as springs depend are read
-        with whole revolutions.
+        Times and rates are read if a quantity depends on them. With one input they are
+        always read, because all samples have them. Samples of several inputs may have none.
+        The variables of pairs on which loads such as springs depend are read with whole
+        revolutions.
 
         Raises
         ------
@@ -272,7 +273,7 @@ class SensitivityAnalysis(AbstractAnalysis):
             # This gives access to the configurations.
             tracer=True,
             time=len(mechanism.inputs) == 1 or sensitivity.timed,
-            continued_values=frozenset(sensitivity.wound),
+            continued_values=frozenset(sensitivity.wound),  # pairs of such loads
             links=sensitivity.links,
         )
 

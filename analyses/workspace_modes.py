@@ -575,7 +575,8 @@ class WorkspaceModes:
             )
         ]
 
-        # 2. The samples inside, as points without triangles.
+        # 2. The samples inside, as points without triangles. The signs of the legs identify
+        # the working mode to which the workspace belongs.
         samples = self.samples[workspace.signs]
         is_inside = samples.judged.inside
         if np.any(is_inside):

@@ -371,14 +371,11 @@ class Descent:
         min_closing_fraction = self.evaluate(x, mode).closing_fraction
 
         def scaled_functions(y: Floats) -> LinearisedFunctions | None:
-            """Return the differences from the aim, and the conditions, at a point y.
+            """Return (objective - aim) / scale for all objectives, and the conditions.
 
-            A difference is (objective - aim) / scale. The aim has a desired value for each
-            objective. The scales make differences of objectives in different units
-            comparable. The conditions are the `limits`: only their sign matters, so they
-            are not scaled. The result is None if a number is not finite, or if the
-            mechanism can be assembled in this mode at a smaller fraction of the samples
-            than at the first point.
+            The scales make objectives in different units comparable. Only the signs of the
+            conditions (`limits`) matter, so they are not scaled. The result is None if the
+            design y is refused, or if a number is not finite.
             """
             values = self.evaluate(y, mode)
             if values.closing_fraction < min_closing_fraction:

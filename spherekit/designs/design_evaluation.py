@@ -853,9 +853,8 @@ class DesignEvaluator:
         points = self.figures.points[:, :input_count]
         distances = max_abs(points - input_grid.q[:, None], axis=2)
         for point in points[np.min(distances, axis=0) > POINT_TOLERANCE_RAD]:
-            # The message asks the user to choose a sample as the point. "Groups beyond
-            # dyads" are groups of links whose positions have no closed form. Closed forms
-            # are evaluated at any inputs, without tracking.
+            # Modes are tracked only if the mechanism has groups of links other than dyads.
+            # Dyads have a closed form, which is evaluated at any inputs without tracking.
             inputs = listing(f"{angle:.6g}" for angle in point)
             raise DesignError(
                 f"{self.mechanism.name}: the inputs {inputs} rad are not those of a "

@@ -518,10 +518,9 @@ class Sensitivity:
         """
         draw_count = deviations.shape[1]
         design = self._nominal_design
-        # The closure equations of a mechanism with contacts of circles may be those of a
-        # linkage, in which links between the centres of the circles replace the contacts.
-        # Its sizes are computed from the deviating numbers of the file. An impossible draw
-        # has NaN.
+        # The sizes that the closure equations contain, from the deviating numbers of the
+        # file. If links between the centres of circles replace contacts in the equations,
+        # these are the sizes of the links. An impossible draw has NaN.
         sizes, _ = self._varied_mechanism.kernel_sizes(design.values[:, None] + deviations)
         # Contact profiles of the draws, if they are not circles.
         profiles = None

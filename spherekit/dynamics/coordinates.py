@@ -195,8 +195,9 @@ def _complete_motion(
     rates
         (n, m, variables) the rates r_i.
     closing_inverse
-        (n, variables, equations) the part of an inverse matrix that maps right-hand sides
-        of J x = y to solutions x at which no coordinate changes.
+        (n, variables, equations) maps y to the rates x with J x = y at which no coordinate
+        changes. It is a part of the inverse of the matrix that has the rows of J and, below
+        them, the weights of the variables in the coordinates.
     order
         1 leaves out the second derivatives.
     """

@@ -154,9 +154,18 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
     An assembly mode is selected in the formulas by numbers, the mode values. In closed form
     they are the sign (+1 or -1) of each dyad (two links and three R pairs). Configuration
     curves of modes may cross. A mode that follows its smooth curve through a crossing has
-    other signs beyond it. The written function looks up the mode values of the interval in
-    which an input is. Its arrays have the axes interval and mode; the array of mode values
-    is called ``places``.
+    other signs beyond it. The crossings divide the range of the input q into intervals. The
+    written function looks up the mode values in the interval of q::
+
+        def four_bar_smooth_mode(number, q):
+            mode = list(MODES).index(number)
+            starts = [-inf, 3.14]       # of the intervals
+            places = [...]              # mode values, by interval and mode
+            mode_there = ca.DM(places[0][mode])
+            for interval in range(1, 2):
+                is_beyond = q >= starts[interval]
+                mode_there = ca.if_else(is_beyond, ..., mode_there)
+            return mode_there
 
     Without closed form, the mode values are the variables (rad) of all pairs in a known
     configuration, from which steps of Newton's method (`formulas.step`) lead to the input.
@@ -182,9 +191,9 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
     returned = f"{source.mode_argument}_there"
     if source.formulas.step:
         input_lines = f"    inputs = {texts.known_inputs}\n"
-        # The docstring of the written function says that it returns the known input too:
-        # "..., and the input at which it has them". The text is shared with the source in
-        # NumPy, whose function has an array of inputs. Here there is a single one.
+        # The docstring of the written function ends with ", and the input at which it has
+        # them". The written NumPy function takes many inputs, and its docstring has the
+        # plural. Here there is a single input.
         docstring_end = KNOWN_INPUTS_TEXT.replace("inputs", "the input")
         first_input = "known_input = ca.DM(inputs[0][mode])\n    "
         next_input = (

@@ -217,28 +217,15 @@ class SeriesTable(NamedTuple):
     closed: bool
 
     def evaluate(self, variable_values: Floats) -> Floats:
-        """Evaluate the stored functions at some values of their variable.
+        """Return the functions (terms, n) at values (n,) of the variable.
 
-        The series are piecewise: the range of their variable is divided into cells. An
-        example is the coordinates of a contact profile, whose variable is the arc length.
-
-        Parameters
-        ----------
-        variable_values
-            (n,) values of the variable in the formulas.
-
-        Returns
-        -------
-        (terms, n) values of the functions, NaN outside of the range.
+        They are NaN outside of the range of the series.
         """
         edges = self.series.edges  # of the cells, rising
-        # The variable of the series begins to count at another point of the curve.
         position = variable_values + self.start
-        # Functions along a closed curve are periodic.
         if self.closed:
             position = edges[0] + np.mod(position - edges[0], self.length)
-        # (n, terms): a row for each value of the variable
-        series_rows = self.series.evaluate(position)
+        series_rows = self.series.evaluate(position)  # (n, terms)
         # Written as "not inside", so that a position that is NaN gives NaN too.
         series_rows[~((position >= edges[0]) & (position <= edges[-1]))] = np.nan
         return np.asarray(series_rows.T)

@@ -53,8 +53,10 @@ class Hinge(NamedTuple):
     pair
         Name of the pair.
     parent, child
-        Names of the two bodies. A hinge of the tree places the child. A hinge that closes a
-        loop is a constraint: the point `axis` coincides in both bodies.
+        Names of the two bodies. The bodies of a model are a tree: each body but the ground
+        is placed by the hinge to its parent. A hinge that closes a loop places no body. It
+        is a constraint, by which the end of the vector `axis` is the same point of both
+        bodies.
     axis
         (3,) unit vector about which a positive variable turns the child.
     value

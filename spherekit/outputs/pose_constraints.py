@@ -673,8 +673,8 @@ def _find_pair(kinematics: LimitedOutput, option: str, name: str) -> int:
     """
     carrying_numbers = kinematics.carrying.pair_number
     if name not in carrying_numbers:
-        # The question whether a similar name was meant. Without one a semicolon divides
-        # the two parts of the message.
+        # A text such as `; did you mean "41"?`, which is empty if no name is similar. A
+        # semicolon then divides the two parts of the message.
         suggestion = nearest(name, carrying_numbers)
         reason = (
             f'{option}: no pair is named "{name}"{suggestion or ";"} '

@@ -48,9 +48,9 @@ class TriedSteps(Generic[Node]):
     nodes
         The points at which the steps end.
     is_verified
-        (k,) whether the step passed all tests of `Verification`. They detect steps that
-        lead to another curve: the prediction is nearly right, and equations and tangent
-        change little.
+        (k,) whether the step passed all tests of `Verification`. These require that the
+        prediction is nearly right, and that equations and tangent change little. A step
+        that leads to another curve fails.
     changes
         (k,) changes of the equations (the Jacobian of the curve) in the step, relative to a
         change after which they may be singular. The length of the next step follows from

@@ -66,8 +66,9 @@ def _frames_from_pose(
         decimal number that gives it. This is the number of the file, if that has at most 15
         digits.
     document
-        The mechanism as a file in degrees. It has the values of pairs in the pose in
-        decimals, where `geometry` has them in rad. A pair without a value has the angle 0.
+        The mechanism as a file in degrees. It has the variables of pairs in the pose as
+        decimal numbers of degrees, which are exact. (The same numbers in rad, in
+        `geometry`, are rounded.) A pair that is not listed has the variable 0.
 
     Returns
     -------
@@ -79,9 +80,9 @@ def _frames_from_pose(
         # In the reference pose both links have the same axes. With the variable v there,
         # the frames satisfy first @ Z(v) = second, where Z is a rotation about z.
         exact_axis = normalize(_parse_decimals([repr(float(x)) for x in axis]))
-        # The x axis of the frame is perpendicular to one of the coordinate axes. The
-        # float64 axis decides to which one, so that float64 computations have the same x
-        # axis.
+        # There is no other axis to which the x axis of the frame could point. It is chosen
+        # perpendicular to one of the coordinate axes. The float64 axis decides to which
+        # one, so that float64 computations have the same x axis.
         first = _frame_without_reference(exact_axis, np.array(axis, dtype=float))
         second = first
         if name in values:

@@ -96,7 +96,17 @@ def find_coinciding_paths(paths: Sequence[Floats], size: float) -> list[DashPosi
 
 
 def _lies_on(path: Floats, other_path: Floats, size: float) -> bool:
-    """Return whether nearly all points of a path are on another path."""
+    """Return whether nearly all points of a path are on another path.
+
+    Parameters
+    ----------
+    path, other_path
+        (n, k) points, NaN in gaps. The other path consists of the segments between its
+        points.
+    size
+        Size of the frame of the drawing, in the unit of the points. A point is on the other
+        path if it is nearer than `COINCIDING_RATIO` times this size.
+    """
     points = path[all_finite(path, 1)]
     starts = other_path[:-1]
     ends = other_path[1:]

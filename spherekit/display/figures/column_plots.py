@@ -105,10 +105,19 @@ def _is_on_grid(table: Table, frame: "pd.DataFrame") -> bool:
 def _subjects(
     table: Table, frame: "pd.DataFrame"
 ) -> Iterator[tuple[Page, str, "pd.DataFrame"]]:
-    """Yield the rows of each subject in each assembly mode, with its page and its label.
+    """Yield the rows of each subject in each assembly mode, with page and label.
 
-    All rows of a table without samples in assembly modes belong to one subject without a
-    name.
+    A subject is what a row is about, such as a pole. It is named by the texts in the row,
+    and the label is such as "pole 3/1". The page is the number of the assembly mode. If the
+    rows of a table do not belong to samples and assembly modes, all of them are yielded as
+    one subject, with an empty page and label.
+
+    Parameters
+    ----------
+    table
+        The declaration of the table.
+    frame
+        Its columns.
     """
     if not table.in_assembly_modes:
         yield "", "", frame

@@ -488,8 +488,8 @@ def _draw_sphere_curves(item: SphereCurves) -> Stills:
 def _draw_sphere_map(item: SphereMap) -> Stills:
     """Yield a map on the sphere as a coloured mesh, or as points if it has no triangles.
 
-    The only item is the path `ENTITY_ITSELF`, which is that of the map, and the data that
-    are logged there once.
+    One item is yielded: a path below that of the map, and the data that are logged there
+    once. The path is `ENTITY_ITSELF`, which stands for the path of the map itself.
     """
     # Vertices that belong to no triangle are not drawn, so they do not widen the range of
     # values that the colours show.
