@@ -149,8 +149,9 @@ class SixPoles:
 def make_six_poles(links: FourLinks, pole_axis: Callable[[Pole], Floats]) -> SixPoles:
     """Return the pole axes of any two of four links, the six fields of `SixPoles`.
 
-    A field is named by two of the links, such as "os": the input link i, its reference link
-    r, the output link o and its reference link s. It is NaN if both are the same link.
+    The links are the input link i, its reference link r, the output link o and its
+    reference link s. The field "os", for example, has the axis about which link o turns
+    relative to s. A field is NaN if both links are the same link.
 
     Parameters
     ----------

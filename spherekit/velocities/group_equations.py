@@ -347,12 +347,13 @@ class GroupEquations:
 
         The vector equation of a loop is sum of a_v x_v + c = 0, with the vectors a_v and
         the rates x_v of its unknown variables v. A scalar equation is its component along a
-        direction. If a loop has two private variables, which occur in no other loop, the
-        direction is perpendicular to both of their vectors, so that the equation is free of
-        them. Such a loop gives one equation, others give three.
+        direction. There are three kinds of directions:
 
-        If some equations repeat others, the constructor has chosen independent ones. Then
-        `chosen_equations` are used instead.
+        - A loop may have two private variables, which occur in no other loop. The direction
+          is perpendicular to both of their vectors, so that the equation is free of them.
+        - A loop without private variables gives three equations, along the ground axes.
+        - If some equations repeat others, the constructor has chosen independent ones. They
+          are components of the first kind, or along the vector of a variable of the loop.
 
         Parameters
         ----------
@@ -365,31 +366,33 @@ class GroupEquations:
         known_parts
             For each loop the known vector c (3,).
         """
-        equations: list[LoopEquation] = []
-        if self.chosen_equations is None:
-            for private, by_variable, known_part in zip(
-                self.private_variables, loop_vectors, known_parts, strict=True
-            ):
-                directions: Sequence[Exprs] = [*GROUND_DIRECTIONS]
-                # `private` has two variables or none.
-                if private:
-                    directions = [cross(*(by_variable[v] for v in private))]
-                equations += [
-                    LoopEquation(direction, by_variable, known_part)
-                    for direction in directions
-                ]
-            return equations
-        # `key` is the number of a variable of the loop, along whose vector the equation is
-        # taken, or `WITHOUT_PRIVATE`.
-        for loop_index, key in self.chosen_equations:
+
+        def normal_to_private(loop_index: int) -> Exprs:
+            """Return the direction perpendicular to both private vectors of a loop."""
+            first, second = self.private_variables[loop_index]
             by_variable = loop_vectors[loop_index]
-            if key == WITHOUT_PRIVATE:
-                private = self.private_variables[loop_index]
-                direction = cross(*(by_variable[v] for v in private))
-            else:
-                direction = vectors[key]
-            equations.append(LoopEquation(direction, by_variable, known_parts[loop_index]))
-        return equations
+            return cross(by_variable[first], by_variable[second])
+
+        # The index of the loop and the direction of each equation.
+        directions: list[tuple[int, Exprs]] = []
+        if self.chosen_equations is None:
+            for loop_index, private in enumerate(self.private_variables):
+                if private:
+                    directions.append((loop_index, normal_to_private(loop_index)))
+                else:
+                    directions += [(loop_index, axis) for axis in GROUND_DIRECTIONS]
+        else:
+            # The second entry is the number of a variable of the loop, along whose vector
+            # the equation is taken, or `WITHOUT_PRIVATE`.
+            for loop_index, variable in self.chosen_equations:
+                if variable == WITHOUT_PRIVATE:
+                    directions.append((loop_index, normal_to_private(loop_index)))
+                else:
+                    directions.append((loop_index, vectors[variable]))
+        return [
+            LoopEquation(direction, loop_vectors[loop_index], known_parts[loop_index])
+            for loop_index, direction in directions
+        ]
 
 
 def _solve_private_rates(
