@@ -221,9 +221,8 @@ def describe_least_transmission(
 
     The transmission angle is the acute angle between the planes of both arcs of the dyad
     (two links in series) that places an output. It is 0 at a singularity of type II, where
-    the locked input does not hold the output. The configuration with the least angle is
-    therefore called the nearest one to such a singularity. Outputs that no dyad places have
-    no sentence.
+    the locked input does not hold the output, so the least angle is the nearest to such a
+    singularity. Outputs that no dyad places have no sentence.
 
     Parameters
     ----------
@@ -240,10 +239,11 @@ def describe_least_transmission(
         if nearest is None:
             continue
         angle, q, modes = nearest
-        # The constant is the word "least". It is the same word as in the names of the
-        # figures of merit for this angle, such as least_transmission_angle_43.
+        # "Least". The same word begins the names of the figures of merit for this angle,
+        # such as least_transmission_angle_43.
+        beginning = NEAREST_TRANSMISSION_WORD.capitalize()
         sentences.append(
-            f"{NEAREST_TRANSMISSION_WORD.capitalize()} transmission angle of {name}: "
+            f"{beginning} transmission angle of {name}: "
             f"{np.degrees(angle):.4g} deg at "
             f"{input_pair} = {_format_degrees(np.degrees(q))} deg in "
             f"{numbered('mode', modes)}"

@@ -43,6 +43,8 @@ class ProgressBar:
             self.hide()
             return
         if not report.state:
+            # It is not known how far the computation is. The report is then printed as a
+            # line that remains on the screen. The bar makes room for it.
             was_shown = self._progress is not None
             self.hide()
             print_progress_line(report)

@@ -526,8 +526,8 @@ def _files(summary: Any, output: RunOutput) -> str:
     """Return one line on what was written, or on how to write it."""
     parts = []
     if output.folder is None:
-        recording = "" if output.recording else ", --save X.rrd for a recording to view"
-        parts.append(f"no tables saved; add -o DIR for tables{recording}")
+        hint = "" if output.recording else ", --save X.rrd for a recording to view"
+        parts.append(f"no tables saved; add -o DIR for tables{hint}")
     else:
         size = sum(summary.get("bytes", {}).values())
         unit = "deg" if output.is_in_degrees else "rad"
@@ -544,12 +544,15 @@ def _files(summary: Any, output: RunOutput) -> str:
         cost = summary["cost"].get("recording")
         size_words = f" ({size_text(cost['bytes'])})" if cost else ""
         parts.append(f"recording {output.recording}{size_words}")
-    recording = summary.get("recording", {"one_of": 1, "from_sample": 0})
-    if recording["one_of"] > 1 or recording["from_sample"] > 0:
+    # A recording may leave out samples: only one of every `interval` is in it, from the
+    # first one that is recorded.
+    recorded_samples = summary.get("recording", {"one_of": 1, "from_sample": 0})
+    interval = recorded_samples["one_of"]
+    first_sample = recorded_samples["from_sample"]
+    if interval > 1 or first_sample > 0:
         parts.append(
-            "the recording has only one of every "
-            f"{counted(recording['one_of'], 'sample')} of each assembly mode, from "
-            f"sample {recording['from_sample']} on; --log-every K changes this"
+            f"the recording has only one of every {counted(interval, 'sample')} of each "
+            f"assembly mode, from sample {first_sample} on; --log-every K changes this"
         )
     return "; ".join(parts)
 

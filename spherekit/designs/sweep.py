@@ -207,14 +207,16 @@ class Sweep:
     def evaluator(self) -> DesignEvaluator | DesignRuns:
         """The object that computes the figures of merit.
 
-        Without a study no design is run. The object is then a `DesignEvaluator`, which
-        computes figures of quantities at samples, for many designs at once. With a study it
-        is a `DesignRuns`, which runs the analyses of each design and reduces their tables.
-        It uses a `DesignEvaluator` for figures that need no table.
+        There are two kinds of figures:
+
+        - Some follow from quantities at samples, such as an angle. A `DesignEvaluator`
+          computes them for many designs at once.
+        - Others follow from the tables of analyses, which are run for each design. They
+          need a study, which says what is run. `DesignRuns` computes both kinds, with a
+          `DesignEvaluator` for the first one.
         """
         kernel_evaluator = None
-        # `samples` is None if no figure is computed from quantities at samples. A kernel is
-        # a function that evaluates such quantities for many designs at once.
+        # `samples` is None if no figure follows from quantities at samples.
         if self.samples is not None:
             merits = [merit for merit in self.merits if not merit.table]
             kernel_evaluator = DesignEvaluator(

@@ -537,13 +537,14 @@ class PositionFormulas:
     def _write_arc_cosine(self, side: DyadSide) -> Expr:
         """Return the cosine of the arc between the two axes of a link of a dyad.
 
-        Axes at the arcs a and b from the first axis of the link, with the angle c between
-        these arcs, are at the arc d with cos d = cos a cos b + sin a sin b cos c.
+        The file gives the arcs a and b from the first axis of the link to these two axes,
+        and the angle c between the arcs. By the spherical law of cosines, the arc d between
+        the two axes has
 
-        The arcs of a link are measured from its first axis in the file. If this is the
-        first axis of `side`, then a = 0, and the result is cos b. Otherwise the long
-        expression gets a symbol. The second axis of `side` is never the first one of the
-        link.
+            cos d = cos a cos b + sin a sin b cos c.
+
+        If one of the two is the first axis of the link itself, it is the first axis of
+        `side`. Then a = 0, and the result is cos b. Otherwise the expression gets a symbol.
         """
         first_axis = side.first_axis
         second_axis = side.second_axis

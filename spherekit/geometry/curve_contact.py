@@ -67,7 +67,7 @@ def nearest_frames(first: Curve, second: Curve) -> tuple[Floats, float]:
     -------
     arc_lengths
         (2,) arc lengths (rad) on the first and the second curve. If the curves touch at
-        several points, it is the one with the smallest arc length on the first curve.
+        several points, they are those of the point that comes first on the first curve.
     angle
         Angle (rad) of the rotation between the two frames; 0 if the curves touch.
     """
@@ -91,7 +91,8 @@ def nearest_frames(first: Curve, second: Curve) -> tuple[Floats, float]:
     # Among equally good contacts, the first one along the first curve is chosen. Rounding
     # can move a contact at the start of a closed curve to its end. Before the comparison
     # all arc lengths are therefore increased by a small amount, which takes such a contact
-    # beyond the end, back to the start.
+    # beyond the end, back to the start. (The same is done with open curves, where a contact
+    # at the very end counts like one at the start.)
     best = np.flatnonzero(angles <= np.min(angles) + EQUAL_CONTACT_RAD)
     from_start = np.mod(arc_lengths[best, 0] + START_SLACK_RAD, lengths[0])
     chosen = best[np.argmin(from_start)]

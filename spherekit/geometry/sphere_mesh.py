@@ -126,12 +126,15 @@ def sphere_mesh(columns: int = 96, rows: int = 48) -> tuple[Floats, Indices]:
 def quarter_until_short(
     points: Floats, triangles: Indices, spacing: float
 ) -> tuple[Floats, Indices]:
-    """Return a mesh whose triangles are quartered until no edge is longer than `spacing`.
+    """Return a mesh of the unit sphere with no edge longer than `spacing`.
+
+    All triangles are divided into four by the middles of their edges, until this is so.
 
     Parameters
     ----------
     points, triangles
-        (V, 3) vertices and (T, 3) triangles.
+        (V, 3) vertices, which are unit vectors, and (T, 3) numbers of the vertices of each
+        triangle.
     spacing
         Longest edge (rad).
 
@@ -141,11 +144,13 @@ def quarter_until_short(
         The new mesh. Old vertices come first.
     """
     while np.max(measure_edges(points, triangles)) > spacing:
+        # `sides` (T, 3) are the numbers of the edges ab, bc and ca of each triangle.
         edges, sides = list_edges(triangles)
         a, b, c = triangles.T
-        # The numbers of the middles of the edges, which follow the old vertices.
+        # Each edge gets a new vertex at its middle. New vertices follow the old ones.
         ab, bc, ca = len(points) + sides.T
-        points = np.concatenate([points, unit_rows(points[edges].sum(axis=1))])
+        middles = unit_rows(points[edges].sum(axis=1))
+        points = np.concatenate([points, middles])
         quarters = [(a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca)]
         triangles = np.concatenate([np.stack(quarter, axis=1) for quarter in quarters])
     return points, triangles

@@ -121,7 +121,7 @@ class DyadKinematics(ClosedKinematics):
                 # At the smallest angle of the outer axes, one link of the dyad lies over
                 # the other one (it is folded). Users may demand a larger angle there,
                 # because links have a width.
-                can_fold=True,
+                is_limited_by_width=True,
             )
             for dyad in self.dyads
         )

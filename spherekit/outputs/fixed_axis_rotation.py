@@ -187,9 +187,10 @@ class FollowedRotation(RotationPath):
         This measure says how surely locked inputs hold the output. All angles are between 0
         and `reached`, up to which the rotation was tracked.
         """
-        # Minima of the measure are bracketed on a grid of angles: a value that is not
-        # larger than both neighbours, infinite beyond the ends. Each minimum is then
-        # searched between the neighbours.
+        # First the measure is evaluated on a grid of angles. A value that is not larger
+        # than its two neighbours has a minimum between these. (Beyond the ends of the grid
+        # the measure counts as infinite.) Each minimum is then searched between the
+        # neighbours.
         grid = np.linspace(0.0, self.reached, CROSSING_GRID_SIZE)
         measure = np.nan_to_num(self._measure_transmission(grid), nan=np.inf)
         padded = np.pad(measure, 1, constant_values=np.inf)
@@ -201,9 +202,9 @@ class FollowedRotation(RotationPath):
         # The measure can be NaN at a singular configuration, where it is not determined.
         # The negated comparison counts such a minimum as singular.
         singular = minima[~(self._measure_transmission(minima) > SINGULAR_RATIO)]
-        # The tracking tries leaps of several lengths, the longest last. A minimum nearer to
-        # a leap than the longest one is the configuration that was stepped over, which is
-        # listed already.
+        # The tracking tries leaps of several lengths, the longest last. A minimum whose
+        # distance from a leap is at most the longest length is the configuration that was
+        # stepped over. It is among the leaps already.
         distances = np.abs(singular[:, None] - np.array(self.leaps))
         is_apart = np.all(distances > LEAP_LENGTHS_RAD[-1], axis=1)
         crossings = np.concatenate([self.leaps, singular[is_apart]])

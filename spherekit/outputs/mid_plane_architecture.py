@@ -501,9 +501,8 @@ class MidPlaneArchitecture:
         Parameters
         ----------
         start, stop
-            Normals (3,) of the mid-planes of both poses. They are in mirror axes, in which
-            the formulas are simplest. The constant matrix `frame` turns these axes into
-            those of the base.
+            Normals (3,) of the mid-planes of both poses. They are in mirror axes: axes of
+            the base that are turned by a constant rotation, so that formulas are simpler.
         modes
             (legs,) signs, 1 or -1, which choose one of the two elbows (axes between its two
             links) that each leg can have at the start. The sign is that of normal . (base
@@ -523,6 +522,8 @@ class MidPlaneArchitecture:
         end_normals = np.stack([upward(unit(normal)) for normal in (start, stop)])
         for normal in end_normals:
             self.check_reach(normal)
+        # Orientations of the end effector and the axis of the rotation are in the axes of
+        # the base.
         start_orientation, stop_orientation = self.orientations(end_normals)
         axis, angle = axis_and_angle(start_orientation, stop_orientation)
         return self.rotation_about(end_normals[0], axis, angle, signs)

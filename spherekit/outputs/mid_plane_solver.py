@@ -62,9 +62,9 @@ class MidPlaneKinematics(ClosedKinematics):
         axis is in the mid-plane and both links of the leg lie over each other.
         """
         plane = self.form.plane
-        # `can_fold` marks the legs whose smallest angle is limited by the width of the
-        # links too, if a user gives one: links of some width cannot lie over each other.
-        # Chen et al. (2021, section 3) state such a width for the driven legs only.
+        # A user may give a width of the links. Links of some width cannot lie over each
+        # other, so it increases the smallest angle. Chen et al. (2021, section 3) state
+        # such a width for the driven legs only.
         longest = (2.0 * plane.reach).tolist()
         return tuple(
             LegSpan(
@@ -72,7 +72,7 @@ class MidPlaneKinematics(ClosedKinematics):
                 second_pair=tip,
                 shortest=0.0,
                 longest=longest[number],
-                can_fold=number in plane.driven,
+                is_limited_by_width=number in plane.driven,
             )
             for number, (base, _, tip) in enumerate(self.form.legs)
         )

@@ -103,16 +103,16 @@ class LegSpan(NamedTuple):
         its links.
     shortest, longest
         Smallest and largest angle (rad) at which the leg closes.
-    can_fold
-        Whether the two links of the leg lie over each other at the smallest angle. If the
-        user gives a width of the links, it then increases the smallest angle.
+    is_limited_by_width
+        Whether a width of the links, if the user gives one, increases the smallest angle:
+        links of some width cannot lie over each other.
     """
 
     first_pair: int
     second_pair: int
     shortest: float
     longest: float
-    can_fold: bool
+    is_limited_by_width: bool
 
 
 @dataclass(frozen=True)
@@ -365,7 +365,7 @@ def _collect_axis_ranges(
         first = span.first_pair
         second = span.second_pair
         add_range(first, second, span.shortest, span.longest, "the arcs of the leg")
-        if span.can_fold:
+        if span.is_limited_by_width:
             add_range(first, second, least_link_angle, np.pi, "the width of the links")
     for limit in constraints.apart:
         pair = _find_pair(kinematics, "apart", limit.one)

@@ -443,15 +443,17 @@ class TubeTest:
         """
         # (..., k) sum over all coordinates of the degree of an equation times the reach.
         sums = reach @ self.degrees.T
-        # (..., k) the sum of three bounds for each equation: of the remainder, of the error
-        # of the computed F'(0), and of that of the computed F''(0) x. The derivative by
-        # coordinate i is in error by at most `error` times d_i, its derivative by j by at
-        # most `error` times d_i d_j. All three bounds of a derivative by i contain d_i as a
-        # factor, which is left out here.
+        # Three bounds are added for the derivative of an equation by coordinate i. With the
+        # bound C of third derivatives, the bound e of errors, and the sum S above they are
+        #     of the remainder                        d_i C S^2 / 2,
+        #     of the error of the computed F'(0)      d_i e,
+        #     of the error of the computed F''(0) x   d_i e S.
+        # (..., k) their sum without the factor d_i, which is multiplied below.
         remainder = 0.5 * self.third_bound * sums**2 + self.error * (1.0 + sums)
-        # (..., k, v) |Y F''(0)| times the reach, summed over its last axis but one.
+        # (..., k, v) sum over j of the reach in j times |Y F''(0)| in i and j, which is
+        # `_second_magnitudes` (k, v, v).
         bending = (reach[..., None, None, :] @ self._second_magnitudes)[..., 0, :]
-        # (..., k, v) |Y| times the remainder, which now gets the degree as a factor.
+        # (..., k, v) |Y| times the remainder.
         from_remainder = self.inverse_size @ (remainder[..., None] * self.degrees)
         return (self._slope_error + bending + from_remainder) * ROUND_UP
 

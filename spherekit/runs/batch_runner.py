@@ -427,13 +427,13 @@ class SliceReversals:
         columns: Floats,
         rows: Indices,
     ) -> None:
-        """Find the rows between which a pole direction may reverse, and store the errors.
+        """Find the rows of a slice between which a pole direction may reverse.
 
         A pole is the axis about which one link rotates relative to another. Its direction
         is computed up to a sign, which is chosen later so that directions are continuous.
         Only rows between which a direction may reverse have to be compared then. A slice is
         a number of successive rows of a block. Only its certified rows, whose error bounds
-        are small enough, are examined here.
+        are small enough, are examined here. Their largest errors are stored, too.
 
         Parameters
         ----------
@@ -441,8 +441,8 @@ class SliceReversals:
             Its `input_columns` know the links of each pole, for each input that moves while
             the others are locked.
         quality_function
-            The function that has computed the columns. Its attribute `slices` has the part
-            of the columns (a Python slice) for a name and the index of an input.
+            The function that has computed the columns. Its attribute `slices` says which
+            columns have a quantity, by the name of the quantity and the index of an input.
         columns
             (width, n) results of this function for the n certified rows of the slice.
         rows

@@ -163,9 +163,9 @@ class RunPlan:
         # of the motion as key. The kernel computes such poles when they are read.
         if isinstance(self.source, BatchRunner) and id(motion) in self.source.pending_poles:
             return self.source.fields(motion, sign_continuations)
-        # If a run only measures the size of its tables, the numbers in them do not matter.
-        # About `max_poles` poles are then evaluated, and the others get the numbers of
-        # these with other last digits.
+        # If a run only measures the size of its tables, the numbers in them do not matter,
+        # but they must take as many bytes as the right ones. About `max_poles` poles are
+        # then evaluated. The others get copies of these numbers with different last digits.
         if self.max_poles is not None:
             return tuple(
                 evaluate_sample(motion, request, self.max_poles)

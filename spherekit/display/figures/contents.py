@@ -376,8 +376,9 @@ def _plan_paths(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure
     """
     arrows: list[ShownItem] = []
     for scene in scenes:
-        # The page of an assembly mode is its number. `over` are the axes, such as inputs or
-        # the time, over which the samples run.
+        # The page of a scene is the number of its assembly mode, or a text or None if it
+        # has none. `over` are the axes, such as inputs or the time, over which the samples
+        # run.
         if not isinstance(scene.page, int) or len(scene.over) != 1:
             continue
         for primitive in scene.primitives:

@@ -109,7 +109,9 @@ class FileOutput:
     def _copy(self) -> None:
         """Copy the pipe to the part file until the stream ends.
 
-        After an error the rest of the pipe is read and dropped, so that rerun never waits.
+        The library `rerun` writes a recording to the pipe. The part file has the name of
+        the recording and ``.part`` until it is complete. After an error the rest of the
+        pipe is read and dropped, because `rerun` would wait for ever at a full pipe.
         """
         with os.fdopen(self._read, "rb", buffering=0) as pipe, self._file as file:
             while piece := pipe.read(PIECE_BYTES):

@@ -105,7 +105,7 @@ class ConformanceCase:
             Number of samples of a block.
         change_motion
             Changes the motion before poles and angles are evaluated from it. So it changes
-            everything that the analysis reads, for example for a row that fails.
+            everything that the analysis reads, for example to let a row fail.
         change_read_motion
             Changes only the motion that the analysis reads, after poles and angles were
             evaluated, for example to hide quantities that it has not declared.
