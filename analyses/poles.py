@@ -362,6 +362,8 @@ class Poles(AbstractAnalysis):
         for first_link, second_link, input_number in moving_poles:
             directions = batch.direction(first_link, second_link, input_number)
             coordinates = [*chart_coordinates(directions[:, axes])]
+            # Two great circles pass through a pole, and each has two coordinates. The
+            # axis of a pair has no such circles, so these four columns are empty.
             if (first_link, second_link) in mechanism.pole_pairs:
                 coordinates += [np.full(len(batch), np.nan)] * 4
             else:

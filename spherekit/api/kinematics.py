@@ -139,7 +139,7 @@ class Kinematics:
     def _motion(self) -> Motion:
         return self._batch.motion
 
-    def _rows(self, values: Any) -> Any:
+    def _drop_axis_if_single(self, values: Any) -> Any:
         """Return an array without its axis of rows if this is a single configuration."""
         return values[0] if self._is_single else values
 
@@ -163,32 +163,32 @@ class Kinematics:
     @property
     def q(self) -> Floats:
         """(n,) rad, the only input; `SolveError` if there are several, see `inputs`."""
-        return self._rows(self._batch.q)
+        return self._drop_axis_if_single(self._batch.q)
 
     @property
     def inputs(self) -> Floats:
         """(n, inputs) rad, the inputs as they were given."""
-        return self._rows(self._batch.inputs)
+        return self._drop_axis_if_single(self._batch.inputs)
 
     @property
     def sample(self) -> Integers:
         """(n,) numbers of the inputs, from 0."""
-        return self._rows(self._batch.sample)
+        return self._drop_axis_if_single(self._batch.sample)
 
     @property
     def assembly_mode(self) -> Integers:
         """(n,) numbers of the assembly modes."""
-        return self._rows(self._batch.assembly_mode)
+        return self._drop_axis_if_single(self._batch.assembly_mode)
 
     @property
     def status(self) -> SmallIntegers:
         """(n,) codes of `spherekit.Status`."""
-        return self._rows(self._batch.status)
+        return self._drop_axis_if_single(self._batch.status)
 
     @property
     def residual(self) -> Floats:
         """(n,) rad, the closure residual of the loops."""
-        return self._rows(self._batch.residual)
+        return self._drop_axis_if_single(self._batch.residual)
 
     @checked(SolveError)
     def variable(self, name: str) -> Floats:
@@ -204,7 +204,7 @@ class Kinematics:
             variable = names.index(name)
         else:
             variable = self._variable_of_pair(name)
-        return self._rows(self._motion.values[:, variable])
+        return self._drop_axis_if_single(self._motion.values[:, variable])
 
     @checked(SolveError)
     def variable_coefficient(self, pair: str, moving: str | None = None) -> Floats:
@@ -216,29 +216,31 @@ class Kinematics:
             If there is no such pair or input, or the pair has two variables.
         """
         self._variable_of_pair(pair)  # raises an error if there is not one
-        return self._rows(self._batch.pair_rate(pair, self._moving(moving)))
+        return self._drop_axis_if_single(self._batch.pair_rate(pair, self._moving(moving)))
 
     @checked(SolveError)
     def rotation(self, link: str) -> Floats:
         """Return (n, 3, 3) the rotations from link axes to ground axes."""
-        return self._rows(self._batch.rotation(self._link(link)))
+        return self._drop_axis_if_single(self._batch.rotation(self._link(link)))
 
     @checked(SolveError)
     def angular_velocity(self, link: str, moving: str | None = None) -> Floats:
         """Return (n, 3) that of a link against the ground, per unit rate of the input."""
         velocity = self._batch.angular_velocity(self._link(link), self._moving(moving))
-        return self._rows(velocity)
+        return self._drop_axis_if_single(velocity)
 
     @checked(SolveError)
     def angular_velocity_dq(self, link: str, moving: str | None = None) -> Floats:
         """Return (n, 3) the derivative of `angular_velocity` by the input, 1/rad."""
         velocity = self._batch.angular_velocity_dq(self._link(link), self._moving(moving))
-        return self._rows(velocity)
+        return self._drop_axis_if_single(velocity)
 
     @checked(SolveError)
     def direction(self, pole: str, moving: str | None = None) -> Floats:
         """Return (n, 3) unit vectors along the pole axis of two links."""
-        return self._rows(self._batch.direction(*self._pole(pole), self._moving(moving)))
+        return self._drop_axis_if_single(
+            self._batch.direction(*self._pole(pole), self._moving(moving))
+        )
 
     @checked(SolveError)
     def velocity_coefficient(self, pole: str, moving: str | None = None) -> Floats:
@@ -264,17 +266,21 @@ class Kinematics:
 
         NaN where the velocity coefficient is so small that less than six digits are known.
         """
-        return self._rows(self._batch.direction_dq(*self._pole(pole), self._moving(moving)))
+        return self._drop_axis_if_single(
+            self._batch.direction_dq(*self._pole(pole), self._moving(moving))
+        )
 
     @property
     def configuration_error(self) -> Floats:
         """(n,) rad, a bound of the error of all pair variables; infinite where unknown."""
-        return self._rows(self._motion.configuration_error)
+        return self._drop_axis_if_single(self._motion.configuration_error)
 
     @checked(SolveError)
     def error_bound(self, pole: str, moving: str | None = None) -> Floats:
         """Return (n,) a bound of the error of `direction`, rad."""
-        return self._rows(self._batch.error_bound(*self._pole(pole), self._moving(moving)))
+        return self._drop_axis_if_single(
+            self._batch.error_bound(*self._pole(pole), self._moving(moving))
+        )
 
     @checked(SolveError)
     def velocity_coefficient_error_bound(
@@ -282,7 +288,7 @@ class Kinematics:
     ) -> Floats:
         """Return (n,) a bound of the error of `velocity_coefficient`."""
         links = self._pole(pole)
-        return self._rows(
+        return self._drop_axis_if_single(
             self._batch.velocity_coefficient_error_bound(*links, self._moving(moving))
         )
 
@@ -295,7 +301,7 @@ class Kinematics:
         bounds = self._batch.acceleration_coefficient_error_bound(
             *links, self._moving(moving)
         )
-        return self._rows(bounds)
+        return self._drop_axis_if_single(bounds)
 
     @checked(SolveError)
     def direction_dq_error_bound(self, pole: str, moving: str | None = None) -> Floats:
@@ -304,7 +310,7 @@ class Kinematics:
         It bounds the length of the error vector.
         """
         links = self._pole(pole)
-        return self._rows(
+        return self._drop_axis_if_single(
             self._batch.direction_dq_error_bound(*links, self._moving(moving))
         )
 
@@ -383,7 +389,7 @@ class Kinematics:
         """
         first, second = ordered_pole(self.mechanism, text)
         # -0.0 would be printed with a sign.
-        return self._rows(values if first > second else 0.0 - values)
+        return self._drop_axis_if_single(values if first > second else 0.0 - values)
 
     def _moving(self, name: str | None) -> int:
         """Return the number of the moving input; the only one needs no name."""

@@ -483,7 +483,14 @@ def _cause(status: str, summary: Any) -> str:
 
 
 def _accuracy(summary: Any) -> str:
-    """Return one line on the accuracy of the results."""
+    """Return one line on the accuracy of the results.
+
+    Parameters
+    ----------
+    summary
+        The summary of a run. Its entry ``errors_reached`` has the largest error bounds,
+        None for a bound that was not computed. Only simulations have ``simulation``.
+    """
     errors = summary["errors_reached"]
     texts = [
         text.format(_round_up(errors[key]))
@@ -506,9 +513,10 @@ def _accuracy(summary: Any) -> str:
     overview = summary["overview"]
     if summary["assembly_modes"] and overview["outputs"]:
         line += "; ranges and least values in the table are those of the samples"
-        step = PlaceText(overview).step_words
-        if step:
-            line += f", which are {step} apart"
+        # The distance of two samples as text. Empty if samples are only numbered.
+        sample_distance = PlaceText(overview).step_words
+        if sample_distance:
+            line += f", which are {sample_distance} apart"
     return line
 
 

@@ -169,10 +169,13 @@ def _length(fold_range: FoldRange) -> int:
 def _can_close(sectors: Floats, fold_angles: Floats) -> Bools:
     """Return where the last three creases can close the vertex.
 
+    Crease ck joins the sectors s(k - 1) and sk, and c1 joins sn and s1. The creases
+    c1 ... c(n - 3) are driven. The last three are c(n - 2), c(n - 1) and cn.
+
     Parameters
     ----------
     sectors
-        (n,) angles of the sectors, rad.
+        (n,) angles of the sectors s1 ... sn, rad.
     fold_angles
         (t, n - 3) fold angles of the driven creases, rad, in t configurations.
 
@@ -181,8 +184,10 @@ def _can_close(sectors: Floats, fold_angles: Floats) -> Bools:
     (t,) booleans: the fold angle of the middle one of the last three creases differs from 0
     and 180 degrees by at least `FOLD_MARGIN_DEG`.
     """
-    # Walk along the sectors from crease cn to crease c(n - 2): along a sector the frame
-    # turns about x by its angle, at a crease about z by the fold angle. z is the crease.
+    # Walk from crease cn along the sectors sn, s1, ..., s(n - 3) to crease c(n - 2), over
+    # the driven creases between them. The axis z of a frame is the crease reached so far.
+    # Along a sector the frame turns about x by the sector's angle, and at a driven crease
+    # about z by the fold angle.
     x_axis, _, z_axis = np.eye(3)
     frames = np.broadcast_to(np.eye(3), (len(fold_angles), 3, 3))
     walked_sectors = [sectors[-1], *sectors[:-3]]
@@ -190,9 +195,11 @@ def _can_close(sectors: Floats, fold_angles: Floats) -> Bools:
         frames = frames @ rotation_about_axis(x_axis, [sector])
         if k < fold_angles.shape[1]:
             frames = frames @ rotation_about_axis(z_axis, fold_angles[:, k])
+    # The cosine of the angle between crease cn, the first z axis, and crease c(n - 2).
     cos_distance = frames[:, 2, 2]
     # Cosine rule of the spherical triangle of the last three creases. Its angle at the
-    # middle one is 180 degrees minus the fold angle.
+    # middle one is 180 degrees minus the fold angle. The sectors s(n - 2) and s(n - 1) are
+    # the sides that meet there.
     a, b = sectors[-3], sectors[-2]
     cos_middle = (cos_distance - np.cos(a) * np.cos(b)) / (np.sin(a) * np.sin(b))
     # The tolerance admits fold angles that equal the margin up to rounding.

@@ -612,8 +612,9 @@ class TaylorIntegration:
             momentum_rates, arguments = np.split(outputs, [layout.freedoms])
             differences = np.abs(rates[:, layout.momentum_slice] - momentum_rates.T)
             # The difference of the rates times the length of the step is an error of the
-            # momentum. Its unit is that of momenta, in which they are at most about 1. So
-            # it is compared with multiples of the relative tolerance of a step.
+            # momentum. The state has momenta divided by a typical size, so that they are
+            # at most about 1. An error allowed relative to 1 is an absolute one, so the
+            # error is compared with multiples of the relative tolerance of a step.
             errors = np.max(differences, axis=1) * lengths[step]
             return errors / (MAX_PROBE_ERROR * self.equation.tolerance), arguments.T
 

@@ -66,8 +66,12 @@ class SmoothModeTexts:
     ----------
     fields
         Values of the fields of the template of this function. Three of them are arrays, as
-        text in the programming language: ``starts`` (the input at which each interval
-        begins), ``places`` (the name of the mode values in the source code) and ``inputs``.
+        text in the programming language:
+
+        - ``starts`` (intervals,): the input (rad) at which each interval begins,
+        - ``places`` (intervals, modes, values): the mode values, under the name that they
+          have in the source code,
+        - ``inputs``: see `known_inputs`.
     known_inputs
         The text of the array ``inputs``, also for templates other than that of this
         function. The array has the axes (intervals, modes): the input (rad) of the known

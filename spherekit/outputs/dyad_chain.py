@@ -276,8 +276,8 @@ class DyadChain:
         Links are placed one after another, so an axis is known as soon as a link in which
         it is fixed is placed. The outer pair of a dyad's link joins it to a link that is
         placed earlier, its support. The axis of the outer pair is fixed in both. If the
-        axis of the given pair coincides with it, it is known from the support already, or
-        from a link before that in the same way.
+        axis of the given pair lies on the axis of the outer pair, both are known from the
+        support already. They may be known from a link before that in the same way.
 
         Parameters
         ----------

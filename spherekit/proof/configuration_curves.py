@@ -438,10 +438,12 @@ class CertifiedCurves:
             )
             if self.low + SHORTEST_INTERVAL_RAD < q < self.high - SHORTEST_INTERVAL_RAD
         )
-        # The errors (rad) of the input at its turning points, which are its proven
-        # stationary points. `point.error` is that of the input's variable, and the input is
-        # `cycle_turns` times this variable. Two cuts may be the same input if they differ
-        # by less than twice the largest error. No interval is listed between them.
+        # `turning_points` has the inputs at the proven stationary points of the input. Here
+        # the same points are read from their source, which also has their errors.
+        # `point.error` (rad) is that of the input's variable in the equations. The input is
+        # `cycle_turns` times this variable, so the error is multiplied, too. Two cuts may
+        # be the same input if they differ by less than twice the largest error. No interval
+        # is listed between them.
         cut_errors = [
             point.error * self.cycle_turns
             for points in self.input_stationary_points

@@ -464,8 +464,9 @@ class InputBoxes:
 
     The equations of a mechanism are solved in parts, called systems. The given variables of
     a system are the inputs and the unknowns of the systems before it. They change nearly
-    linearly with the inputs. The values at the centres of the boxes are not stored here:
-    the polynomials of the system are evaluated there.
+    linearly with the inputs. Their values at the centres of the boxes are not stored here.
+    The polynomials that are used with the boxes already contain them: they are polynomials
+    in the unknowns, with one set of coefficients for each box.
 
     Attributes
     ----------

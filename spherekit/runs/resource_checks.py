@@ -103,11 +103,13 @@ def need_disk_for_run(
     samples_done, sample_count
         Numbers of samples whose rows are stored, and of all samples.
     formats
-        Formats of the tables; None for the default.
+        Formats of the tables. None for the default, which includes CSV only if the tables
+        are small enough in this format.
     """
     written_bytes = store.size
     stored_bytes = written_bytes * sample_count / samples_done
-    formats = choose_formats(formats, TABLE_FORMATS["csv"].relative_size * stored_bytes)
+    csv_bytes = TABLE_FORMATS["csv"].relative_size * stored_bytes
+    formats = choose_formats(formats, csv_bytes)
     relative_size = sum(TABLE_FORMATS[name].relative_size for name in formats)
     total_bytes = stored_bytes * (1.0 + relative_size)
     hint = ""

@@ -101,14 +101,16 @@ def slider_range(
         most = min(most, limits[1] * degrees_to_file_unit)
     # Other parts of the file may narrow the limits: if a mass is given along an arc, for
     # example, the arc must be neither 0 nor 180 degrees. So the file is read with the end
-    # of the slider, and then with the limit of typed numbers. If the end of the slider is
-    # refused, bisection within its shorter range locates the limit more closely.
+    # of the slider, and then with the limit of typed numbers. With the first number that is
+    # refused, bisection finds the farthest accepted one. If this is the end of the slider,
+    # bisection within its shorter range locates the limit more closely.
     slider_start = max(value - half_range, least)
     slider_end = min(value + half_range, most)
     least = _find_last_accepted(document, variable, [slider_start, least])
     most = _find_last_accepted(document, variable, [slider_end, most])
-    # At the limit of an arc or a latitude two axes lie on one line. The slider ends one
-    # step before, but still includes the number of the file.
+    # At the limit of an arc two axes of pairs lie on one line. At that of a latitude, 90
+    # degrees, the axis lies on the z axis of the ground. The slider ends one step before,
+    # but still includes the number of the file.
     low = max(value - half_range, min(least + step, value))
     high = min(value + half_range, max(most - step, value))
     return SliderRange(low, high, least, most, step)
