@@ -159,20 +159,22 @@ def _summarize_jacobian(plan: OverviewPlan, output: OutputOverview) -> Facts | N
 
 
 def _inputs_at(plan: OverviewPlan, place: float) -> list[float]:
-    """Return the inputs (rad) at a place.
+    """Return the inputs (rad) at a place of the run.
 
-    They are interpolated between samples of a path. On a grid the place is the number of a
-    sample.
+    A place is a time (s), a value of the first input (rad) or the number of a sample,
+    whatever `plan.places` states for the samples of this run. Between samples of a path the
+    inputs are interpolated. On a grid the place is the number of a sample.
     """
     if not plan.is_path:
         values: list[float] = plan.sampling.inputs[round(place)].tolist()
         return values
     places = plan.places
-    order = slice(None) if places[-1] >= places[0] else slice(None, None, -1)
-    return [
-        float(np.interp(place, places[order], column[order]))
-        for column in plan.sampling.inputs.T
-    ]
+    inputs = plan.sampling.inputs
+    if places[-1] < places[0]:
+        # The input falls. `np.interp` needs places that rise.
+        places = places[::-1]
+        inputs = inputs[::-1]
+    return [float(np.interp(place, places, column)) for column in inputs.T]
 
 
 def _join_spans(spans: Sequence[Sequence[int]]) -> list[list[int]]:

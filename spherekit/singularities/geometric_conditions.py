@@ -92,7 +92,11 @@ class ParallelAxes:
 
 @dataclass(frozen=True)
 class CoincidentPlanes:
-    """The condition that two planes coincide, each given by three axes of `SixPoles`."""
+    """The condition that two planes coincide, each given by three axes of `SixPoles`.
+
+    Each plane contains the pole axes of three links, which are in one plane by the theorem
+    of Aronhold and Kennedy.
+    """
 
     first: tuple[str, ...]
     second: tuple[str, ...]
@@ -100,9 +104,10 @@ class CoincidentPlanes:
     def sine(self, poles: SixPoles) -> Floats:
         """Return the sine (n,) of the angle of the planes, NaN if an axis is unknown.
 
-        Each plane is that of three axes. If three axes are parallel, up to
-        `VANISHING_SINE`, they have no plane. The result then is the largest sine of the
-        angles between all six axes and one plane, the best one: 0 if it contains them.
+        The planes coincide if it is 0. If the three axes of a plane are parallel, up to
+        `VANISHING_SINE`, they do not determine it. The result is then 0 if any plane
+        contains all six axes. Otherwise it is the largest sine of the angles between the
+        axes and the plane that is nearest to all of them.
         """
         # The normal of each plane, and the sine of the largest angle between its axes.
         first_normal, first_sine = poles.plane(self.first)

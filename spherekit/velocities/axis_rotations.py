@@ -146,7 +146,7 @@ class PairRotations:
     Attributes
     ----------
     chains
-        For each pair the rotation from its first link to its second.
+        For each pair the rotation from its first link to its second, as a chain of factors.
     sides
         By the number of each contact, the profiles of its first and second link, called its
         sides.
@@ -175,9 +175,9 @@ class PairRotations:
 
         A circle is written as a rotation about its centre. For another profile, symbols in
         the expressions stand for the tangent, the point and the curvature at the contact
-        (`column_symbols`). A series along the profile has these numbers as its columns. In
-        the arguments of a compiled function they come after the pair variables, profile by
-        profile in this order.
+        (`column_symbols`). They are called columns, because a compiled function gets a
+        column of values for each of them. These arguments come after the pair variables,
+        profile by profile in this order.
         """
         return tuple(
             side
