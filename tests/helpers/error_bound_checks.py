@@ -21,9 +21,12 @@ from spherekit.status import Status
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
 
-TINY = 1e-300
-"""Stands for a bound of 0 in a division."""
+TINY = 1e-30
+"""Bounds below this number are replaced by it.
 
+A bound of 0 belongs to a number that is exactly 0. Its reference is 0 but for the rounding
+of its digits.
+"""
 
 KINDS = ("configurations", "directions", "rates", "derivatives", "direction derivatives")
 """Quantities with an error bound.
@@ -77,7 +80,7 @@ class ErrorComparison:
     def error_ratios(self, kind):
         """Return (n,) errors divided by their bounds; at most 1 if the bounds are right."""
         errors, bounds = self.errors_and_bounds(kind)
-        # A bound of 0 is replaced by a tiny number, so that nothing is divided by zero.
+        # A bound of 0 is replaced by a number far below any rounding of float64.
         return errors / np.maximum(bounds, TINY)
 
     def add(self, comparison):
