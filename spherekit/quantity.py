@@ -115,9 +115,10 @@ class FieldUnit:
     Attributes
     ----------
     angle_unit
-        The unit of angles in which the class has its number, deg or rad.
+        Unit of angles, deg or rad, of the number in Python.
     dimension
-        The kind of the quantity.
+        The kind of the quantity. For a rate, for example, the unit of the number is that of
+        angles per second.
     """
 
     angle_unit: AngleUnit
@@ -125,7 +126,7 @@ class FieldUnit:
 
     @property
     def text(self) -> str:
-        """The unit of the number in the class, such as ``deg/s``."""
+        """The unit of the number in Python, such as ``deg/s``."""
         return self.dimension.unit_of_file(self.angle_unit)
 
 

@@ -169,11 +169,18 @@ def _input_words(summary: Any, pair: str) -> str:
 
 
 def _results(summary: Any) -> list[str | ScreenTable]:
-    """Return the results: of the analyses that were asked for, then of the motion.
+    """Return the results in the order of the screen.
 
-    The default analysis has no results beside those of the motion.
+    First are the results of the analyses that were asked for, then those of the motion. At
+    the end are the result of a verification, if there is one, and the accuracy.
+
+    Parameters
+    ----------
+    summary
+        The content of ``summary.json``.
     """
     results = _analysis_results(summary)
+    # Without an assembly mode the mechanism has no motion to describe.
     if summary["assembly_modes"]:
         results += describe_modes(summary)
         if "simulation" in summary:

@@ -120,9 +120,11 @@ class CompiledRuns:
     runs
         One run for each choice of coordinates, in order of time.
     momentum_conversions
-        For each run a function that converts the momenta in an array of states, in place.
-        Those of the compiled equation differ in sign or unit from those that all
-        simulations use. The function returns the frame of each state.
+        For each run a function that converts the momenta in an array of states to those
+        that all simulations use, in place. With one degree of freedom the compiled equation
+        may have chosen the opposite direction of the curve, so the sign can differ. With
+        several, its states have scaled rates instead of momenta. The function also returns
+        the frame of each state.
     compile_seconds
         Time that compiling took, s.
     """

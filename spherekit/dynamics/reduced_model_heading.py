@@ -292,8 +292,8 @@ class StoredHeading:
             magnitudes: list[Expr] = []
             for text in load.components:
                 law = parse(text, names)
-                # `convert_to_graph` needs a value of each name, and a second one for sines
-                # and cosines, which may lack whole revolutions. Here both are the same.
+                # `convert_to_graph` takes two values for each name: the second one replaces
+                # it in sines and cosines. Here both are the same.
                 values = {}
                 for name in law.names:
                     value = named_value(name)

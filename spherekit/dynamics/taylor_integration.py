@@ -715,8 +715,8 @@ class TaylorIntegration:
         The compiled equation reads them by their positions. `EquationLayout` defines this
         order:
 
-        - the numbers of whole turns that were subtracted from the variables, which joint
-          limits include,
+        - the numbers of whole turns that were subtracted from the variables. They are added
+          again before a variable is compared with a joint limit,
         - the unit of the momenta in the state (a number in sqrt(joule)), and its
           reciprocal,
         - a limit for the independence of the closure equations. The measure of independence

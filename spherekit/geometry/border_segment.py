@@ -414,13 +414,13 @@ class BorderSegments(ArrayRows):
         return fraction * max_height, is_sound
 
     def audit(self, evaluate: MarginEvaluator, selected: Indices) -> None:
-        """Replace new segments (k,) on which another margin becomes negative by chords.
+        """Check new segments (k,), and replace those that are no border by their chords.
 
-        A chord is the arc of a great circle between the ends of a segment of the border. A
-        margin is a function of the direction that is at least 0 in the region. One of them
-        is zero on the segment, and no other one may be negative there. A segment with a
-        negative margin is not the border of the region. It is replaced by its chord, and
-        marked as not sound: its border was not found.
+        A margin is a function of the direction that is at least 0 in the region. One of
+        them is zero on a segment of the border, and no other one may be negative there. A
+        segment with a negative margin is not the border of the region. It is replaced by
+        its chord, the arc of a great circle between its ends. It is marked as not sound:
+        its border was not found.
 
         The margin that is zero on the exact border is only nearly zero on the computed
         segment. It is therefore subtracted from the other margins, which are tested at

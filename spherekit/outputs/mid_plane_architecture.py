@@ -215,9 +215,10 @@ class MidPlaneArchitecture:
             return difference / distance[:, None], distance
 
     def angles_to(self, directions: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return the angles of the mid-planes in which the output points at directions.
+        """Return the angles of the mid-planes for which the output points at directions.
 
-        The mid-plane with the unit normal (x, y, z), z >= 0, has the angles
+        The output link is the mirror image of the base in the mid-plane. The mid-plane with
+        the unit normal (x, y, z), z >= 0, has the angles
         phi = -2 arcsin(x), gamma = 2 arcsin(y) and omega = arctan(y / z) of Chen et al.
         2021. The components are those in mirror axes: the axes of the base, turned by the
         constant matrix `frame`.

@@ -215,8 +215,8 @@ def _add_to_pose(
     pair_names
         Names of the three virtual pairs.
     direction
-        Direction of the output in the reference pose. For an orientation it is z, from
-        which its third Euler angle is counted.
+        Direction of the output in the reference pose. If the output is the orientation of
+        its link, it is the z axis of the link, about which the third Euler angle turns.
     """
     azimuth, tilt = azimuth_tilt(np.array([direction]))[0].tolist()
     tilt_axis = (-float(np.sin(azimuth)), float(np.cos(azimuth)), 0.0)

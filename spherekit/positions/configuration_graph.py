@@ -451,9 +451,10 @@ class ConfigurationGraph:
         Nodes are joined along the last axis of the grid first, so a piece has many nodes
         side by side when paths along an earlier axis are followed. A few of these paths are
         enough to join it to the piece beside it. The targets of the paths are therefore
-        divided into blocks. The samples of a block differ only in their indices along the
-        axes after that of the direction. From each piece, only a few paths are followed to
-        each block.
+        divided into blocks, and from each piece only a few paths are followed to each
+        block. In a grid of two inputs, for example, paths along axis 0 lead from row to
+        row, and a row is a block. In general, the samples of a block differ only in their
+        indices along the axes after that of the direction.
 
         Parameters
         ----------
@@ -473,12 +474,14 @@ class ConfigurationGraph:
         axis = direction // 2
         samples_per_block = int(np.prod(self.input_grid.shape[axis + 1 :], dtype=np.intp))
         block = self._neighbours[direction][self.sample[nodes]] // samples_per_block
-        # Sort by piece, then by block, then by node.
-        order = np.lexsort((nodes, block, self._piece[nodes]))
-        keys = np.stack([self._piece[nodes], block], axis=1)[order]
+        # Nodes are sorted by piece, then by block, then by number. Those of equal piece and
+        # block are a group.
+        piece = self._piece[nodes]
+        order = np.lexsort((nodes, block, piece))
+        keys = np.stack([piece, block], axis=1)[order]
         is_first_of_group = np.any(np.diff(keys, axis=0, prepend=-1) != 0, axis=1)
         starts = np.flatnonzero(is_first_of_group)
-        # Position of a node within its group of equal piece and block.
+        # Position of each sorted node within its group.
         rank = np.arange(len(order)) - np.repeat(starts, np.diff(starts, append=len(order)))
         return np.sort(nodes[order[rank < paths_per_piece]])
 

@@ -454,8 +454,8 @@ def follow_smooth_curves(
 def _is_claimed_by_another(number: int, successors: Mapping[int, int]) -> bool:
     """Return whether two curves have the same mode number behind a meeting of modes.
 
-    A curve that has the number before the meeting keeps it. The curve of another mode
-    changes to this number.
+    This is so if the curve with the number before the meeting keeps it, although the curve
+    of another mode changes to the same number.
 
     Parameters
     ----------

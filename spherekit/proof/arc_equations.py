@@ -91,7 +91,7 @@ def jet_product(
 
 
 @dataclass(frozen=True)
-class DyadPlacement:
+class ClosingLinkPlacement:
     """The constants by which a link is put on two axes U and W of links placed before.
 
     The link has two pairs. Each joins it to another link, a parent, in which the pair's
@@ -166,9 +166,9 @@ class ArcEquations:
             The mechanism with its decimal sizes.
         construction
             The order of placing its links. A link is placed in one of two ways. It rotates
-            by a variable about the axis of one pair. Or it is the second link of a dyad
-            and is put on two axes of links placed before. This gives an equation: the angle
-            between the two axes is the arc of the link.
+            by a variable about the axis of one pair. Or it is a closing link, which is put
+            on two axes of links placed before. This gives an equation: the angle between
+            the two axes is the arc of the link.
         """
         self.decimal_mechanism = decimal_mechanism
         self.construction = construction
@@ -191,10 +191,11 @@ class ArcEquations:
         self._rotation_terms = {
             step.link: self._pair_rotation_terms(step)
             for step in construction.steps
-            if not step.is_dyad
+            if not step.has_two_parents
         }
-        self._dyad_placements = {
-            step.link: self._place_dyad(step) for step in construction.equation_steps
+        self._closing_link_placements = {
+            step.link: self._place_closing_link(step)
+            for step in construction.equation_steps
         }
 
     def pair_frame(self, pair: int, link: int) -> Frame:
@@ -233,7 +234,7 @@ class ArcEquations:
             )
         return terms
 
-    def _place_dyad(self, step: PlacementStep) -> DyadPlacement:
+    def _place_closing_link(self, step: PlacementStep) -> ClosingLinkPlacement:
         """Return the constants by which a link is put on two axes of links placed before.
 
         All numbers are balls: numbers with a bound of their error.
@@ -274,7 +275,7 @@ class ArcEquations:
             self.pair_frame(pair, parent)[2]
             for pair, parent in zip(step.pairs, step.parents, strict=True)
         ]
-        return DyadPlacement(
+        return ClosingLinkPlacement(
             parent_axes=parent_axes,
             dual_rows=dual_rows,
             arc_cosine=first_axis @ second_axis,
@@ -356,8 +357,8 @@ class ArcEquations:
         missing key means zero.
 
         Links are placed one after another. A link with one parent is rotated by the angle
-        of the pair between both. A dyad is a link that is put on the axes U and W of two
-        placed links. It gives the equation f = U . W - cos(arc) = 0, where the arc is that
+        of the pair between both. A closing link is put on the axes U and W of two placed
+        links. It gives the equation f = U . W - cos(arc) = 0, where the arc is that
         of the link between its two axes. If the equation is satisfied, the orientation of
         the link is U a^T + W b^T + (U x W) n^T. The rows a, b, n are the dual basis, in
         link axes, of both axes and their vector product.
@@ -373,10 +374,11 @@ class ArcEquations:
         Returns
         -------
         equations
-            The jet of f of each equation, in the order of the dyads.
+            The jet of f of each equation, in the order of the closing links.
         orientations
             By link the jet of its rotation matrix (3, 3) to the axes of its reference link:
-            its parent, or for a dyad the link at which the paths of its parents meet.
+            its parent, or for a closing link the one at which the paths of its parents
+            meet.
         """
         equations: list[Jet] = []
         orientations: dict[int, Jet] = {}
@@ -384,8 +386,8 @@ class ArcEquations:
         def carry_along(path: Sequence[int], axis: Vector) -> Jet:
             """Return an axis of the first link of a path in axes of the shared link.
 
-            A path leads from a parent of a dyad to the first link that both parents' paths
-            have in common.
+            A path leads from a parent of a closing link to the first link that both
+            parents' paths have in common.
             """
             # Each link's orientation leads to its reference, the next link of the path.
             jet: Jet = {(): axis}
@@ -394,24 +396,26 @@ class ArcEquations:
             return jet
 
         for step in self.construction.steps:
-            if not step.is_dyad:
+            if not step.has_two_parents:
                 # The rotation has derivatives up to order 2 in any case.
                 rotation = _rotation_jet(self._rotation_terms[step.link], variables, step)
                 orientations[step.link] = {
                     key: array for key, array in rotation.items() if len(key) <= order
                 }
                 continue
-            dyad = self._dyad_placements[step.link]
+            placement = self._closing_link_placements[step.link]
             paths = self.construction.parent_paths(step)
-            first_parent_axis, second_parent_axis = dyad.parent_axes
+            first_parent_axis, second_parent_axis = placement.parent_axes
             # Both axes in the axes of the link at which the paths of the parents meet.
             U = carry_along(paths.first, first_parent_axis)
             W = carry_along(paths.second, second_parent_axis)
-            equations.append(jet_product(U, W, np.dot, order, added={(): -dyad.arc_cosine}))
+            equations.append(
+                jet_product(U, W, np.dot, order, added={(): -placement.arc_cosine})
+            )
             # U a^T + W b^T + (U x W) n^T, one term after another.
             orientation: Jet = {}
             for axis, row in zip(
-                (U, W, jet_product(U, W, _cross, order)), dyad.dual_rows, strict=True
+                (U, W, jet_product(U, W, _cross, order)), placement.dual_rows, strict=True
             ):
                 orientation = jet_product(
                     axis, {(): row}, np.multiply.outer, order, added=orientation
@@ -456,7 +460,9 @@ class ArcEquations:
             # roundoff. The factors with 16 and 64 round up by more than all operations
             # together.
             sum_of_norms = (first + second + first * second) * (1 + 16 * UNIT_ROUNDOFF)
-            norms[step.link] = sum_of_norms / self._dyad_placements[step.link].arc_sine
+            norms[step.link] = (
+                sum_of_norms / self._closing_link_placements[step.link].arc_sine
+            )
             bounds.append(first * second)
         return np.array(bounds) * (1 + 64 * UNIT_ROUNDOFF)
 

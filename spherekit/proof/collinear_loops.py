@@ -159,9 +159,10 @@ def _find_four_pair_loop(
 ) -> FourPairLoop | None:
     """Return the loop of an equation if it has four pairs and exact arcs, else None.
 
-    The equation belongs to a step that puts a link, the dyad, on the axes of two pairs.
+    The equation belongs to a closing link, which a step puts on the axes of two pairs.
     These pairs join it to two links placed before, its parents. The loop consists of the
-    dyad and of the two paths from its parents to the first link that both paths share.
+    closing link and of the two paths from its parents to the first link that both paths
+    share.
 
     Parameters
     ----------
@@ -179,9 +180,9 @@ def _find_four_pair_loop(
         path_step for path_step in construction.steps if path_step.link in path_links
     ]
     # Steps that rotate a link about one joint. The loop has four pairs if there are two
-    # such joints, with different variables, and no other step; the dyad has the other two
-    # pairs.
-    joints = [path_step for path_step in path_steps if not path_step.is_dyad]
+    # such joints, with different variables, and no other step; the closing link has the
+    # other two pairs.
+    joints = [path_step for path_step in path_steps if not path_step.has_two_parents]
     joint_variables = {joint.variable for joint in joints}
     if not len(path_steps) == len(joints) == len(joint_variables) == 2:
         return None

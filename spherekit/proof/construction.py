@@ -83,10 +83,10 @@ class PlacementStep:
     angle_factor: int = 1
 
     @property
-    def is_dyad(self) -> bool:
-        """Whether the link is put on two axes.
+    def has_two_parents(self) -> bool:
+        """Whether the link is a closing link, which is put on the axes of two pairs.
 
-        This gives one equation: the arc between the axes is that of the link.
+        It gives one equation: the arc between the axes is that of the link.
         """
         return len(self.pairs) == 2
 
@@ -114,13 +114,14 @@ class LinkPlacement:
 
 @dataclass(frozen=True)
 class ParentPaths:
-    """The paths from the two parents of a dyad to the first link that they have in common.
+    """The two paths of links that a closing link joins to a loop.
 
-    A dyad is a link that is put on the axes of two pairs. Its parents are the links that
-    these pairs join to it. The orientation of each link is computed relative to another
-    one, its reference link, which was placed before. A path leads from a link to its
-    reference link, from there to the reference of that link, and so on. Links are given by
-    their numbers.
+    A closing link is put on the axes of two pairs. These pairs join it to two links placed
+    before, its parents. To write its equation, both axes are needed in the axes of the same
+    link. The orientation of each link is known relative to another one, its reference link.
+    So a path leads from each parent to its reference link, from there to the reference of
+    that link, and so on, to the first link that both paths have in common. Links are given
+    by their numbers.
 
     Attributes
     ----------
@@ -182,7 +183,7 @@ class Construction:
     @property
     def equation_steps(self) -> list[PlacementStep]:
         """The steps that put a link on two axes, in order; each gives one equation."""
-        return [step for step in self.steps if step.is_dyad]
+        return [step for step in self.steps if step.has_two_parents]
 
     @cached_property
     def placements(self) -> dict[int, LinkPlacement]:
@@ -195,12 +196,12 @@ class Construction:
           reference. The link rotates by the angle of the pair. If this angle is a variable,
           the degree in it is 1. If it is k times a variable, as for wheels, the degree is
           k.
-        - The link is put on the axes of two pairs (a dyad), so it has two parents. From
-          each of them a path leads to its reference, from there to the reference of that
-          link, and so on to the root. Both paths meet in a link, which is the reference.
-          Let U and W be the directions of the two axes relative to it. Each has the sum of
-          the degrees of all links on its path. The orientation of the dyad is
-          U a^T + W b^T + (U x W) n^T, with constant vectors a, b and n. It contains
+        - The link is put on the axes of two pairs (a closing link), so it has two parents.
+          From each of them a path leads to its reference, from there to the reference of
+          that link, and so on to the root. Both paths meet in a link, which is the
+          reference. Let U and W be the directions of the two axes relative to it. Each has
+          the sum of the degrees of all links on its path. The orientation of the closing
+          link is U a^T + W b^T + (U x W) n^T, with constant vectors a, b and n. It contains
           products of U and W, so the degrees of both are added.
         """
         # One degree for each variable.
@@ -208,7 +209,7 @@ class Construction:
         no_degrees = 0 * variables
         placements = {self.root: LinkPlacement(self.root, no_degrees)}
         for step in self.steps:
-            if step.is_dyad:
+            if step.has_two_parents:
                 paths = _find_parent_paths(placements, *step.parents)
                 path_degrees = [
                     placements[link].degrees for link in (*paths.first, *paths.second)
@@ -227,7 +228,7 @@ class Construction:
         return placements
 
     def parent_paths(self, step: PlacementStep) -> ParentPaths:
-        """Return the paths from both parents of a dyad to the link where they meet."""
+        """Return the paths from both parents of a closing link to where they meet."""
         return _find_parent_paths(self.placements, *step.parents)
 
     @cached_property
@@ -595,7 +596,7 @@ def _make_construction(
                     variable=variable_pairs.index(pair),
                 )
             )
-    equation_count = sum(step.is_dyad for step in steps)
+    equation_count = sum(step.has_two_parents for step in steps)
     if equation_count != len(unknown_pairs):
         return None
     return Construction(
@@ -660,7 +661,7 @@ def share_input_variable(
     # Links that rotate by the angle of the input or of a wheel get the shared variable.
     steps = []
     for step in construction.steps:
-        if step.pairs[0] in factors and not step.is_dyad:
+        if step.pairs[0] in factors and not step.has_two_parents:
             factor = factors[step.pairs[0]]
             steps.append(replace(step, variable=variable, angle_factor=factor))
         else:

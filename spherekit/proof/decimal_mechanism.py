@@ -139,16 +139,16 @@ class DecimalMechanism(DecimalGeometry):
         Followers are the pairs whose angles follow from the inputs through wheels. Two
         wheels in mesh have the radii r1 and r2 and turn by the angles a1 and a2 relative to
         the link that carries both. They roll the same length, so sin(r1) a1 - sin(r2) a2 is
-        constant. This is also true for wheels beside each other, because both axes are
-        taken on the same side of the common tangent. Each angle is the sum of the angles of
-        the R pairs between wheel and carrier, with signs. The constant is known in one
-        position.
-        These linear equations, one for each mesh, determine the followers.
+        constant. If the wheels touch from outside, the axis of one of them is reversed, and
+        its radius is pi - r, so that the same equation holds. Each angle is the sum of the
+        angles of the R pairs between wheel and carrier, with signs. The constant is known
+        in one position. These linear equations, one for each mesh, determine the followers.
 
         Parameters
         ----------
         inputs
-            Angle (rad) of each input, in the order of `structure.inputs`.
+            Angle (rad) of each input, in the order of `structure.inputs`. All angles are
+            balls: numbers with a bound of their error.
         """
         if not self.meshes:
             return [*inputs]

@@ -145,9 +145,10 @@ class Harmonics:
     ) -> tuple[Complexes, Complexes]:
         """Return an equation as a polynomial in z = e^(i angle) of some of its angles.
 
-        All other angles are given, with n sets of values. An equation of degree m
-        in an angle has the powers -m to m of z. It is multiplied by z^m, so that the lowest
-        power is 0.
+        All other angles are given, with n sets of values. An equation of degree m in an
+        angle has the powers -m to m of z. Its coefficients are stored in this order.
+        Multiplied by z^m, the equation has the powers 0 to 2 m, and the index of a
+        coefficient is its power.
 
         Parameters
         ----------
@@ -173,14 +174,13 @@ class Harmonics:
         # derivatives of the waves.
         coefficients = self.coefficients[equation].transpose([*unknowns, *others])
         waves = _evaluate_waves(given, self.max_degree, order=1)
-        # Binary digit k of an index of axis 0 is 1 if the sum is differentiated by given
-        # angle k. So index 0 is the value, and index 2^k the first derivative by angle k.
-        # The others are mixed derivatives, which are not used. The last axis has the n
-        # sets of values of the given angles.
+        # (2^g, 2 m_1 + 1, ..., n). Index 0 of the first axis is the value of the sum, and
+        # index 2^k its first derivative by given angle k. The other indices are mixed
+        # derivatives, which are not used.
         sums = _sum_waves(coefficients, waves)
         # Without given angles the last axis has the length 1 so far.
         sums = np.broadcast_to(sums, (*sums.shape[:-1], len(given)))
-        sums = np.moveaxis(sums, -1, 0)
+        sums = np.moveaxis(sums, -1, 0)  # (n, 2^g, 2 m_1 + 1, ...)
         first_derivatives = 2 ** np.arange(len(others))
         return sums[:, 0], sums[:, first_derivatives]
 

@@ -480,6 +480,8 @@ class LazyField:
         # Allocate an array (components, n) for each quantity of each subject (a pole or a
         # link). The field gets views of these arrays, which are filled below.
         columns: list[tuple[LazyColumn, Floats]] = []
+        # `_column_indices` has, by quantity and by subject, the columns of the kernel with
+        # the components of the quantity.
         for quantity, indices_by_subject in self._column_indices.items():
             for subject, indices in indices_by_subject.items():
                 components = np.empty((len(indices), n))

@@ -141,11 +141,14 @@ def _summarize_transmission(
 def _summarize_jacobian(plan: OverviewPlan, output: OutputOverview) -> Facts | None:
     """Return how near an output comes to singularities of type I, None if it is unknown.
 
-    The entries are the range of the smallest singular value of its velocity Jacobian, and
-    the places at which the determinant of the Jacobian changes its sign.
+    At type I the smallest singular value of the velocity Jacobian of the output is zero.
+    The entries are its range over the samples, the place and the inputs at which it is the
+    least, and the places at which the determinant of the Jacobian changes its sign. The
+    last entry is the number of such places that are not listed.
     """
     if output.gain is None:
         return None
+    # The range of the smallest singular value, and the place of its least value.
     least, place, largest = output.gain
     return {
         "least_singular_value": least,
