@@ -104,7 +104,7 @@ class Eksergian(AbstractAnalysis):
                 Column(
                     "tau",
                     "N m",
-                    "driving torque at the input, or at the pair of the parameter at",
+                    "driving torque at the input, or at the pair of the parameter `at`",
                 ),
                 RESIDUAL,
                 STATUS,

@@ -159,7 +159,10 @@ class ReactionAnalysis(AbstractAnalysis):
                 TIME,
                 INPUTS,
                 Column(
-                    "load", "", "load of the mechanism file that places the bearing", "text"
+                    "load",
+                    "",
+                    "name of the load in the file that gives the bearing its position",
+                    "text",
                 ),
                 Column("pair", "", "name of the pair", "text"),
                 Column(

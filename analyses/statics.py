@@ -107,7 +107,7 @@ class Statics(AbstractAnalysis):
                             f"stiffness_{number}",
                             "N m/rad",
                             f"{words} principal stiffness of the output; infinite if "
-                            "the output cannot yield about this axis",
+                            "the output cannot turn about this axis with the inputs held",
                         ),
                         *(
                             Column(

@@ -115,6 +115,10 @@ EFFECTS: Mapping[str, str] = {
     SELF_MOTION: "links move while inputs and output rest",
 }
 """What each kind of singularity means for the mechanism."""
+EFFECTS_EVERYWHERE: Mapping[str, str] = EFFECTS | {
+    "I": "the inputs can always move while the output rests"
+}
+"""What a kind means that occurs in every configuration."""
 MAX_LISTED_REACHES = 4
 """Number of curves or surfaces whose inputs are printed; the table of points has all."""
 
@@ -476,7 +480,7 @@ class SeveralInputs:
             is_singular_everywhere |= bool(kinds_everywhere)
             remarks += [
                 f"The output {name} has singularities {of_kind(kind)} in every "
-                "configuration."
+                f"configuration ({EFFECTS_EVERYWHERE[kind]})."
                 for kind in kinds_everywhere
             ]
             summary[name] = {"everywhere": sorted(kinds_everywhere)}

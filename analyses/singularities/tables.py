@@ -132,13 +132,15 @@ RELATION = Table(
         Column(
             "distance_I",
             "rad",
-            "angular distance from type I, 0 only at such a singularity",
+            "nearness to type I as an angle: the arcsine of a measure that is 0 only "
+            "at such a singularity",
         ),
         Column(
             "distance_II",
             "rad",
-            "angular distance from type II, 0 only at such a singularity; proportional to "
-            "the size of the mechanism if all arcs are short",
+            "nearness to type II as an angle: the arcsine of a measure that is 0 only "
+            "at such a singularity; proportional to the size of the mechanism if all arcs "
+            "are short",
         ),
         Column(
             "output_rate",
@@ -202,7 +204,7 @@ ASPECTS = Table(
         Column(
             "assembly_modes",
             "",
-            "largest number of assembly modes of the aspect at the same inputs",
+            "largest number of assembly modes in this aspect that have the same inputs",
             "integer",
         ),
     ),

@@ -188,7 +188,7 @@ class CommandParser(CommandLineParser):
             "-v",
             "--verbose",
             action="store_true",
-            help="also print how the results were computed",
+            help="also print details of the computation",
         )
         module.add_arguments(self)
 

@@ -192,14 +192,23 @@ def _describe_type_1(summary: Any, number: int) -> Lines:
     overview = summary["overview"]
     outputs = overview["outputs"]
     output = f"output {outputs[number]['label']}" if len(outputs) > 1 else "output"
-    has_several_inputs = len(summary["inputs"]) > 1
-    if not has_several_inputs:
-        motion = "rests while the input moves"
-    elif outputs[number]["fixed_axis"]:
-        motion = "rests while the inputs move"
+    input_count = len(summary["inputs"])
+    has_several_inputs = input_count > 1
+    # Several inputs can always move together so that an output with one degree of freedom
+    # rests. Such an output is singular of type I in every configuration, and what matters
+    # is where no input moves it.
+    has_one_freedom = has_several_inputs and outputs[number]["fixed_axis"]
+    if has_one_freedom:
+        singular = f"in a configuration where no input moves the {output}"
+        singularity = f"configuration where no input moves the {output}"
+        singularities = f"Configurations where no input moves the {output}"
     else:
         motion = "loses a direction of motion"
-    meaning = f"type I (the {output} {motion})"
+        if not has_several_inputs:
+            motion = "rests while the input moves"
+        singular = f"singular of type I (the {output} {motion})"
+        singularity = f"singularity of type I (the {output} {motion})"
+        singularities = f"Singularities of type I (the {output} {motion})"
     extent = _extent(summary)
 
     # The least singular value of the output's velocity Jacobian is 0 at type I. A mode can
@@ -230,11 +239,16 @@ def _describe_type_1(summary: Any, number: int) -> Lines:
             nearest_mode = mode
 
     lines = []
+    if has_one_freedom:
+        lines.append(
+            f"The {output} turns about one axis, so the {input_count} inputs can move in "
+            "every configuration while it rests (singular of type I everywhere)."
+        )
     if modes_singular_everywhere:
         verb = "is" if len(modes_singular_everywhere) == 1 else "are"
         lines.append(
-            f"{modes_text(modes_singular_everywhere, True)} {verb} singular of {meaning} "
-            f"{extent} everywhere."
+            f"{modes_text(modes_singular_everywhere, True)} {verb} {singular} {extent} "
+            "everywhere."
         )
     if modes_by_place:
         texts = [
@@ -243,25 +257,29 @@ def _describe_type_1(summary: Any, number: int) -> Lines:
         more = ""
         if unlisted_place_count:
             more = f", and at {counted(unlisted_place_count, 'further place')}"
-        lines.append(
-            f"Singularities of {meaning} are met {extent}: {'; '.join(texts)}{more}."
-        )
+        lines.append(f"{singularities} are met {extent}: {'; '.join(texts)}{more}.")
     elif nearest is not None:
         least_value = nearest["least_singular_value"]
         if modes_singular_everywhere:
             beginning = "Other modes have none"
         elif least_value <= NEAR_SHARE * nearest["largest_least_singular_value"]:
-            beginning = f"A singularity of {meaning} is nearly met"
+            beginning = f"A {singularity} is nearly met"
         else:
-            beginning = f"No singularity of {meaning} is met"
+            beginning = f"No {singularity} is met"
+            if has_one_freedom:
+                beginning = f"At least one input always moves the {output}"
         end = ""
         if "simulation" not in summary:
             quantity = "velocity ratio"
             if has_several_inputs:
                 quantity = "smallest singular value of the velocity Jacobian"
+            comparison = "the closest configuration is"
+            if has_one_freedom:
+                quantity = "root of the sum of the squared velocity ratios"
+                comparison = "the ratios are smallest"
             place = inputs_text(summary, nearest["inputs_rad"])
             end = (
-                f"; the closest configuration is in mode {nearest_mode} at {place}, where "
+                f"; {comparison} in mode {nearest_mode} at {place}, where "
                 f"the {quantity} is {number_text(least_value, RATIO_ERROR, 2)}"
             )
         lines.append(f"{beginning} {extent}{end}.")

@@ -103,8 +103,8 @@ def add_time_arguments(parser: ArgumentParser) -> None:
         metavar="q=Q[,dq=W]",
         help=(
             "simulate from this state of the input at t = 0, such as "
-            "q=20deg,dq=1rad/s (several inputs: q=Q+Q,dq=W+W). The motion follows "
-            "from the loads; "
+            "q=20deg,dq=1rad/s; values of several inputs are joined by +, such as "
+            "q=20deg+35deg,dq=1rad/s+0rad/s. The motion follows from the loads; "
             f"{UNIT_RULE}"
         ),
     )

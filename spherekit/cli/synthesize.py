@@ -36,7 +36,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "synthesis",
         metavar="SYNTHESIS",
         help=(
-            "synthesis file: the wanted function or the objectives, the sizes that may "
+            "synthesis file: the desired function or the objectives, the sizes that may "
             "vary, and conditions"
         ),
     )
@@ -166,7 +166,7 @@ def _make_report(result: "Synthesis") -> ScreenReport:
     report.results.append(ScreenTable(tuple(columns), tuple(rows), title))
     if "match" in synthesis.minimise:
         report.results.append(
-            "match is the root mean square of the deviations from the wanted function, in "
+            "match is the root mean square of the deviations from the desired function, in "
             f"{synthesis.sweep.angle}."
         )
     least_objectives = result.objectives.min(axis=0)

@@ -31,8 +31,9 @@ Crossings = Literal["end", "pass"]
 cross."""
 
 START_SYNTAX = (
-    "give q=Q,dq=W, such as q=20deg,dq=1rad/s; of several inputs q=Q+Q,dq=W+W. A number "
-    "without a unit is in the unit of the mechanism file"
+    "give q=Q,dq=W, such as q=20deg,dq=1rad/s. Values of several inputs are joined by +, "
+    "such as q=20deg+35deg,dq=1rad/s+0rad/s. A number without a unit is in the unit of "
+    "the mechanism file"
 )
 
 DEFAULT_TOLERANCE = 1e-9

@@ -224,10 +224,9 @@ class LocusPointSearch:
             The kind of result, in the singular: ``"curve"`` or ``"surface"``.
         """
         if self.is_everywhere:
-            # In this text, "it" is the type of singularity that was searched.
             reason = (
                 f"all configurations that {STARTS_OF_EVERYWHERE_TEST} random starts led to "
-                "are of it"
+                "are singular of this type"
             )
             return Completeness(Guarantee.SAMPLED, reason)
         # A note says what was left out because of the time limit. It can be empty.
@@ -236,8 +235,8 @@ class LocusPointSearch:
             starts_without_result = self._rounds_without_result * CURVE_STARTS_PER_ROUND
             reason = (
                 f"{self._random_starts} random starts in the ranges of the inputs led to "
-                f"{self._singular_points} singular configurations, the last "
-                f"{starts_without_result} to no {item} not known before"
+                f"{self._singular_points} singular configurations; the last "
+                f"{starts_without_result} starts led to no new {item}"
             )
         else:
             notes = [self.section.note, *notes]
