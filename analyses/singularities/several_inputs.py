@@ -115,8 +115,9 @@ EFFECTS: Mapping[str, str] = {
     SELF_MOTION: "links move while inputs and output rest",
 }
 """What each kind of singularity means for the mechanism."""
-EFFECTS_EVERYWHERE: Mapping[str, str] = EFFECTS | {
-    "I": "the inputs can always move while the output rests"
+EFFECTS_EVERYWHERE: Mapping[str, str] = {
+    **EFFECTS,
+    "I": "the inputs can always move while the output rests",
 }
 """What a kind means that occurs in every configuration."""
 MAX_LISTED_REACHES = 4
