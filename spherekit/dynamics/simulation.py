@@ -267,13 +267,9 @@ class Simulation:
             else:
                 evidence = "it ends in another way with a smaller tolerance"
         elif not self.checks.momentum <= MAX_MOMENTUM_ERROR_RATIO * self.tolerance:
-            # The error of the momenta is relative to the largest momentum, so it has no
-            # unit. It is an error of dp/dt times the length of a step, and may exceed the
-            # tolerance. Integration over a step makes the error smaller: the NumPy engine
-            # divides by 94 (`numpy_engine.ERROR_DIVISOR`) to estimate the error of a step.
-            #
-            # The message has a power instead: an error of dp/dt times the momentum p is an
-            # error of the rate of the kinetic energy p^2 / 2.
+            # `MAX_MOMENTUM_ERROR_RATIO` says why the momentum error of a step may exceed
+            # the tolerance. The message has a power instead: an error of dp/dt times the
+            # momentum p is an error of the rate of the kinetic energy p^2 / 2.
             evidence = (
                 f"the power of the loads and the kinetic energy differ by "
                 f"{self.checks.power:.1e} W"

@@ -121,18 +121,19 @@ def write_javascript(source: Source) -> str:
 
 
 def _write_function(source: Source, function: SourceFunction) -> str:
-    """Return the text of a function that writes its results to an array.
+    """Return the JavaScript text of a function that writes its results to an array.
 
     - The function of the formulas writes to the array ``result`` and returns it.
     - If positions have no closed form, another function makes one step of Newton's method.
-      It writes the variables of all pairs after the step to its argument ``variables``. It
-      returns the closure residual, by which the loops were open before the step. Only a
-      function of this kind has a `closure_residual`, the name of this number in its lines.
+      Its argument ``variables`` has approximate variables of all pairs. They are replaced
+      by those after the step. The function returns the closure residual, by which the loops
+      were open before the step. Only a function of this kind has a `closure_residual`, the
+      name of this number in its lines.
     """
     parameters = ", ".join(source.arguments)
     if function.closure_residual:  # the step of Newton's method
-        # The argument that chooses the assembly mode (the way to assemble the mechanism).
-        # Here it is called ``variables``, because approximate variables choose the mode.
+        # The name of the argument that chooses the assembly mode. Without a closed form,
+        # approximate variables choose it, and the name is ``variables``.
         target = source.mode_argument
     else:
         target = "result"

@@ -159,9 +159,9 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
     )
     input_lines = ""
     docstring_end = ""
-    # Texts of expressions that the written function returns. They use its local variables:
-    # the input q, the indices `interval` and `mode`, and the mode values at q, whose name
-    # ends with "_there". What is returned is NaN where q is NaN.
+    # The expressions after "return" in the written function. They contain variables of the
+    # template: the input `q`, the mode values at q, whose name ends with "_there", and the
+    # indices `interval` and `mode`. The function returns NaN where q is NaN.
     returned = f"np.where(np.isnan(q), np.nan, {source.mode_argument}_there)"
     if source.formulas.step:  # the step of Newton's method; empty in closed form
         input_lines = f"    inputs = np.array(\n        {texts.known_inputs}\n    )\n"

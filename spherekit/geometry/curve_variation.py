@@ -156,7 +156,8 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
     if closed:
         moving_points = np.concatenate([moving_points, moving_points[:1]])
 
-    # Derivatives, by the design variable, of the differences between successive knots.
+    # Derivatives, by the design variable, of the differences between successive knots. The
+    # loop computes those of the next fit from those of the present one.
     knot_step_rates = _differentiate_arcs(moving_points)
     # `spline_fits` returns each fit, a spline of real numbers, with its arc length. Each is
     # repeated here with derivatives, which the next one needs for its knots.
@@ -166,8 +167,8 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
         knots = add_complex_step(path.knots, knot_rates)
         # SciPy has no splines with complex knots, so the same spline is made here.
         spline = quintic_panels(knots, moving_points, closed)
-        # `spline` has the complex knots. The knots of a `SplinePath` itself do not affect
-        # its points, so they may be real.
+        # The points follow from `spline` and its complex knots. A `SplinePath` stores knots
+        # as well, but does not compute points from them, so these may be real.
         moving_path = SplinePath(spline, path.knots, closed)
         arc_length_rate = _integrate_speed_rate(moving_path, path.knots)
         # The next knots are the arc lengths s(u, x) at these knots u. With the design

@@ -464,6 +464,8 @@ class ArcCurve(Chords):
         A configuration is projected on the chords near it, which are the straight lines
         between successive nodes of the curve.
         """
+        # `differences` of a projection are the configuration minus the start of the chord,
+        # less whole periods.
         projections = self.project(values, self.periods)
         # The points of the curve with the same projections on the chords. A configuration
         # is on the curve if it equals the point, apart from whole periods. Both are

@@ -160,8 +160,8 @@ class PositionAnalysis:
                 raise count_error from None
         # A group is a smallest part of the mechanism that can be placed by itself, such as
         # two links. Its sign tells the two ways to do so apart, and the signs of all groups
-        # name a mode. They are constant in these modes, and change in modes that pass
-        # crossings, which are made from these.
+        # name a mode. The modes found so far have constant signs. `_pass_crossings` joins
+        # them to modes that pass crossings, in which signs change.
         self._modes_with_constant_signs = self.assembly_modes
         if crossings == "pass" and follow:
             self._pass_crossings()

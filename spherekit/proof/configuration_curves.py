@@ -387,7 +387,8 @@ class CertifiedCurves:
             positions = []
             for number, (piece, _) in enumerate(chain.successive_pieces):
                 # Stationary points between the centre of this piece and the next, sorted by
-                # the coordinate along the arc.
+                # the coordinate along the arc. `point.piece` is the number of the piece
+                # after whose centre the point comes.
                 stationary_positions = [
                     point.position
                     for point in (*points.proven, *points.undecided)

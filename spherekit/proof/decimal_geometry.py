@@ -212,11 +212,11 @@ class DecimalGeometry:
             return frames[name][mechanism.pair(name).links.index(link)][2]
 
         if "axes" in table:
-            # Bevel gears: the file names the shaft of each gear and gives teeth or half
-            # angles. In the link of a gear, the axis of its shaft points to the centre of
-            # its circle. The angle between the shafts is measured in the carrier, the link
-            # in which both turn. There, the axis of the pair can be opposite to that of the
-            # gear. `shaft.sense` is then -1, otherwise 1.
+            # Bevel gears: the file names the shaft of each gear, an R pair, and gives teeth
+            # or half angles. In the link of a gear, the axis of its shaft points to the
+            # centre of its circle. The angle between the shafts is measured in the carrier,
+            # the link in which both turn. The axis of a shaft can have the opposite
+            # direction there. `shaft.sense` is then -1, otherwise 1.
             centres = tuple(map(pair_axis, table["axes"], pair.links))
             joined_links = {name: mechanism.pair(name).links for name in frames}
             gear_carrier = find_gear_carrier(

@@ -510,10 +510,11 @@ def count_modes(
 def _bound_root_angles(roots: ChartRoots, tubes: RootTubes, half: Floats) -> RootAngles:
     """Return the angles of roots and their motion over the boxes.
 
-    A coordinate of a root is z = e^(i s angle) with s = 1, or s = -1 if it is the inverse.
-    The derivative of the angle is therefore z' / (i s z). The motion of the angle is not
-    linear for two reasons: z is only near linear motion, and the angle is its logarithm.
-    The error is a bound of both.
+    The boxes are ranges of the inputs. A coordinate of a root is z = e^(i s angle) with
+    s = 1, or s = -1 if it is the inverse. The derivative of the angle by an input is
+    therefore z' / (i s z). The motion of the angle over a box is not linear in the inputs
+    for two reasons: z is only near linear motion, and the angle is its logarithm. The error
+    is a bound of both.
 
     Parameters
     ----------
@@ -535,8 +536,9 @@ def _bound_root_angles(roots: ChartRoots, tubes: RootTubes, half: Floats) -> Roo
     logarithm_error = 0.5 * w**2 / (1.0 - w)
     # `tube_radius` is the largest distance of z from linear motion.
     error = logarithm_error + tubes.tube_radius[:, None] / magnitude
-    # A real root has the magnitude 1, from which the approximation may differ. The factor
-    # and the last two terms cover rounding. They are far larger than rounding errors: a
+    # The terms are the error above; the distance of the approximation from the magnitude 1
+    # of a real root; and allowances for rounding of the linear motion and of the angle. The
+    # factor 1.05 is such an allowance, too. All are far larger than rounding errors: a
     # relative one is 1.1e-16, and angles are below pi.
     error = (
         1.05 * error

@@ -192,9 +192,10 @@ class ReducedEquation:
             [b^T  0].
 
         There are three right sides, which give derivatives in three directions. Directions
-        1 and 2 are unit rates of u and of v. Direction 0 removes the residual F(z) - g l
-        while u and v are constant. Newton's method uses it, also its second derivatives
-        (`find_critical_point`).
+        1 and 2 are unit rates of u and of v. Direction 0 is a step of Newton's method: u
+        and v are constant, and the residual F(z) - g l falls to 0 linearly. The mixed
+        second derivatives by directions 0 and 1 or 2 tell how this step changes the slopes
+        of g (`find_critical_point`).
 
         Parameters
         ----------
@@ -223,8 +224,9 @@ class ReducedEquation:
         if order < 2:
             return BorderedDerivatives(first)
         (curvature,) = curvatures
-        # Differentiate F(z) = g l twice, in each of the 9 pairs of directions. The matrix
-        # is the same, and the right side is -F''(z', z').
+        # Differentiate F(z) = g l twice, in each of the 9 pairs of directions. In direction
+        # 0 the equation is F(z) = g l + residual, whose last term is linear and drops out.
+        # The matrix is the same, and the right side is -F''(z', z').
         z_rates = first[:variable_count]
         right_sides = np.zeros((variable_count + 1, 9), object)
         right_sides[:k] = -(z_rates.T @ curvature @ z_rates).reshape(k, 9)

@@ -180,8 +180,9 @@ class ChartRoots:
 
         The stored z of an unknown is e^(i angle) or its inverse, whichever has a magnitude
         of at most 1: large numbers and infinity do not occur. If the inverse is stored, the
-        polynomial c_0 + c_1 / z + ... + c_p / z^p is multiplied by z^p. The coefficients
-        then belong to the powers of z in reverse order (see `_powers`).
+        polynomial in e^(i angle) = 1 / z is multiplied by the highest power of z. For
+        example, c_0 + c_1 / z becomes c_0 z + c_1. The coefficients then belong to the
+        powers of z in reverse order (see `_powers`).
 
         Parameters
         ----------
@@ -203,8 +204,9 @@ class ChartRoots:
         # One array (n, ...) for each polynomial and each unknown or pair of unknowns.
         parts = []
         for coefficients in polynomials:
-            # `variables` are the unknowns by which one derivative is taken; an unknown that
-            # occurs twice means a second derivative.
+            # `variables` are the unknowns by which one derivative is taken. For order 2
+            # they are (0, 0), (0, 1), and so on; (0, 0) is the second derivative by unknown
+            # 0. For order 0 there is one empty tuple.
             for variables in np.ndindex(*[count] * order):
                 # (n, ..., size_1, ..., size_k) coefficients at the given variables of each
                 # point. `row` has the number of the set of given values of each point.

@@ -640,11 +640,11 @@ class RowVelocities:
 
         Links that turn about a common axis of several pairs have this axis as their pole
         (the axis of their relative rotation). If the axes of these pairs differ by
-        rounding, each pair turns about a slightly different axis. This changes the relative
-        angular velocity v of the links by at most the sine of the angle between the axes,
-        times the sum of the rates. The same applies to the derivative dv of v with respect
-        to the input. The error bounds of the poles and `axis_separations` are changed in
-        place.
+        rounding, each pair turns about a slightly different axis. The relative angular
+        velocity v of the links is a sum of terms, rate times axis. It changes by at most
+        the sine of the angle between the axes times the sizes of all terms. The same
+        applies to the derivative dv of v with respect to the input. The error bounds of the
+        poles and `axis_separations` are changed in place.
         """
         plan = self.request.plan
         pairs = axis_pairs(plan)
@@ -671,9 +671,9 @@ class RowVelocities:
                 SAME_AXIS_SINE * self._bound("acceleration_size")
                 + direction_error * dv_size
             )
-            # The derivative of u is (dv - (dv . u) u) / |v|. The error of dv . u is bounded
-            # above. The factor u after it has the error `direction_error` again, which adds
-            # |dv . u| <= |dv| times this error.
+            # The derivative of u is (dv - (dv . u) u) / |v|. Its error has three sources:
+            # that of dv, and those of u and of 1 / |v|, each at most `direction_error`
+            # times |dv| / |v|. `coefficient_error` is the sum of the first two.
             direction_dq_error = (coefficient_error + direction_error * dv_size) / v_size
             self.axis_separations[links] = direction_error
             errors["direction_error"] += direction_error

@@ -537,11 +537,11 @@ class RerunRecorder:
         """Return names, with their positions, of the links that occur for the first time.
 
         The result is a mapping from the path of a link (its name in the tree of the
-        recording) to the names that the link shows.
+        recording) to the names that are drawn with the link.
         """
         # Each page has an object that chooses positions where names do not cover each
-        # other. A new page begins with a copy of the object of the page None, because it
-        # also shows the names that all pages show.
+        # other. What is recorded for the page None is shown on all pages. So a new page
+        # also shows its names, and begins with a copy of its object.
         if scene.page not in self._names:
             self._names[scene.page] = deepcopy(self._names[None])
         layout = self._open_charts.layout
