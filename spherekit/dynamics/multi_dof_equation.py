@@ -214,12 +214,15 @@ def _derive_events(
         input_rates = determinant([[rates[v] for v in input_variables] for rates in tau])
         # An expression without variables is constant and has no zeros.
         if has_variables(input_rates):
+            # Each row of the determinant has the factor `scale`. There are as many rows as
+            # inputs, so this factor is removed once for each input.
             for _ in input_variables:
                 input_rates = input_rates / coordinate_rates.scale
-            # Its size must be comparable with 1. A determinant is at most the product of
-            # the lengths of its rows (Hadamard). The squares of all rates sum to at most
-            # MAX_RATE_SQUARES = 400, so that it is at most 200 with two inputs, and
-            # (400 / 3)^1.5 = 1540 with three. The function is then below 1 and 4.
+            # The size of the function must be comparable with 1. A determinant is at most
+            # the product of the lengths of its rows (Hadamard). The squares of all rates
+            # sum to at most MAX_RATE_SQUARES = 400. The product is largest if all m rows
+            # have the same length, and is then (400 / m)^(m / 2). This is 200 for two
+            # inputs and 1540 for three. Divided by 400, it is below 1 and below 4.
             event = EventFunction(input_rates * (1.0 / MAX_RATE_SQUARES), "type_2")
             events.insert(0, event)
     return events

@@ -226,8 +226,9 @@ def _find_affine_law(component: LoadComponent, pair: str) -> Floats:
         If the magnitude is another function.
     """
     law = component.magnitude
-    # Tables of torques do not get here, because `_actuator_attributes` is for other loads.
-    # They are named only to tell the type checker that `law` is an expression below.
+    # No magnitude is a table of torques here: `convert_loads` leaves loads with such tables
+    # out before. The table is named only to tell the type checker that `law` is an
+    # expression below.
     if isinstance(law, TorqueCallback | TorqueTable):
         raise EngineError("it is a Python function")
     if "t" in law.names:

@@ -441,10 +441,15 @@ def _filled_fractions(polynomials: Floats) -> Floats:
     Here d is the mean of the polynomial over the subcell less f, and g is the length of its
     gradient, g^2 = a^2 + b^2 + c^2. The width of a subcell is the unit of length.
 
-    1. V(t) is the volume in which the polynomial exceeds t. The sum is the mean of V(t) for
-       -S/2 < t < S/2, which is about V(0) + V''(0) S^2 / 24.
-    2. With the Laplacian L of the polynomial, V''(0) is -L / g^3 per area of the border, if
-       second derivatives along the gradient are neglected.
+    1. V(t) is the volume in which the polynomial exceeds t, about the number of subcells
+       with f > t. For a single subcell, f > t holds in the part 1/2 + f / S of the range
+       -S/2 < t < S/2, limited to 0 and 1. This is its fraction. So the sum of all fractions
+       is the mean of V(t) over this range, about V(0) + V''(0) S^2 / 24 (Taylor series).
+    2. The surface on which the polynomial is t lies at the distance t / g from the border,
+       so V'(t) is minus the integral of 1 / g over this surface. Its area grows with the
+       distance by L / g per area, the divergence of the unit normal. L is the Laplacian of
+       the polynomial, and second derivatives along the gradient are neglected. So V''(0)
+       is -(1 / g) (L / g) (1 / g) = -L / g^3 per area of the border.
     3. d is about L / 24. So the sum is too small by d S^2 / g^3 per area of the border.
     4. Subcells with a fraction between 0 and 1 form a layer of the thickness S / g along
        the border. The correction d S / g^2 in each of them makes up for this.

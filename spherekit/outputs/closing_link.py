@@ -313,21 +313,10 @@ class DyadsWithClosingLink:
         """
 
         def newton_step(turns: Floats, rows: Indices) -> Floats:
-            """Return Newton's steps of the turns of the output, for the equation f = 0.
+            """Return Newton's steps (k, 1) (rad) for the equation f = 0.
 
-            f is the residual of the closing link, and a turn is the angle of the output
-            link about its direction.
-
-            Parameters
-            ----------
-            turns
-                (k, 1) present turns (rad).
-            rows
-                (k,) indices of their directions in `directions`.
-
-            Returns
-            -------
-            (k, 1) steps (rad).
+            `turns` (k, 1) are the present turns (rad), and `rows` (k,) are the indices of
+            their directions in `directions`.
             """
             row_directions = directions[:, rows]
             mode = self.place_dyads(row_directions, turns[:, 0], signs)

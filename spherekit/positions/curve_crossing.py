@@ -286,16 +286,20 @@ def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
     linearisation = closure.linearise(np.tile(values, (count, 1)))
     # Angular velocities of the first and second bodies of all pairs. `body_rates` adds
     # the rates of pairs along a spanning tree of the bodies. A pair that closes a loop is
-    # not in the tree. Because the loop opens, its second body has a rate by the tree that
-    # does not fit the rate of the pair. The rate of every second body is therefore that of
-    # the first body plus that of the pair: the velocity vector of the pair that moves, 0
-    # for all others.
+    # not in the tree. While the loop opens, the tree moves the second body of this pair
+    # otherwise than the pair itself would. So only the rates of first bodies are taken from
+    # the tree. To each of them the rate of the pair is added for the second body. This is
+    # the velocity vector of the pair that moves, and 0 for all others.
     first_rates = linearisation.body_rates(np.eye(count))[:, tree.first_bodies]
     second_rates = first_rates.copy()
     rows = np.arange(count)
     # `vectors` has the axes row, variable, component. In row k variable k moves.
     second_rates[rows, list(tree.pair_of_variable)] += linearisation.vectors[rows, rows]
-    return tree.jacobian(linearisation.vector_rates_of_pairs(first_rates, second_rates))
+    vector_rates = linearisation.vector_rates_of_pairs(first_rates, second_rates)
+    # J is linear in the velocity vectors of the pairs: each is an entry of J, with the
+    # constant sign that its pair has in the loop. So the rates of the vectors, arranged as
+    # the vectors are in J, are the rates of J.
+    return tree.jacobian(vector_rates)
 
 
 def _find_directions(forms: Floats) -> Floats | None:

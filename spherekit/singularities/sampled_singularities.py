@@ -511,9 +511,9 @@ class SampledSingularities:
 
         A dyad is two links in series. The distance follows from its transmission angle, the
         acute angle between the planes of the arcs of both links. It vanishes only if the
-        dyad is stretched or folded, which is a singularity of type II. It is an angle
-        between planes, so it does not become small because all arcs of links are short. The
-        transmission measure, the other measure of this distance, does (`largest_arc_sine`).
+        dyad is stretched or folded, which is a singularity of type II. As an angle between
+        planes it does not become small with the arcs of all links. The other measure of
+        this distance, the transmission measure, does become small with them.
 
         Parameters
         ----------

@@ -223,16 +223,16 @@ class SingularCurve:
         def side_of_motion(points: LocusPoints) -> Floats:
             """Return a number (n,) for each point that changes its sign at a cusp.
 
-            Singular motion and tangent of the curve are combinations of the same two
-            independent rates of all variables. The result is the determinant of their
-            coordinates, which is zero if both are parallel.
+            At a cusp the singular motion is parallel to the tangent of the curve. Both are
+            combinations of the same two independent rates of all variables. The result is
+            the determinant of their coordinates, which is zero if both are parallel.
             """
             # (n, V, 2) motion and tangent, as rates of all V variables.
             rates = np.stack([points.motions, points.tangents[:, :, 0]], axis=2)
-            # `basis` has two bases side by side. The first two columns are for changes of
-            # the configuration. The last two are an orthonormal basis (n, V, 2) of the
-            # singular motions. The products are the coordinates of the motion, and those of
-            # the tangent.
+            # `basis` has two bases side by side. The first two columns, as many as degrees
+            # of freedom, are for changes of the configuration. The last two are an
+            # orthonormal basis (n, V, 2) of the singular motions. The products are the
+            # coordinates of the motion, and those of the tangent.
             motion_basis = points.basis[:, :, self.locus.degrees_of_freedom :]
             return np.linalg.det(np.swapaxes(motion_basis, 1, 2) @ rates)
 
