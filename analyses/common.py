@@ -238,7 +238,7 @@ def describe_largest_torques(
                 f"Largest {quantity} at {name}: {record[key]:.6g} N m at {record['place']}"
             )
         else:
-            sentences.append(f"No {quantity} at {name}: it is 0 in every row")
+            sentences.append(f"The {quantity} at {name} is 0 in every row")
     return tuple(sentences)
 
 

@@ -158,10 +158,13 @@ class Sweep:
             have the same name, or if a condition cannot be parsed.
         """
         if not self.merits and not self.tables:
+            quantities = row_quantities(self.mechanism)
+            last_pair = list(self.mechanism.pair_number)[-1]
             raise DesignError(
-                f"{self.mechanism.name}: no figure of merit is requested; give --reduce, "
-                "or an analysis that defines some; quantities of a row: "
-                f"{listing(row_quantities(self.mechanism), 40)}"
+                f"{self.mechanism.name}: no figure of merit is requested; add an analysis "
+                "that defines some, such as -a poles, or an expression of your own, such "
+                f'as --reduce "swing=swing(theta_{last_pair})". Quantities for expressions: '
+                f"{listing(quantities, 20)}"
             )
         check_variables(self.document, self.variables)
         names = [*GENERAL_COLUMNS, *self.names]
