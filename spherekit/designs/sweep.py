@@ -163,7 +163,7 @@ class Sweep:
             raise DesignError(
                 f"{self.mechanism.name}: no figure of merit is requested; add an analysis "
                 "that defines some, such as -a poles, or an expression of your own, such "
-                f'as --reduce "swing=swing(theta_{last_pair})". Quantities for expressions: '
+                f'as --reduce "swing=swing(theta_{last_pair})". Quantities: '
                 f"{listing(quantities, 20)}"
             )
         check_variables(self.document, self.variables)
