@@ -273,7 +273,10 @@ class SensitivityAnalysis(AbstractAnalysis):
             # This gives access to the configurations.
             tracer=True,
             time=len(mechanism.inputs) == 1 or sensitivity.timed,
-            continued_values=frozenset(sensitivity.wound),  # pairs of such loads
+            # Pairs whose variables are read with whole revolutions (`continued_values`),
+            # because loads such as springs depend on them.
+            continued_values=frozenset(sensitivity.wound),
+            # Links on which the quantities depend. The run leaves out others.
             links=sensitivity.links,
         )
 

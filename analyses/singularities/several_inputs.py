@@ -383,9 +383,9 @@ class SeveralInputs:
         type II, d_i at type I. The table has every row of the batch once for each output
         and input. Some columns are:
 
-        - `form`: i, which means that w_i is relative to the reference link of the output.
-          (Mechanisms with one input have rows of another form, ii. Its angular velocity is
-          relative to the reference link of the input.)
+        - `form`: the text "i". It means that w_i is relative to the reference link of the
+          output. (Mechanisms with one input have rows of another form, "ii". Its angular
+          velocity is relative to the reference link of the input.)
         - `velocity_coefficient`: w_i at the rate q_i' = 1.
         - `output_rate` and `input_rate`: w_i and q_i' in the same motion, scaled so that
           the rates of all pairs have unit length. They are finite at singularities, too.
@@ -413,8 +413,7 @@ class SeveralInputs:
                         "form": "i",
                         "distance_I": angle_from_sine(rows.type_one),
                         "distance_II": angle_from_sine(rows.type_two),
-                        # How firmly the locked inputs hold all links.
-                        "sigma": rows.hold,
+                        "sigma": rows.hold,  # the smallest singular value, see above
                         "reciprocal_condition": rows.reciprocal_condition,
                         "status": batch.status,
                         "type": [RowType(code).label for code in rows.type],

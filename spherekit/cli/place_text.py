@@ -72,8 +72,8 @@ class PlaceText:
         self.step_text = ""
         if self.kind == "input" and step >= COARSE_STEP_DEG:
             self.step_text = f"{number_text(step, digits=3)} deg"
-        # The error of a place between samples grows with the square of the step (deg), so
-        # that fewer decimals are known with a larger step.
+        # Decimals of a place between samples that is an input (deg). Its error grows with
+        # the square of the step (deg), so that fewer are known with a larger step.
         if step < 1.5:
             self.between_decimals = 2
         elif step < 5.0:
@@ -87,7 +87,8 @@ class PlaceText:
         Parameters
         ----------
         place
-            The place, as it is stored.
+            The place as the summary has it: the first input (rad), the time (s) or the
+            number of a sample, see `kind`.
         between_samples
             Whether the place is interpolated between samples, and so gets only the digits
             that are known.

@@ -222,8 +222,7 @@ class DesignEvaluator:
         - There are contacts, and directions of outputs vary. The equations of the
           linkage of R pairs have no arguments for these directions.
         - There are no contacts, and a design variable is neither a size of the equations
-          nor a number of a mass or load. With contacts, the file of each design gives the
-          sizes, so that all numbers may vary.
+          nor a number of a mass or load.
         - Positions have no closed form, and no solutions are known from which others can be
           tracked.
 
@@ -233,6 +232,8 @@ class DesignEvaluator:
         if self.samples.crossings == "pass" or self._is_over_constrained:
             return None
         if self.mechanism.has_contacts:
+            # `equivalent_linkage` is a linkage of R pairs that moves like the mechanism.
+            # Its sizes are read from the file of each design, so all numbers may vary.
             varied_mechanism = self.varied_mechanism
             if (
                 varied_mechanism.equivalent_linkage is None

@@ -267,14 +267,15 @@ class RedundantKernel:
         for name in columns:
             nodes = set(iterate_nodes([expressions[0].quantity(name)]))
             follows_from_rates.append(denominator in nodes)
-        # (columns,) flags. `evaluate` takes columns with True only from kernels whose rates
-        # fulfil all equations of the loops.
+        # (columns,) flags. Rates that solve the chosen equations may violate the others, if
+        # the chosen ones are not independent at a configuration. `evaluate` therefore takes
+        # columns with True only from kernels whose rates fulfil all equations of the loops.
         self._follows_from_rates = np.array(follows_from_rates, bool)
 
-        # Expressions with the same choice of equations are needed once. In a group (links
-        # that are placed together) some variables occur in one loop only, and are
-        # eliminated from it first (`private_variables`). The choice consists of these and
-        # of the remaining equations that are used (`chosen_equations`).
+        # Expressions with the same choice of equations are needed once. A choice has two
+        # parts for each group (links that are placed together). Some variables occur in one
+        # loop only, and are eliminated from it first: `private_variables`. Of the equations
+        # that remain, independent ones are used: `chosen_equations`.
         expressions_by_choice: dict[str, DesignExpressions] = {}
         for candidate in expressions:
             groups = candidate.structure.groups

@@ -415,6 +415,7 @@ class VariedMechanism:
                 try:
                     numbers[:, k] = self._read_varied_numbers(design)
                 except SpherekitError as problem:
+                    # The message is `OTHER_FORM` if the kernel does not apply.
                     reasons[k] = reason_of(problem)
         variable_sizes = (values * self.unit_scales[:, None])[self.size_variables]
         return np.concatenate([variable_sizes, numbers]), reasons

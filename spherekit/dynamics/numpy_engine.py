@@ -216,7 +216,7 @@ class Collocation:
     scales
         (states,) sizes of the state, by which errors are divided: 1 rad for variables, and
         the momentum and the energy at unit speed.
-    largest_determinant
+    signed_largest_determinant
         The largest size so far of the determinant whose sign changes where curves of
         configurations cross, with the sign that it has at the last node. 0 before the first
         step.
@@ -255,11 +255,12 @@ class Collocation:
         self.scales = np.ones(len(self.start_state))
         self.scales[equation.momenta] = np.sqrt(largest_inertia)
         self.scales[equation.load_work_rows] = largest_inertia
-        # A determinant changes its sign where curves of configurations cross. Its matrix is
-        # the Jacobian of the loop-closure equations, with the rates of the pair variables
-        # by each coordinate as further rows. This number has the magnitude of the largest
-        # determinant so far, and the sign of the last one. It is 0 before the first step.
-        self.largest_determinant = 0.0
+        # Crossings of configuration curves are found by changes of the sign of a
+        # determinant. This number has the magnitude of the largest determinant so far, and
+        # the sign of the last one. It is 0 before the first step. The matrix is the
+        # Jacobian of the loop-closure equations, with the rates of the pair variables by
+        # each coordinate as further rows.
+        self.signed_largest_determinant = 0.0
         # Whether this determinant became small in the last step.
         self.is_near_crossing = False
         self.max_closure_residual = 0.0
@@ -803,8 +804,8 @@ class Collocation:
         the largest size. The sign is the one that the determinant had before this step, or
         at its first node if it is the first step.
         """
-        largest = max(abs(self.largest_determinant), float(max_abs(determinants)))
-        earlier_determinant = self.largest_determinant or float(determinants[0])
+        largest = max(abs(self.signed_largest_determinant), float(max_abs(determinants)))
+        earlier_determinant = self.signed_largest_determinant or float(determinants[0])
         return largest, float(np.sign(earlier_determinant))
 
     def _accept(
@@ -848,9 +849,9 @@ class Collocation:
         the input (or singularities of type II with several inputs), and moments of rest.
         The pair is empty if the event belongs to none.
 
-        The attribute `largest_determinant` is updated when the caller has taken all events.
-        It is the largest size of the determinant so far, with the sign that the determinant
-        has at the end of the step.
+        The attribute `signed_largest_determinant` is updated when the caller has taken all
+        events. It is the largest size of the determinant so far, with the sign that the
+        determinant has at the end of the step.
 
         Parameters
         ----------
@@ -871,13 +872,13 @@ class Collocation:
         # compares its size with the largest one so far, and its sign with that before this
         # step.
         largest, sign_before_step = self._find_size_and_sign(determinants)
-        self.largest_determinant = float(np.copysign(largest, sign_before_step))
-        crossing = step.find_crossing(determinants, self.largest_determinant)
+        self.signed_largest_determinant = float(np.copysign(largest, sign_before_step))
+        crossing = step.find_crossing(determinants, self.signed_largest_determinant)
         if crossing is not None:
             ends_here = not self.problem.passes_crossings
             yield crossing, "singularity" if ends_here else "crossing", ""
             # Only a crossing changes the sign, to that at the end of the step.
-            self.largest_determinant = float(np.copysign(largest, determinants[-1]))
+            self.signed_largest_determinant = float(np.copysign(largest, determinants[-1]))
         # At a zero of the determinant of the inputs' rates by the coordinates, the inputs
         # do not determine the motion (singularity of type II). A single input reverses.
         has_one_input = len(driven) == 1

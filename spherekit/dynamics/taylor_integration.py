@@ -667,13 +667,14 @@ class TaylorIntegration:
 
         # At a zero of its switch condition a load changes abruptly, such as dry friction.
         # A parameter has the sign of the condition, and the integrator has reversed it at
-        # each zero. These signs are read from the integrator, and `_parameters` returns
-        # them with all other parameters.
-        all_parameters = self._all_parameters(integrator)
-        self.switch_signs = all_parameters[self.layout.switch_parameters :]
+        # each zero. These signs are read from the integrator first. `_parameters` then
+        # returns new values of all parameters, with the signs in `switch_signs`.
+        old_parameters = self._all_parameters(integrator)
+        self.switch_signs = old_parameters[self.layout.switch_parameters :]
+        new_parameters = self._parameters(target)
         # The integrator has only the parameters up to the last one that the equation uses.
-        parameters = integrator.parameters
-        parameters[:] = self._parameters(target)[: len(parameters)]
+        used_count = len(integrator.parameters)
+        integrator.parameters[:] = new_parameters[:used_count]
 
     def _reduce_angles(self, values: Floats) -> None:
         """Subtract whole revolutions from angles (variables,) in place, and count them.

@@ -373,6 +373,8 @@ class _GearedMode:
     def type_1_square(self) -> Floats:
         """(n, inputs) squares of `type_1`, continued out of reach with negative values.
 
+        The border of a workspace, at which the square is zero, is searched from both sides.
+
         Entry pairs are the pairs of the mechanism without wheels that are inputs, or that
         inputs drive through the wheels. That mechanism has a measure of type I for each of
         them, with a square that is negative out of reach.
@@ -382,6 +384,7 @@ class _GearedMode:
         derivative of the input by the angle of the entry pair.
         """
         square = self.type_1**2
+        # (inputs, entry pairs) squared derivatives of the inputs by angles of entry pairs.
         squared_ratios = self.kinematics.inverse_ratios**2
         # (n, inputs, entry pairs)
         continuation = self.wheelless_mode.type_1_square[:, None] / squared_ratios

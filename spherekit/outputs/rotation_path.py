@@ -342,19 +342,21 @@ class RotationPath:
         # The first and second derivatives of the variables by theta, and whether the output
         # link turns exactly with the target (`follows`).
         rates = deviation.rates(self.axis)
-        # Reciprocal condition number of the loop equations, together with the three
-        # equations that the output link has the orientation of the target (Frobenius norm).
+        # `system` (n, equations + 3, variables) has the derivatives of the loop equations,
+        # and three rows for the angular velocity of the output link. Its reciprocal
+        # condition number is computed with Frobenius norms.
         norm = np.linalg.norm(deviation.system, axis=(1, 2))
         inverse_norm = np.linalg.norm(deviation.system_inverse, axis=(1, 2))
         condition = 1.0 / (norm * inverse_norm)
         # The nearest configuration is isolated if two numbers are positive: the least
         # second derivative of the squared angle to the target over all motions, and the
-        # reciprocal condition number of the loops. Only the sign matters, so the smaller
-        # one shows whether both are.
+        # reciprocal condition number of the loops. Only signs matter: both are positive if
+        # the smaller one is.
         stability = np.minimum(deviation.least_eigenvalue, deviation.loop_conditioning)
         # The error is the largest of the closure residual and the remaining rotation to the
-        # target. If the target cannot be taken, the gradient of the squared angle to it,
-        # which is zero at the nearest configuration, replaces this rotation.
+        # target. If the target cannot be reached (`exact` is False), the gradient of the
+        # squared angle to it replaces this rotation. It is zero at the nearest
+        # configuration.
         is_nearest = deviation.error(self.exact) < NEAREST_TOLERANCE_RAD
         return PathNodes(
             theta=theta,

@@ -440,8 +440,9 @@ def _find_smallest_part(
         # (Lee and Streinu 2008):
         # - They are rigid: no constraint leads out of the reachable bodies, so constraints
         #   between them take all their pebbles but the three of a rigid body.
-        # - A smaller part is not rigid: some of its pebbles are taken by constraints that
-        #   lead out of it, so those within it leave more than three.
+        # - A smaller part is not rigid: constraints that lead out of it take some of its
+        #   pebbles. Constraints within it take fewer, so that more than three freedoms of
+        #   its bodies remain.
         pebble_game.gather_pebbles(body_a, BODY_FREEDOMS)
         part = pebble_game.reachable_bodies([body_a, body_b])
         parts.append(part)

@@ -39,8 +39,9 @@ def moving_pairs(
     requested_links = frozenset(links)
     needed_groups = placing_groups(mechanism, assembly, requested_links)
     # With all inputs locked and these groups closed, the links are one rigid body. An input
-    # is not needed if they still are when it is not locked. Inputs are left out one after
-    # another, so that of two that could replace each other one remains.
+    # is not needed if the links remain one rigid body when this input is released. Inputs
+    # are released one after another, so that of two that could replace each other one
+    # remains.
     needed_inputs = list(assembly.inputs)
     for pair in assembly.inputs:
         remaining_inputs = [needed for needed in needed_inputs if needed != pair]

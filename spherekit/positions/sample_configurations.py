@@ -196,9 +196,11 @@ def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
                 # result has the row to which each solution belongs, not the sample.
                 closure = group_closure(state, group)
                 solutions = _eliminate_distinct_rows(group, closure, sample)
-                is_complete[sample[~solutions.is_complete]] = False
+                row_is_complete = solutions.is_complete
+                is_complete[sample[~row_is_complete]] = False
                 problem = problem or solutions.problem
-                parent = solutions.sample
+                row_of_solution = solutions.sample
+                parent = row_of_solution
                 rotations = (
                     closure.select_rows(parent).linearise(solutions.values).rotations
                 )

@@ -456,9 +456,12 @@ class ArcEquations:
             # The link of this step is placed on the axes U and W. Its orientation is
             # U a^T + W b^T + (U x W) n^T. U and W have the bounds `first` and `second`, so
             # U x W has their product. The constant vectors a, b and n have lengths of at
-            # most 1 / sine(arc). Each float64 operation rounds by at most one unit
-            # roundoff. The factors with 16 and 64 round up by more than all operations
-            # together.
+            # most 1 / sine(arc).
+            #
+            # Each float64 operation rounds by at most one unit roundoff. The allowance of
+            # 16 in each norm covers the operations of this step, and the later product in
+            # which the norm is a factor. Norms of 1 do not round products. The allowance of
+            # 64 covers the last product.
             sum_of_norms = (first + second + first * second) * (1 + 16 * UNIT_ROUNDOFF)
             norms[step.link] = (
                 sum_of_norms / self._closing_link_placements[step.link].arc_sine

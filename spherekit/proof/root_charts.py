@@ -121,13 +121,16 @@ class ChartRoots:
 
     @staticmethod
     def from_points(points: Complexes, row: Indices) -> "ChartRoots":
-        """Return points in the charts in which their coordinates are at most 1.
+        """Store each coordinate of points as it is, or as its inverse if it exceeds 1.
+
+        Stored numbers therefore have magnitudes of at most 1, also those of coordinates at
+        infinity, whose inverse is 0.
 
         Parameters
         ----------
         points
-            (n, k) e^(i angle) of k unknown angles. Infinite numbers and NaN stand for
-            points at infinity.
+            (n, k) coordinates e^(i angle) of k unknown angles. Infinite numbers and NaN
+            stand for points at infinity.
         row
             (n,) number of the set of given values (inputs, and unknowns of systems that
             were solved before) to which each point belongs.
