@@ -95,7 +95,7 @@ class ArmRates:
 
 @dataclass(frozen=True)
 class DirectionRates:
-    """Slopes of g and signs of rates for a direction (1, slope) from the saddle.
+    """The gradient of g and signs of rates for a direction (1, slope) from the saddle.
 
     A saddle is a configuration in which two curves of configurations cross. Near it they
     are the curves g(u, v) = 0 in two coordinates u and v, with u = v = 0 at the saddle. The
@@ -105,9 +105,9 @@ class DirectionRates:
     Attributes
     ----------
     gradient
-        The slopes g_u and g_v of g by u and by v near the saddle, at points in this
-        direction, divided by their coordinate u. Two balls, numbers with a bound of their
-        error.
+        g_u / u and g_v / u at points (u, slope u) near the saddle, where g_u and g_v are
+        the derivatives of g by u and by v. At the saddle these are 0, and near it about
+        proportional to u. Two balls, numbers with a bound of their error.
     signs
         (variables,) signs of the rates along (-g_v, g_u), 0 if not proven.
     """

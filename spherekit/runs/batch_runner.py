@@ -836,9 +836,9 @@ class BatchRunner:
         -------
         For each input, an object with the attributes of `PoleField`.
         """
-        # `motion_at` has computed these facts already: the rows before or after which a
-        # direction may reverse (stops), the rows whose error bounds are too large for the
-        # kernel (uncertified), and the largest error bounds for each input.
+        # `motion_at` has computed facts about the poles (`PendingPoles`) together with the
+        # motion. One of them is which rows are `uncertified`: their error bounds are so
+        # large that their poles are not taken from the kernel.
         pending = self.pending_poles.pop(id(motion))
         columns = KernelColumns(self.kernel, motion, self.requests, pending.uncertified)
         # `blocks` makes the next block larger if no column of this one was read.
@@ -849,7 +849,8 @@ class BatchRunner:
         ):
             if motion.is_path:
                 # Signs are continued from row to row along a path of samples. Directions
-                # are compared only at the stops, for which `unsigned_poles` computes them.
+                # are compared only at the `stops`, the rows before or after which one may
+                # reverse. `unsigned_poles` computes the directions there.
                 sign_function = continue_signs(
                     motion,
                     input_columns.signed_poles,

@@ -160,12 +160,14 @@ class RunPlan:
         """
         # A `BatchRunner` computes motions by a kernel, a function that evaluates many rows
         # at once. It has stored facts about their poles in `pending_poles`, with the `id`
-        # of the motion as key. The kernel computes such poles when they are read.
+        # of the motion object as key, until this call. The kernel computes such poles when
+        # they are read.
         if isinstance(self.source, BatchRunner) and id(motion) in self.source.pending_poles:
             return self.source.fields(motion, sign_continuations)
         # If a run only measures the size of its tables, the numbers in them do not matter,
         # but they must take as many bytes as the right ones. About `max_poles` poles are
-        # then evaluated. The others get copies of these numbers with different last digits.
+        # then evaluated. The others get copies of these numbers with different last digits,
+        # because a table file stores equal numbers only once.
         if self.max_poles is not None:
             return tuple(
                 evaluate_sample(motion, request, self.max_poles)

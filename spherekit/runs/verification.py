@@ -423,6 +423,8 @@ class Verifier:
         # Rotations are computed on request from the values; joined rows need them stored.
         motion = replace(whole.motion, placed=whole.motion.rotations)
         # For each row of the run the number of its verified row, or -1 if there is none.
+        # They have the same assembly mode and sample. `_find_rows` takes both by name from
+        # a mapping, which is a table elsewhere and the attributes of the motion here.
         verified_row = self._find_rows(vars(motion))
         replaced = np.flatnonzero((verified_row >= 0) & self._has_reference[verified_row])
         # The n rows of the run are followed by the reference rows, which therefore have the
@@ -432,8 +434,8 @@ class Verifier:
         row_numbers = np.arange(row_count)
         row_numbers[replaced] = row_count + verified_row[replaced]
         rows = joined.rows(row_numbers)
-        # A selection of rows counts as one mode with as many samples as rows. Here all rows
-        # are present again, so the motion has the samples of each mode as before.
+        # `rows` returns a motion of one mode, in which each row is a sample. Here the rows
+        # are those of all modes as before, so the number of samples of a mode is restored.
         return replace(rows, motion=replace(rows.motion, samples=motion.samples))
 
     def _compare_table(self, pair: _TablePair) -> Iterator[Facts]:

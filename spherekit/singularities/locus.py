@@ -121,16 +121,17 @@ class SingularityMeasure:
         The derivatives are along the g columns of the basis of the tangent space, which
         are the changes of the configuration that keep the loops closed.
         """
+        # B = E N has the derivative dB = dE N + E dN. N changes because its rates must
+        # continue to close the loops: dN = C N with `rate_corrections` C. Axis 1 of dE and
+        # C has g + 1 directions of change. The last one, a step that closes slightly open
+        # loops, is left out.
         degrees_of_freedom = self.space.dimension
         basis = self.motion_space.basis[:, None]
-        # B changes because E changes, and because N must continue to close the loops
-        # (`rate_corrections`). Axis 1 of both arrays has g + 1 directions of change. The
-        # last one, a step that closes slightly open loops, is left out.
-        derivatives = self.constraint.equation_derivatives(self.space)
-        # (n, g, m, k) derivatives of B.
-        derivatives = derivatives[:, :degrees_of_freedom] @ basis
+        equation_derivatives = self.constraint.equation_derivatives(self.space)
         corrections = self.motion_space.rate_corrections[:, :degrees_of_freedom]
         equations = self.constraint.equations(self.space.linearisation)
+        # (n, g, m, k) derivatives of B.
+        derivatives = equation_derivatives[:, :degrees_of_freedom] @ basis
         derivatives += equations[:, None] @ corrections @ basis
         if not self.changes_sign:
             # `value` is det(B^T B) here. The derivative of B^T B is B'^T B + B^T B', the

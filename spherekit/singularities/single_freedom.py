@@ -421,9 +421,9 @@ class SingleFreedomSingularities:
           relative to r.
 
         c and d follow from pole axes, the axes about which links turn relative to each
-        other. At a singularity of type I y' is zero, so d should vanish. At type II q' is
-        zero, so c should vanish. This is compared with the types that follow from the
-        rates.
+        other. If y' is zero, d should vanish (type I). If q' is zero, c should vanish (type
+        II). In each form the type by c and d is compared with that of the output by the
+        rates. A note explains a difference.
 
         Parameters
         ----------
@@ -453,8 +453,8 @@ class SingleFreedomSingularities:
             speed, _ = links.speeds(pole)
             is_resting[pole] = speed <= REST_ROUNDING_FACTOR * links.rounding
         for relation in self._relations(output, axes.directions):
-            # Error bounds (rad) of all pole axes from which c and d are computed. The poles
-            # of a relation depend on its form.
+            # Error bounds (rad) of all pole axes from which c and d are computed. They are
+            # those of any two of the links of the form.
             errors = [axes.errors[pole] for pole in relation.links.poles]
             relations_by_form.append(
                 compare_with_rates(

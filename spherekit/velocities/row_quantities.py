@@ -61,8 +61,8 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
     - ``condition_number_OUTPUT``: with several inputs, that of the Jacobian of the output's
       rotation by the inputs. With two inputs, an output that points has the Jacobian of its
       direction instead.
-    - ``jacobian_determinant_OUTPUT``: the determinant of this Jacobian, with three inputs
-      or of a direction.
+    - ``jacobian_determinant_OUTPUT``: the determinant of this Jacobian. It exists if there
+      are three inputs, or two inputs and an output that points.
     - ``determinant``: 0 if the inputs do not determine the rates of all variables.
 
     With masses:
