@@ -7,6 +7,7 @@ Calls within spherekit are checked by mypy, so private functions need no decorat
 import contextlib
 import functools
 import inspect
+import re
 from collections.abc import Callable, Iterable
 from typing import Any, ParamSpec, TypeVar, get_type_hints
 
@@ -150,4 +151,10 @@ def _bind_message(
     if unknown and not takes_any_keyword:
         ending = choices(unknown[0], names, "Arguments", MAX_LISTED_ARGUMENTS)
         return f'there is no argument "{unknown[0]}"{ending}'
-    return f"{bind_error}. Arguments: {listing(names, MAX_LISTED_ARGUMENTS)}"
+    # Python's message names a missing argument in single quotes.
+    problem = re.sub(
+        r"missing a required argument: '(\w+)'",
+        r'the argument "\1" is missing',
+        str(bind_error),
+    )
+    return f"{problem}. Arguments: {listing(names, MAX_LISTED_ARGUMENTS)}"

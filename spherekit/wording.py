@@ -33,7 +33,7 @@ def choices(word: object, allowed: Collection[str], what: str, most: int = 12) -
     """Return the end of a message about an unknown word: a suggestion and the choices.
 
     With a suggestion it reads ``; did you mean "12"? Pairs: 12, 23, 34``, otherwise
-    ``; Pairs: 12, 23, 34``.
+    ``. Pairs: 12, 23, 34``.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def choices(word: object, allowed: Collection[str], what: str, most: int = 12) -
     """
     # The suggestion is empty if no allowed word is similar.
     suggestion = nearest(str(word), allowed)
-    beginning = suggestion or ";"
+    beginning = suggestion or "."
     return f"{beginning} {what}: {listing(allowed, most) or 'none'}"
 
 

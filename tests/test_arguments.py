@@ -247,7 +247,7 @@ def test_checked_functions_accept_numpy_numbers_and_lists_and_refuse_other_types
     for wrong in ([3.0], [True], [3, "2"], [3, 2.0, False, None, None, "a"]):
         with pytest.raises(SpherekitError):
             function(*wrong)
-    missing = "function: missing a required argument: 'count'"
+    missing = 'function: the argument "count" is missing'
     with pytest.raises(SpherekitError, match=missing):
         function()
     misspelt = r'function: there is no argument "cnt"; did you mean'

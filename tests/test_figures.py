@@ -600,7 +600,7 @@ def test_an_angle_that_jumps_by_a_turn_interrupts_its_curve():
             {},
             r'no table has both columns: "sigma" is in relation; "ux" is',
         ),
-        (("q", "ux"), {"where": {"link": "5"}}, r"no row has link = '5'; Values: 2, 3, 4"),
+        (("q", "ux"), {"where": {"link": "5"}}, r"no row has link = '5'\. Values: 2, 3, 4"),
         (("q", "ux"), {"where": {"lnk": "4"}}, r'no column "lnk"; did you mean "link"\?'),
         (("q", "ux"), {"table": "polse"}, r'no table "polse"; did you mean "poles'),
         (("q",), {"where": {"link": "4"}}, r"give the columns x and y"),

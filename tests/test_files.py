@@ -90,7 +90,7 @@ def test_a_byte_that_is_not_utf8_is_reported_with_line_and_offset(tmp_path):
     with pytest.raises(FileError) as caught:
         load(path)
     offset = len(start) + 9
-    expected = f"{path}:46: not UTF-8: byte 0xff at offset {offset}"
+    expected = f"{path}:46: the file is not UTF-8: byte 0xff at offset {offset}"
     assert expected in str(caught.value)
 
 
@@ -107,7 +107,7 @@ def test_a_large_file_is_refused_before_it_is_parsed(tmp_path, monkeypatch):
     with path.open("wb") as stream:
         stream.truncate(50_000_000)
     monkeypatch.setattr("tomllib.loads", None)
-    with pytest.raises(FileError, match=f"has 50000000 bytes; at most {MAX_BYTES}"):
+    with pytest.raises(FileError, match=f"found 50000000 bytes, but at most {MAX_BYTES}"):
         load(path)
     with pytest.raises(FileError, match="characters"):
         loads("#" * (MAX_BYTES + 1))

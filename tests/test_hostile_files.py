@@ -86,12 +86,12 @@ def test_what_is_refused_and_what_is_not(outcomes):
 
 def test_limits_are_told(outcomes):
     for name, words in {
-        "many pairs": "keys and tables, at most 30000 are read",
-        "long links": "values, at most 200000 are read",
-        "file sparse": "has 100000000 bytes; at most 4194304 are read",
+        "many pairs": "keys and tables, but at most 30000 are read",
+        "long links": "values, but at most 200000 are read",
+        "file sparse": "found 100000000 bytes, but at most 4194304 are read",
         "file pipe": "not a regular file",
         "file /dev/zero": "not a regular file",
-        "deep arrays": "hostile.toml:27: nested too deeply; at most 32 levels",
+        "deep arrays": "27: the tables and arrays are nested too deeply; at most 32",
         "signs": "hostile.toml:28: loads.l.torque: in the expression, column 151",
     }.items():
         assert words in outcomes[name][1]

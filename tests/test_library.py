@@ -99,7 +99,9 @@ def test_broken_packs_are_listed_with_their_faults_and_leave_others_usable(insta
 def test_a_name_that_several_packs_ship_is_refused(install):
     install("sk_one", ["same.toml"])
     install("sk_two", ["same.toml"])
-    with pytest.raises(FileError, match=r"shipped by several packs; give a path: .*sk_one"):
+    with pytest.raises(
+        FileError, match=r"is in several packs; give one of their paths: .*sk_one"
+    ):
         find("same")
 
 
@@ -134,7 +136,7 @@ def test_an_unknown_path_is_refused_with_the_nearest_file_of_its_folder(tmp_path
 
 
 def test_a_path_in_an_unknown_folder_is_refused(tmp_path):
-    with pytest.raises(FileError, match="nor is its folder"):
+    with pytest.raises(FileError, match="and its folder"):
         find(tmp_path / "none" / "x.toml")
 
 

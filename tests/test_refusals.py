@@ -123,7 +123,7 @@ HUGE = [
     ("180.0", NINES_400, ["x.toml:24: pairs.21.zero: found a huge"]),
     ("180.0", NINES_10000, ["x.toml:24: ", "too many digits"]),
     ("180.0", "0x" + NINES_10000, ["x.toml:24: pairs.21.zero: "]),
-    ('"free"', NESTED_LISTS, ["x.toml:45: nested too", "32"]),
+    ('"free"', NESTED_LISTS, ["x.toml:45: the tables and arrays are nested too", "32"]),
 ]
 """Passages of a valid file, what replaces them, and fragments of the message."""
 

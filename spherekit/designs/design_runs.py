@@ -616,7 +616,7 @@ def _column_units(merit: FigureOfMerit, analyses: Analyses, study: Study) -> Uni
     if table not in tables:
         raise DesignError(
             f'{merit.name}: {analysis} has no table "{table}"'
-            f"{choices(table, tables, 'it has')}"
+            f"{choices(table, tables, 'Its tables')}"
         )
     columns = tables[table].columns
     names = [column.name for column in columns]

@@ -188,7 +188,7 @@ class DesignSpace:
             scheme = "grid" if count is None else "sobol"
         if scheme not in SCHEMES:
             raise DesignError(
-                f'scheme "{scheme}" is not known{choices(scheme, SCHEMES, "allowed")}'
+                f'scheme "{scheme}" is not known{choices(scheme, SCHEMES, "Allowed")}'
             )
         if scheme == "grid":
             if count is not None:

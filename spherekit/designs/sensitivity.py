@@ -153,7 +153,7 @@ class Sensitivity:
             if name not in possible:
                 raise DesignError(
                     f'{mechanism.name}: "{name}" is not a quantity of its configurations'
-                    f"{nearest(name, possible) or ';'} examples: theta_PAIR, rate_PAIR and "
+                    f"{nearest(name, possible) or '.'} Examples: theta_PAIR, rate_PAIR and "
                     "velocity_coefficient_LINK_OTHER"
                 )
 
@@ -353,7 +353,7 @@ class Sensitivity:
                 raise DesignError(
                     f"{self.mechanism.name}: a deviation is given for {key}, but "
                     "derivatives with respect to it are not requested"
-                    f"{choices(key, self.keys, 'requested')}"
+                    f"{choices(key, self.keys, 'Requested')}"
                 )
         deviations = np.where(self._is_mass_or_load, 0.0, size)
         for key, deviation in singly.items():

@@ -376,7 +376,7 @@ class StoredHeading:
         """
         return SolveError(
             f'{self.mechanism}: {description}"{name}" is not stored'
-            f"{choices(name, stored, 'Stored are')}"
+            f"{choices(name, stored, 'Stored')}"
         )
 
     def reduce_to_range(self, x: float) -> tuple[float, int]:

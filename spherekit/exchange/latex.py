@@ -177,10 +177,10 @@ def _select_expressions(
         if not matching_names:
             # Text such as '; did you mean "theta_21"?', empty if no name is similar.
             suggestion = nearest(name, quantities)
-            separator = suggestion if suggestion else ";"
+            separator = suggestion if suggestion else "."
             raise EngineError(
                 f'{mechanism.name}: "{name}" cannot be exported as LaTeX'
-                f"{separator} available: {listing(quantities)}"
+                f"{separator} Available: {listing(quantities)}"
             )
         for matching_name in matching_names:
             expressions += quantities[matching_name]

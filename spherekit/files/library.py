@@ -101,7 +101,9 @@ def find(name_or_path: AnyPath) -> Path:
     """
     text = os.fspath(name_or_path)
     if _CONTROL.search(text):
-        raise FileError(f"{ascii(text)[:200]}: not a usable path: control characters")
+        raise FileError(
+            f"{ascii(text)[:200]}: this cannot be a path, because it has control characters"
+        )
     path = Path(text)
     packs = shipped() if isinstance(name_or_path, str) and _is_name(text) else ()
     pack_paths = [pack.path(text) for pack in packs]
@@ -110,14 +112,15 @@ def find(name_or_path: AnyPath) -> Path:
         return shipped_paths[0]
     if shipped_paths:
         raise FileError(
-            f'"{text}" is shipped by several packs; give a path: {listing(shipped_paths)}'
+            f'"{text}" is in several packs; give one of their paths: '
+            f"{listing(shipped_paths)}"
         )
     try:
         if path.exists():
             return path
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise FileError(f"{ascii(text)[:200]}: not a usable path: {reason}") from None
+        raise FileError(f"{ascii(text)[:200]}: this cannot be a path: {reason}") from None
     raise FileError(_not_found_message(path, shipped()))
 
 
@@ -209,7 +212,7 @@ def _not_found_message(path: Path, packs: tuple[Pack, ...]) -> str:
             file.name for file in folder.iterdir() if file.name.endswith(_SUFFIX)
         )
     except OSError:
-        return f"{path}: not found; nor is its folder {folder} readable"
+        return f"{path}: not found, and its folder {folder} cannot be read"
     hint = nearest(path.name, nearby_files) or nearest(path.stem, [*names, *studies])
     message = f"{path}: not found{hint or '.'}"
     if nearby_files:

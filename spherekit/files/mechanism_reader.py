@@ -96,7 +96,7 @@ def load(name_or_path: AnyPath) -> Mechanism:
     path = find(name_or_path)
     if is_study(path):
         raise FileError(
-            f"{path}: is a study, not a mechanism; read it with load_study, or run it "
+            f"{path}: this is a study, not a mechanism; read it with load_study, or run it "
             "with spherekit run"
         )
     return loads(read_text(path), str(path))
@@ -441,13 +441,18 @@ class _MechanismReader:
         pose_paths = self.paths_of("pairs", _POSE_KEYS)
         if size_paths and pose_paths:
             first, second = sorted((size_paths[0], pose_paths[0]), key=self.document.line)
+            first_form, second_form = (
+                ("sizes", "reference-pose")
+                if first in size_paths
+                else ("reference-pose", "sizes")
+            )
             self.fail(
                 second,
-                f"two geometries: {'.'.join(map(str, first))} (line "
-                f"{self.document.line(first)}) belongs to the "
-                f"{'sizes' if first in size_paths else 'reference-pose'} form, this key to "
-                "the other; keep the sizes (axes, arcs, angles in links, zero in "
-                "pairs) or the reference pose (xyz or lonlat and value in pairs)",
+                "the file mixes two forms of geometry: "
+                f"{'.'.join(map(str, first))} (line {self.document.line(first)}) belongs "
+                f"to the {first_form} form, but this key belongs to the {second_form} "
+                "form. Keep either the sizes (axes, arcs and angles of links, zero of "
+                "pairs) or the reference pose (xyz or lonlat, and value, of pairs)",
             )
         # A reference pose: the axes of pairs, and the variables that they have in the pose.
         if pose_paths:
@@ -475,8 +480,8 @@ class _MechanismReader:
             if "axes" not in links[link]:
                 self.fail(
                     ("links", link),
-                    "the key axes is missing; it lists the names of the R pairs on the "
-                    "link",
+                    'the key "axes" is missing; add it. It lists the names of the R pairs '
+                    "on the link",
                 )
             sizes[link] = construct_element(LinkSizes, links[link])
         return SizeGeometry(sizes, _numbers(pairs, "zero"))

@@ -163,7 +163,7 @@ def _input_tables(name: str, inputs: TablesOrNames | str) -> Tables:
             if len(item) != 2:
                 raise ModelError(
                     f"{name}: inputs.{pair}: has {counted(len(item), 'value')}, needs "
-                    "2: the first and the last of the variable"
+                    "2: the first and the last value of the pair variable"
                 )
             tables[pair] = {"from": item[0], "to": item[1]}
         else:

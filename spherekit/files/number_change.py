@@ -136,7 +136,7 @@ def number_path(document: Document, key: str) -> KeyPath:
     # else, as "links.2.arcs" leads to a list. The message then suggests the most similar
     # key of a number, and lists the keys that begin alike, here with "links.2.arc".
     suggestion = nearest(key, path_by_key)  # a question to the user, or ""
-    problem = f'"{key}" is not a number{suggestion or ";"}'
+    problem = f'"{key}" is not a number{suggestion or "."}'
     prefix = key.removesuffix("s") if suggestion else key
     # If a part of the key does not exist, the message names the first such part instead.
     path: KeyPath = ()
@@ -145,7 +145,7 @@ def number_path(document: Document, key: str) -> KeyPath:
         if part not in value:
             where = f"{key_path_text(path)}: " if path else ""
             suggestion = nearest(part, value)
-            problem = f'{where}there is no "{part}"{suggestion or ";"}'
+            problem = f'{where}there is no "{part}"{suggestion or "."}'
             prefix = ".".join(map(str, path))
             break
         path = (*path, part)
@@ -158,7 +158,7 @@ def number_path(document: Document, key: str) -> KeyPath:
         other_key for other_key in reversed(path_by_key) if other_key.startswith(prefix)
     ]
     raise FileError(
-        f"{document.name}: {problem} available: "
+        f"{document.name}: {problem} Available: "
         f"{listing(alternatives or [*value]) or 'none'}"
     )
 

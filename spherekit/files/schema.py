@@ -309,14 +309,15 @@ def _check_format_version(document: Document) -> None:
     """Raise `FileError` unless this version reads the format that a document names."""
     if "format" not in document.data:
         raise FileError(
-            f"{document.name}:1: format: missing; files start with format = {FORMAT}"
+            f'{document.name}:1: the key "format" is missing; begin the file with '
+            f"format = {FORMAT}"
         )
     version = document.data["format"]
     if type(version) is not int or version != FORMAT:
         raise document.fault(
             ("format",),
-            f"found {shown(version)}, needs {FORMAT}: this version of spherekit reads "
-            f"{FORMAT}; a greater one needs a newer spherekit",
+            f"found {shown(version)}, needs {FORMAT}. This version of spherekit reads "
+            f"format {FORMAT}; a later format needs a newer version of spherekit",
         )
 
 
@@ -326,7 +327,7 @@ def _unusable_numbers(data: Table) -> Iterator[_Fault]:
         if isinstance(value, float) and not math.isfinite(value):
             yield path, f"found {float(value)}, needs a finite number"
         elif isinstance(value, int) and value.bit_length() > MAX_INTEGER_BITS:
-            yield path, f"found {shown(value)}, needs a number of ordinary size"
+            yield path, f"found {shown(value)}, needs an integer below 2^{MAX_INTEGER_BITS}"
 
 
 def _explain_error(error: Any, kind: Kind) -> Iterator[_Fault]:
@@ -357,16 +358,16 @@ def _explain_error(error: Any, kind: Kind) -> Iterator[_Fault]:
         declared_keys = error.schema["properties"]
         for key in value:
             if key not in declared_keys:
-                ending = choices(key, declared_keys, f"allowed {where}", 20)
+                ending = choices(key, declared_keys, f"Allowed {where}", 20)
                 yield (*path, key), f"unknown key{ending}"
     elif rule == "required":
         for key in limits:
             if key not in value:
-                description = _description_of_key(key, error.schema, kind)
-                yield path, f"the key {key} is missing{description}"
+                meaning = _meaning_of_key(key, error.schema, kind)
+                yield path, f'the key "{key}" is missing; add it{meaning}'
     elif rule == "type":
         types = " or ".join(_TYPE_WORDS[name] for name in limits)
-        yield path, mismatch(value, types) + _description(error.schema)
+        yield path, mismatch(value, types) + _meaning(error.schema)
     elif rule in ("enum", "const"):
         # Truth values are written as in TOML: true, not True.
         hint = nearest(value, limits) if isinstance(value, str) else ""
@@ -386,18 +387,18 @@ def _explain_error(error: Any, kind: Kind) -> Iterator[_Fault]:
         most = error.schema.get(f"max{quantity}")
         needs = f"{limit}" if least == most else f"{bound} {limit}"
         has = counted(len(value), _COUNTED_WORDS[quantity])
-        yield path, f"has {has}, needs {needs}{_description(error.schema)}"
+        yield path, f"has {has}, needs {needs}{_meaning(error.schema)}"
     elif rule in ("minimum", "maximum"):
         yield path, f"found {shown(value)}, needs {bound} {limit:g}"
     elif rule == "uniqueItems":
         repeated = next(item for item in value if value.count(item) > 1)
-        yield path, f"{shown(repeated)} is given twice; list each once"
+        yield path, f"{shown(repeated)} is listed twice; list each name once"
     else:
         yield path, str(error.message)[:200]
 
 
-def _description_of_key(key: str, part: Table, kind: Kind) -> str:
-    """Return the description of a key that a file lacks, as the end of a message.
+def _meaning_of_key(key: str, part: Table, kind: Kind) -> str:
+    """Return the meaning of a key that a file lacks, as the end of a message.
 
     Parameters
     ----------
@@ -412,14 +413,27 @@ def _description_of_key(key: str, part: Table, kind: Kind) -> str:
     whole_schema = schema(kind)
     for table in (part, *whole_schema["$defs"].values(), whole_schema):
         if key_rules := table.get("properties", {}).get(key):
-            return _description(key_rules)
+            return _meaning(key_rules)
     return ""
 
 
-def _description(part: Table) -> str:
-    """Return the description of a part of the schema, as the end of a message."""
-    text = str(part.get("description", ""))
-    return f": {text[0].lower()}{text[1:].rstrip('.')}" if text else ""
+def _meaning(part: Table) -> str:
+    """Return the description of a part of the schema, as the last sentence of a message.
+
+    The description states for pages that a value has no unit, or is true or false. A
+    message does not repeat this. It adds the allowed words, if there are some.
+    """
+    if "pattern" in part:  # a name
+        return f"; {_NAME_RULE}"
+    text = str(part.get("description", "")).rstrip(".")
+    if not text:
+        return ""
+    for remark in (" (no unit)", " (true or false)"):
+        text = text.replace(remark, "")
+    allowed_words = part.get("enum", [])
+    has_all_words = all(word in text for word in allowed_words)
+    allowed = "" if has_all_words else f". Allowed: {listing(allowed_words)}"
+    return f". Meaning: {text[0].lower()}{text[1:]}{allowed}"
 
 
 def _type_name(value: object) -> str:

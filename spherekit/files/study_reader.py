@@ -23,7 +23,7 @@ from spherekit.mechanism.elements import Input
 from spherekit.mechanism.locking import lock
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.quantity import AngleUnit
-from spherekit.wording import choices, listing
+from spherekit.wording import choices, counted, listing
 
 Subject = Study | Mechanism | str | os.PathLike[str]
 """A study, a mechanism, or the path or shipped name of either."""
@@ -74,7 +74,7 @@ def _mechanism_of(document: Document, folder: Path) -> Mechanism:
         raise document.fault(("mechanism",), str(error)) from None
     if is_study(path):
         raise document.fault(
-            ("mechanism",), f'found "{name}", a study; needs a mechanism file'
+            ("mechanism",), f'found "{name}", which is a study; needs a mechanism file'
         )
     return load(path)
 
@@ -172,7 +172,7 @@ class _StudyReader:
             if pair in input_tables and study_input.start == study_input.stop:
                 raise self.document.fault(
                     ("inputs", pair),
-                    "the range from `from` to `to` is empty, both are "
+                    "the range is empty, because `from` and `to` are both "
                     f"{study_input.start:.6g} rad; give a greater or smaller `to`",
                 )
             inputs.append(study_input)
@@ -184,8 +184,8 @@ class _StudyReader:
         if isinstance(samples, tuple) and len(samples) != len(mechanism.inputs):
             raise self.document.fault(
                 ("samples",),
-                f"has {len(samples)} numbers for {len(mechanism.inputs)} inputs "
-                f"({listing(mechanism.input_pairs)})",
+                f"has {counted(len(samples), 'number')}, needs {len(mechanism.inputs)}: "
+                f"one for each input ({listing(mechanism.input_pairs)})",
             )
         return samples
 
@@ -214,8 +214,8 @@ class _StudyReader:
             if "values" not in table:
                 raise fault(
                     path if item.pair in input_tables else ("inputs",),
-                    f"input {item.pair} has no values, but another input has; give values "
-                    "for every input",
+                    f"input {item.pair} has no values, but another input has values; give "
+                    "values for every input",
                 )
             for key in ("from", "to"):
                 if key in table:
@@ -229,7 +229,7 @@ class _StudyReader:
             if columns and len(column) != len(columns[0]):
                 raise fault(
                     (*path, "values"),
-                    f"has {len(column)} values, input {mechanism.inputs[0].pair} has "
+                    f"has {len(column)} values, but input {mechanism.inputs[0].pair} has "
                     f"{len(columns[0])}; give the same number of values for each input",
                 )
             columns.append(column)
@@ -269,7 +269,7 @@ class _StudyReader:
             if first > 0 or last < duration:
                 raise self.document.fault(
                     (*path, "times"),
-                    f"has {first:g} to {last:g} s, but the study lasts from 0 to "
+                    f"covers {first:g} to {last:g} s, but the study lasts from 0 to "
                     f"{duration:g} s; add rows, or change the duration",
                 )
         return law
@@ -281,6 +281,6 @@ class _StudyReader:
             return None
         if not output[key].isprintable():
             raise self.document.fault(
-                ("output", key), f"{output[key]!a}: not a usable path"
+                ("output", key), f"found {output[key]!a}, which cannot be a path"
             )
         return Path(output[key])

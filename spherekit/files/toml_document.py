@@ -50,10 +50,17 @@ _PARSER_MESSAGE = re.compile(
 _REPEATED_TABLE = re.compile(r"Cannot declare \((.*?),?\) twice", re.S)
 
 _SYNTAX_HINTS = (
-    ("^Cannot overwrite", "; this key is given twice; keys are unique"),
-    (r"(?<![\w.])\.\d", "; a number starts with a digit: write 0.5, not .5"),
-    (r"\d\.(?!\d)", "; a number has digits after its point: write 5.0 or 5, not 5."),
-    (r"=\s*(True|False)\b", "; write true or false in small letters"),
+    ("^Cannot overwrite", "; this key is given twice: remove one of the two"),
+    (r"(?<![\w.])\.\d", "; a number must start with a digit: write 0.5, not .5"),
+    (
+        r"\d\.(?!\d)",
+        "; a number needs digits after its decimal point: write 5.0 or 5, not 5.",
+    ),
+    (r"=\s*(True|False)\b", "; true and false are written in small letters"),
+    (
+        r"^Illegal character '\\n'",
+        '; a text ends in the line in which it begins: add the "',
+    ),
     (r"=\s*[A-Za-z_]", '; text needs quotes: write "R", not R'),
 )
 """Patterns of the parser's message followed by the faulty line, and a hint for each."""
@@ -200,7 +207,7 @@ def read_text(path: Path) -> str:
     """
     try:
         if path.is_dir():
-            raise FileError(f"{path}: is a folder; name a file in it")
+            raise FileError(f"{path}: this is a folder; give a file in it")
         data = read_pipe(path, MAX_BYTES + 1)
         if data is not None:
             return _decode(data, str(path))
@@ -214,15 +221,15 @@ def read_text(path: Path) -> str:
         with open(handle, "rb") as stream:  # noqa: PTH123 (an open descriptor)
             status = os.fstat(handle)
             if not stat.S_ISREG(status.st_mode):
-                raise FileError(f"{path}: is a device or a pipe, not a regular file")
+                raise FileError(f"{path}: this is a device or a pipe, not a regular file")
             data = stream.read(MAX_BYTES + 1)
     except OSError as error:
         raise FileError(f"{path}: cannot be read: {error.strerror}") from None
     size = max(status.st_size, len(data))
     if size > MAX_BYTES:
         raise FileError(
-            f"{path}: has {size} bytes; at most {MAX_BYTES} are read, and a mechanism "
-            "file needs far fewer: is it another file?"
+            f"{path}: found {size} bytes, but at most {MAX_BYTES} are read. A mechanism "
+            "file needs far fewer; check whether this is the right file"
         )
     return _decode(data, str(path))
 
@@ -245,23 +252,30 @@ def parse(text: str, name: str) -> Document:
     """
     # Refuse texts that are much larger than any mechanism.
     if len(text) > MAX_BYTES:
-        raise FileError(f"{name}: has {len(text)} characters, at most {MAX_BYTES}")
+        raise FileError(
+            f"{name}: found {len(text)} characters, but at most {MAX_BYTES} are read"
+        )
     text = text.replace("\r\n", "\n").removeprefix("\ufeff")
     # Each part of a dotted key (a.b.c) is a level of nesting. Keys with very many parts are
     # refused before parsing, whose time grows with the square of their number.
     if long_key := _LONG_KEY.search(text):
         line = text.count("\n", 0, long_key.start()) + 1
-        raise FileError(f"{name}:{line}: a key has over {MAX_NESTING} dotted parts")
+        raise FileError(
+            f"{name}:{line}: a key has too many parts between dots; at most {MAX_NESTING} "
+            "are allowed"
+        )
     # The counts of "=" and "," are upper bounds of the numbers of keys and values, because
     # strings can contain these characters too.
     key_count = text.count("=") + len(_HEADER.findall(text))
     if key_count > MAX_KEYS:
         raise FileError(
-            f"{name}: has {key_count} keys and tables, at most {MAX_KEYS} are read"
+            f"{name}: found {key_count} keys and tables, but at most {MAX_KEYS} are read"
         )
     value_count = text.count(",")
     if value_count > MAX_VALUES:
-        raise FileError(f"{name}: has {value_count} values, at most {MAX_VALUES} are read")
+        raise FileError(
+            f"{name}: found {value_count} values, but at most {MAX_VALUES} are read"
+        )
 
     # Parse the text, and convert the errors of the parser to messages with a line.
     try:
@@ -273,12 +287,15 @@ def parse(text: str, name: str) -> Document:
         depths = [line.count("[") + line.count("{") for line in text.split("\n")]
         line = depths.index(max(depths)) + 1
         raise FileError(
-            f"{name}:{line}: nested too deeply; at most {MAX_NESTING} levels"
+            f"{name}:{line}: the tables and arrays are nested too deeply; at most "
+            f"{MAX_NESTING} levels are allowed"
         ) from None
     except (ValueError, OverflowError):
         digits = _HUGE_INTEGER.search(text)
         line = text.count("\n", 0, digits.start()) + 1 if digits else 1
-        raise FileError(f"{name}:{line}: a value cannot be read: too many digits") from None
+        raise FileError(
+            f"{name}:{line}: an integer has too many digits; correct it"
+        ) from None
 
     # The nesting of tables and arrays is limited. A path has one part for each key and for
     # each index in an array. Numbers and texts in an array have an index, but are not a
@@ -291,7 +308,9 @@ def parse(text: str, name: str) -> Document:
         if len(path) > MAX_NESTING and is_level:
             # The message names only the beginning of the long path.
             raise document.fault(
-                path[:3], f"nested too deeply; at most {MAX_NESTING} levels"
+                path[:3],
+                "the tables and arrays are nested too deeply; at most "
+                f"{MAX_NESTING} levels are allowed",
             )
     return document
 
@@ -317,8 +336,8 @@ def _decode(data: bytes, name: str) -> str:
         is_utf16 = data.startswith((b"\xff\xfe", b"\xfe\xff"))
         guess = "it looks like UTF-16; " if is_utf16 else ""
         raise FileError(
-            f"{name}:{line}: not UTF-8: byte 0x{data[error.start]:02x} at offset "
-            f"{error.start}; {guess}save the file as UTF-8"
+            f"{name}:{line}: the file is not UTF-8: byte 0x{data[error.start]:02x} at "
+            f"offset {error.start}; {guess}save the file as UTF-8"
         ) from None
 
 
@@ -352,10 +371,10 @@ def _syntax_message(text: str, name: str, parser_message: str) -> str:
     if repeated:
         path = tuple(re.findall(r"'([^']*)'", repeated[1]))
         first_line = locate_keys("\n".join(lines[: line - 1])).get(path, 0)
-        first = f", first on line {first_line}" if first_line else ""
+        first = f" (first on line {first_line})" if first_line else ""
         return (
-            f"{name}:{line}: {key_path_text(path)}: is given twice{first}; names are "
-            f"unique ({problem})"
+            f"{name}:{line}: {key_path_text(path)}: this table is given twice{first}; "
+            "give one of the two another name, or remove it"
         )
     # Look for signs of a common mistake in the problem and in the line. Strings and
     # comments are removed, because they can contain any text.

@@ -236,7 +236,7 @@ def resize_link(
         # Arcs lead to all axes but the first one, angles to all but the first two.
         pairs = link.axes[1 if kind == "arcs" else 2 :]
         for name in new_sizes.keys() - set(pairs):
-            hint = choices(name, pairs, f"{kind} lead to")
+            hint = choices(name, pairs, f"{kind.capitalize()} lead to")
             raise ModelError(f'{where}: none of the {kind} leads to pair "{name}"{hint}')
         sizes = dict(zip(pairs, getattr(link, kind), strict=True))
         sizes |= {name: to_radians(size, unit) for name, size in new_sizes.items()}

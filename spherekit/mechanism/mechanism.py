@@ -649,7 +649,7 @@ def _check_names(where: str, mechanism: Mechanism) -> None:
                 )
             if times > 1:
                 raise ModelError(
-                    f'{where}: {what} "{name}" is given twice; names are unique'
+                    f'{where}: {what} "{name}" is given twice; rename one of them'
                 )
     for reference in _name_references(mechanism):
         names = mechanism.links if reference.what == "link" else [*mechanism.pair_number]

@@ -673,11 +673,11 @@ def _find_pair(kinematics: LimitedOutput, option: str, name: str) -> int:
     """
     carrying_numbers = kinematics.carrying.pair_number
     if name not in carrying_numbers:
-        # A text such as `; did you mean "41"?`, which is empty if no name is similar. A
-        # semicolon then divides the two parts of the message.
+        # A text such as `; did you mean "41"?`, which is empty if no name is similar. The
+        # list of pairs is then a sentence of its own.
         suggestion = nearest(name, carrying_numbers)
         reason = (
-            f'{option}: no pair is named "{name}"{suggestion or ";"} '
+            f'{option}: no pair is named "{name}"{suggestion or "."} '
             f"Pairs: {listing(carrying_numbers)}"
         )
         if name in kinematics.mechanism.pair_number:

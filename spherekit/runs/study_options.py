@@ -77,7 +77,7 @@ def apply_study_options(
         if name not in allowed:
             raise AnalysisError(
                 f'{function}: there is no option "{name}"'
-                f"{choices(name, sorted(allowed), 'options', len(allowed))}"
+                f"{choices(name, sorted(allowed), 'Options', len(allowed))}"
             )
     study = read_study(subject)
     class_options: Facts = {}

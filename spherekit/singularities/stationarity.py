@@ -248,7 +248,7 @@ def _unit_direction(
         if pointing not in axes:
             raise AnalysisError(
                 f'{mechanism.name}: no R pair "{pointing}" is on link {link}'
-                f"{nearest(pointing, axes) or ';'} R pairs: {', '.join(axes)}"
+                f"{nearest(pointing, axes) or '.'} R pairs: {', '.join(axes)}"
             )
         vector = axes[pointing]
     else:

@@ -80,7 +80,7 @@ def evaluate(
         # `nearest` returns a suggestion that begins with a semicolon, or an empty text.
         raise SolveError(
             f'{motion.mechanism.name}: "{route}" is not a route'
-            f"{nearest(str(route), ROUTES) or ';'} Routes: {listing(ROUTES)}"
+            f"{nearest(str(route), ROUTES) or '.'} Routes: {listing(ROUTES)}"
         )
     with np.errstate(all="ignore"):
         field = evaluate_unsigned(motion, request, engine, route)
