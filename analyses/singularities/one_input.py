@@ -547,7 +547,8 @@ class OneInput:
         curves = points["curve"].tolist()
         # The relation can be written in two forms with different pole axes. y' is the rate
         # of o relative to s in form i, and relative to r in form ii. Form ii exists unless
-        # o is i or r. The forms are listed in this order, and the last one is drawn.
+        # o is i or r. It is drawn if it exists, otherwise form i. (Both are listed in the
+        # order i, ii.)
         six_poles: list[SixPoles] = []
         for curve, s, name in zip(curves, points["s"], points["output"], strict=True):
             output = self.names.index(name)

@@ -270,8 +270,8 @@ class Sampler:
             # A load may be a sum of components, such as the x, y and z parts of a force,
             # each with the velocity on which it works. The error of a function is judged
             # relative to its scale, the largest absolute value. Functions with the same
-            # `vector` share the largest of their scales. Along a curve these are the
-            # components of one load. Over a box each component has a scale of its own.
+            # `vector` share the largest of their scales. Along a curve, the components of
+            # one load have the same `vector`. Over a box it is empty: nothing is shared.
             vector = f"load {self.loads.names[load]}" if heading.is_curve else ""
             for name in heading.by_coordinates(velocity_name):
                 kind = FunctionKind.LOAD_VELOCITY

@@ -516,6 +516,7 @@ def _compute_configuration(
             "rad "
             f"({status.name}): {STATUS_MEANING[status]}"
         )
+    # `find_mode_index` also accepts names of modes, so the number is read from the mode.
     number = motion.assembly_modes[row].number
     solver = position_analysis.solver
     values = motion.values[row].copy()

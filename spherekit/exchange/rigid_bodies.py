@@ -92,7 +92,8 @@ class RigidBodies(NamedTuple):
         Hinges of the tree, depth first, so that each subtree is in one piece. Pinocchio
         assumes this order. After them come hinges of couplers. A coupler is a body that
         replaces the contact of two circles that slide on each other, because their centres
-        keep their distance. This hinge joins the first link to it at the first centre.
+        keep their distance. A hinge at the first centre joins the coupler to the first
+        link.
     bodies
         Body k is the child of hinge k. A coupler has ground axes as its own.
     loop_hinges
@@ -105,9 +106,9 @@ class RigidBodies(NamedTuple):
     has_made_up_masses
         Whether the mechanism has no masses and its links were given some.
     light_ends
-        Links without mass that have only links without mass after them in the tree, or no
-        links. They were given more inertia than other links without mass, because engines
-        close a loop less exactly at a light body.
+        Links without mass at the ends of the tree: no link with mass comes after them. They
+        were given more inertia than other links without mass, because engines close a loop
+        less exactly at a light body.
     """
 
     mechanism: Mechanism

@@ -385,8 +385,9 @@ class Mechanism:
         # Pairs without a range are driven through one turn.
         one_turn_inputs = (Input(self.pair(name).name, 0.0, ONE_TURN_RAD) for name in names)
         inputs = tuple(input_by_pair.get(item.pair, item) for item in one_turn_inputs)
-        # The same mechanism is returned if nothing changes. If all inputs are default ones,
-        # a new mechanism declares them. Inputs compare as equal whether declared or not.
+        # The same mechanism is returned if nothing changes. Default inputs compare as equal
+        # to declared ones. If all inputs are default ones, a new mechanism is made
+        # nevertheless, which declares them.
         if declared_names and inputs == self.inputs:
             return self
         # A named assembly mode is given by angles of some pairs, among them all declared

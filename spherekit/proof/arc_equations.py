@@ -183,7 +183,8 @@ class ArcEquations:
         # input 0.
         self.follower_offsets: dict[int, Ball] = {}
         if not construction.follower_pairs:
-            # The angle of the input comes first, then those of the followers.
+            # The angle of the input comes first, then those of the followers. Without
+            # followers there may be several inputs, whose values are not needed.
             _input, *angles = decimal_mechanism.known_angles([exact_ball(0.0)])
             followers = decimal_mechanism.structure.followers
             self.follower_offsets = dict(zip(followers, angles, strict=True))

@@ -398,7 +398,10 @@ class CurveSearch:
                 continue
             # The arc has to be outside the range: above it (side 1) if the input grows
             # along the arm (sign 1), below it (side -1) if the input decreases (sign -1).
-            side = self.side(piece.centre[-1], 0.0)
+            # The input's variable is the last one.
+            input_variable = piece.centre[-1]
+            no_margin = 0.0
+            side = self.side(input_variable, no_margin)
             if use.input_sign * side > 0:
                 self._set_chains([*self.chains, Chain((piece,), closed=False)])
 

@@ -327,9 +327,10 @@ def _ends_in_range(sampled: SampledSingularities, number: int) -> tuple[Floats, 
 
     The curve consists of pieces, each of which is one assembly mode. An end of a piece is
     an end of the range if its input is the lowest or the highest. A range of whole periods
-    has no ends, because configurations repeat. The ends of an open curve are included too.
-    However, a curve that is crossed at an end stops a little before the crossing. No end of
-    the curve is then included, even if the other end is not at a crossing.
+    has no ends, because configurations repeat. The ends of an open curve are included too,
+    but only if it has no end at a crossing. A curve that is crossed at an end stops a
+    little before the crossing, so that the measure there is not that of an end. Its other
+    end is left out as well.
 
     Parameters
     ----------

@@ -230,9 +230,9 @@ class KinematicStructure:
         pair_variables = self.mechanism.variables_of(pair)
         index = pair_variables.index(variable)
         # The rotation from the link of the profile to the frame at the contact. It has
-        # three factors: a constant rotation to the frame of the circle, whose z axis is the
-        # axis of the circle; a rotation about z that depends on the variable; and another
-        # constant rotation.
+        # three factors: a constant matrix, whose columns are the axes of the frame of the
+        # circle in link axes, the third one being the axis of the circle; a rotation about
+        # this axis that depends on the variable; and another constant matrix.
         chain = sides[index].chain
         (rotation,) = chain.rotations
         # The vector of a rolling contact, which has one variable, is fixed in no link, nor
