@@ -23,7 +23,10 @@ from spherekit.plugin.motion import Motion
 from spherekit.plugin.rotations import MidPlaneArchitecture
 
 WORKING_MODE = Column(
-    "working_mode", "", "working mode: the sign of each leg, such as +-", "text"
+    "working_mode",
+    "",
+    "working mode (a way to assemble the legs): one sign for each leg, such as +-",
+    "text",
 )
 """The column of working modes."""
 
@@ -31,8 +34,9 @@ DIRECTION_COLUMNS = tuple(
     Column(
         name,
         "",
-        f"{name} component of the output's direction, or of its unit quaternion "
-        "(x, y, z, w), in axes of the output's reference link",
+        f"{name} component of the output direction or, if the output is an "
+        "orientation, of its unit quaternion (x, y, z, w); in axes of the reference "
+        "link of the output",
         turns="otherwise",
     )
     for name in "xyz"
@@ -40,10 +44,18 @@ DIRECTION_COLUMNS = tuple(
 """The columns of a direction, or of the first three components of a unit quaternion."""
 
 MID_PLANE_COLUMNS = tuple(
-    Column(name, "rad", f"{meaning}; empty without a mid-plane symmetric architecture")
+    Column(
+        name,
+        "rad",
+        f"{meaning} (the plane of symmetry of base and output link); "
+        "empty if there is no such plane",
+    )
     for name, meaning in (
-        ("phi", "angle phi = -2 arcsin(n_x) of the mid-plane with the unit normal n"),
-        ("gamma", "angle gamma = 2 arcsin(n_y) of the mid-plane with the unit normal n"),
+        ("phi", "angle phi = -2 arcsin(n_x), where n is the unit normal of the mid-plane"),
+        (
+            "gamma",
+            "angle gamma = 2 arcsin(n_y), where n is the unit normal of the mid-plane",
+        ),
     )
 )
 """The columns of the angles of the mid-plane of a direction."""
@@ -53,7 +65,8 @@ POSE_COLUMNS = (
     Column(
         "w",
         "",
-        "w component (the real part) of the output's unit quaternion; empty for directions",
+        "w component (the real part) of the unit quaternion of the output "
+        "orientation; empty if the output is a direction",
         turns="otherwise",
     ),
     *MID_PLANE_COLUMNS,
@@ -65,12 +78,18 @@ TILT_TORSION_COLUMNS = tuple(
     for name, meaning in (
         (
             "azimuth",
-            "azimuth about z of the output's direction, or of the output link's z axis",
+            "azimuth, measured about the z axis, of the output direction or of the z "
+            "axis of the output link",
         ),
-        ("tilt", "angle from z to the output's direction, or to the output link's z axis"),
+        (
+            "tilt",
+            "angle from the z axis to the output direction or to the z axis of "
+            "the output link",
+        ),
         (
             "torsion",
-            "rotation of the output link about its tilted z axis; empty for directions",
+            "rotation of the output link about its own tilted z axis; empty if the "
+            "output is a direction",
         ),
     )
 )

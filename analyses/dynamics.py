@@ -48,24 +48,32 @@ from .common import (
 
 TORQUE_KEY = "largest_torque_Nm"
 """Key of the largest torque at an input in the summary."""
-RATES = Column("dq", "rad/s", "rate of the variable of the driven pair", per_input=True)
+RATES = Column("dq", "rad/s", "angular velocity of the driven pair", per_input=True)
 ACCELERATIONS = Column(
     "ddq",
     "rad/s2",
-    "second time derivative of the variable of the driven pair",
+    "angular acceleration of the driven pair",
     per_input=True,
 )
-DRIVING_TORQUES = Column("tau", "N m", "driving torque at the driven pair", per_input=True)
+DRIVING_TORQUES = Column(
+    "tau", "N m", "driving torque (torque of the motor) at the driven pair", per_input=True
+)
 FORCES = Column(
-    "Q", "N m", "generalised force of all loads at the driven pair", per_input=True
+    "Q",
+    "N m",
+    "generalised force: power of all loads per unit angular velocity of the driven pair",
+    per_input=True,
 )
 PARTS = Column(
-    "Q", "N m", "generalised force of this load at the driven pair", per_input=True
+    "Q",
+    "N m",
+    "generalised force: power of the load per unit angular velocity of the driven pair",
+    per_input=True,
 )
 DERIVATIVES = Column(
     "dM",
     "kg m2/rad",
-    "derivative of M with respect to the variable of the driven pair",
+    "derivative of the entry M with respect to the angle of the driven pair",
     per_input=True,
 )
 
@@ -97,7 +105,7 @@ class Dynamics(AbstractAnalysis):
                 DRIVING_TORQUES,
                 FORCES,
                 Column("kinetic_energy", "J", "kinetic energy of the mechanism"),
-                Column("power", "W", "power of the driving torques of all inputs"),
+                Column("power", "W", "total power of the driving torques at all inputs"),
                 RESIDUAL,
                 STATUS,
             ),
@@ -109,14 +117,20 @@ class Dynamics(AbstractAnalysis):
                 SAMPLE,
                 ASSEMBLY_MODE,
                 INPUTS,
-                Column("row", "", "driven pair of the row of the inertia matrix", "text"),
                 Column(
-                    "column", "", "driven pair of the column of the inertia matrix", "text"
+                    "row", "", "driven pair to which the row of the entry M belongs", "text"
+                ),
+                Column(
+                    "column",
+                    "",
+                    "driven pair to which the column of the entry M belongs",
+                    "text",
                 ),
                 Column(
                     "M",
                     "kg m2",
-                    "entry of the inertia matrix M; q' M q' / 2 is the kinetic energy",
+                    "one entry of the inertia matrix; with the angular velocities q' "
+                    "of all inputs, the kinetic energy is q' M q' / 2",
                 ),
                 DERIVATIVES,
                 STATUS,
@@ -132,7 +146,7 @@ class Dynamics(AbstractAnalysis):
                 INPUTS,
                 Column("load", "", "name of the load in the mechanism file", "text"),
                 PARTS,
-                Column("power", "W", "power of this load"),
+                Column("power", "W", "power of the load"),
                 STATUS,
             ),
         ),

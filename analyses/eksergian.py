@@ -92,19 +92,34 @@ class Eksergian(AbstractAnalysis):
                 ASSEMBLY_MODE,
                 TIME,
                 INPUT,
-                Column("dq", "rad/s", "rate of q, the variable of the driven pair"),
-                Column("ddq", "rad/s2", "second time derivative of q"),
-                Column("B", "kg m2", "equivalent inertia that the input feels"),
+                Column(
+                    "dq",
+                    "rad/s",
+                    "angular velocity of the driven pair, the time derivative of q",
+                ),
+                Column("ddq", "rad/s2", "angular acceleration of the driven pair"),
+                Column(
+                    "B",
+                    "kg m2",
+                    "equivalent inertia: moment of inertia of the "
+                    "whole mechanism, as felt at the input",
+                ),
                 Column(
                     "dB_dq",
                     "kg m2/rad",
                     "derivative of the equivalent inertia B with respect to q",
                 ),
-                Column("Q", "N m", "generalised force of all loads at the input"),
+                Column(
+                    "Q",
+                    "N m",
+                    "generalised force: power of all loads per unit "
+                    "angular velocity of the input",
+                ),
                 Column(
                     "tau",
                     "N m",
-                    "driving torque at the input, or at the pair of the parameter `at`",
+                    "driving torque at the input, or at the pair that the parameter "
+                    "`at` names",
                 ),
                 RESIDUAL,
                 STATUS,
@@ -118,11 +133,15 @@ class Eksergian(AbstractAnalysis):
                 ASSEMBLY_MODE,
                 INPUT,
                 Column("link", "", "name of the link", "text"),
-                Column("B", "kg m2", "contribution of this link to the equivalent inertia"),
+                Column(
+                    "B",
+                    "kg m2",
+                    "contribution of the link to the equivalent inertia of the mechanism",
+                ),
                 Column(
                     "dB_dq",
                     "kg m2/rad",
-                    "derivative of the equivalent inertia B with respect to q",
+                    "derivative of the contribution B with respect to q",
                 ),
                 STATUS,
             ),
@@ -136,8 +155,13 @@ class Eksergian(AbstractAnalysis):
                 TIME,
                 INPUT,
                 Column("load", "", "name of the load in the mechanism file", "text"),
-                Column("Q", "N m", "generalised force of this load at the input"),
-                Column("power", "W", "power of this load"),
+                Column(
+                    "Q",
+                    "N m",
+                    "generalised force: power of the load per unit "
+                    "angular velocity of the input",
+                ),
+                Column("power", "W", "power of the load"),
                 STATUS,
             ),
         ),

@@ -47,14 +47,18 @@ visible at first. Larger: drawings of large mechanisms are crowded."""
 
 
 CHART_MEANINGS = {
-    "xi": "pseudo-Cartesian coordinate of the pole, arctan(y/x) in the axes of the chart",
-    "zeta": "pseudo-Cartesian coordinate of the pole, arctan(z/x) in the axes of the chart",
-    "circle_1_epsilon": "slope, in the chart, of the first great circle through the pole",
-    "circle_1_theta": "angle that distinguishes the first great circle from others with "
-    "the same slope",
-    "circle_2_epsilon": "slope, in the chart, of the second great circle through the pole",
-    "circle_2_theta": "angle that distinguishes the second great circle from others "
-    "with the same slope",
+    "xi": "coordinate of the pole in the gnomonic chart (a projection of the sphere onto a "
+    "plane): arctan(y/x), with the components of the pole in the axes of the chart",
+    "zeta": "coordinate of the pole in the gnomonic chart (a projection of the sphere onto "
+    "a plane): arctan(z/x), with the components of the pole in the axes of the chart",
+    "circle_1_epsilon": "slope, in the gnomonic chart, of the first of the two great "
+    "circles that determine the pole",
+    "circle_1_theta": "angle that distinguishes the first great circle of the pole from "
+    "other great circles with the same slope in the gnomonic chart",
+    "circle_2_epsilon": "slope, in the gnomonic chart, of the second of the two great "
+    "circles that determine the pole",
+    "circle_2_theta": "angle that distinguishes the second great circle of the pole from "
+    "other great circles with the same slope in the gnomonic chart",
 }
 """Meanings of the columns of the gnomonic chart. Axes of pairs have no great circles."""
 
@@ -99,13 +103,18 @@ class Poles(AbstractAnalysis):
                 ASSEMBLY_MODE,
                 INPUT,
                 Column("link", "", "link whose motion is described", "text"),
-                Column("relative_to", "", "link relative to which it moves", "text"),
+                Column(
+                    "relative_to",
+                    "",
+                    "link relative to which the motion is described",
+                    "text",
+                ),
                 *(
                     Column(
                         f"u{axis}",
                         "",
-                        f"{axis} component of the unit vector u along the pole axis, in "
-                        "ground axes",
+                        f"{axis} component of the unit vector u along the pole axis "
+                        "(the instantaneous axis of rotation), in ground axes",
                         scale="absolute",
                         turns="vector",
                     )
@@ -115,8 +124,9 @@ class Poles(AbstractAnalysis):
                     Column(
                         f"du{axis}_dq",
                         "1/rad",
-                        f"derivative of u{axis} with respect to q; empty if the velocity "
-                        "coefficient is too small to determine it",
+                        f"derivative of u{axis} with respect to q; empty if the "
+                        "velocity coefficient is too small to determine the "
+                        "derivative",
                         scale="none",
                         turns="vector",
                     )
@@ -125,8 +135,9 @@ class Poles(AbstractAnalysis):
                 Column(
                     "velocity_coefficient",
                     "",
-                    "velocity coefficient k: k u is the relative angular velocity of the "
-                    "two links per unit rate of q",
+                    "velocity coefficient k: angular velocity of the link about the "
+                    "pole axis u, relative to the other link, divided by the rate of "
+                    "q",
                 ),
                 Column(
                     "acceleration_coefficient",
@@ -137,37 +148,38 @@ class Poles(AbstractAnalysis):
                 Column(
                     "conditioning",
                     "",
-                    "relative speed of the two links divided by the sum of their speeds: "
-                    "1 for axes of pairs; if it is small, digits of the pole are lost "
-                    "by cancellation",
+                    "relative speed of the two links divided by the sum of their speeds; "
+                    "1 for axes of pairs and for motion relative to the ground; if it is "
+                    "small, digits are lost, because nearly equal numbers are subtracted",
                     scale="none",
                 ),
                 Column(
                     "error_bound",
                     "rad",
-                    "upper bound of the angular error of u, from rounding and from the "
-                    "closure residual",
+                    "upper bound of the angular error of the axis u, caused by "
+                    "rounding and by loops that do not close exactly",
                     scale="none",
                 ),
                 Column(
                     "velocity_coefficient_error_bound",
                     "",
-                    "upper bound of the error of velocity_coefficient, from rounding and "
-                    "from the closure residual",
+                    "upper bound of the error of velocity_coefficient, caused by "
+                    "rounding and by loops that do not close exactly",
                     scale="none",
                 ),
                 Column(
                     "acceleration_coefficient_error_bound",
                     "1/rad",
-                    "upper bound of the error of acceleration_coefficient, from rounding "
-                    "and from the closure residual",
+                    "upper bound of the error of acceleration_coefficient, caused by "
+                    "rounding and by loops that do not close exactly",
                     scale="none",
                 ),
                 Column(
                     "direction_dq_error_bound",
                     "1/rad",
-                    "upper bound of the length of the error vector of (dux_dq, duy_dq, "
-                    "duz_dq), from rounding and from the closure residual",
+                    "upper bound of the length of the error vector of (dux_dq, "
+                    "duy_dq, duz_dq), caused by rounding and by loops that do not "
+                    "close exactly",
                     scale="none",
                 ),
                 RESIDUAL,
@@ -175,7 +187,7 @@ class Poles(AbstractAnalysis):
                 Column(
                     "moving",
                     "",
-                    "driven pair that moves; the other inputs are locked",
+                    "driven pair that moves while the other inputs are locked",
                     "text",
                 ),
                 *(

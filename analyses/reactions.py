@@ -55,13 +55,16 @@ EQUAL_MAXIMUM_RATIO = 1e-9
 is reported. Smaller: rounding decides which of equal maxima is reported."""
 
 AXIS_MEANINGS = {
-    "x": "the zero direction of an R pair in its second link, or the tangent of a contact",
-    "y": "the y axis of an R pair in its second link, or the normal of a contact",
-    "z": "the axis of an R pair, or the line from the centre to the contact",
+    "x": "the x axis (R pair: the zero direction of its angle in the second link; "
+    "contact: the tangent)",
+    "y": "the y axis (R pair: at right angles to the x axis and the pair axis, in the "
+    "second link; contact: the normal)",
+    "z": "the z axis (R pair: the pair axis; contact: the line from the centre to the "
+    "contact point)",
 }
 """Meanings of the axes of a pair, along which components are given."""
 FIRST_LINK_AXIS_MEANINGS = {
-    "x": "the zero direction of the pair in its first link",
+    "x": "the x axis of the pair in its first link (the zero direction of its angle)",
     "y": "the y axis of the pair in its first link",
 }
 """Meanings of the axes of an R pair that are fixed in its first link."""
@@ -94,8 +97,8 @@ class ReactionAnalysis(AbstractAnalysis):
                     Column(
                         f"moment_{axis}",
                         "N m",
-                        "moment about the centre that the first link of the pair "
-                        f"exerts on the second one, component along {words}",
+                        f"component along {words} of the moment about the centre that "
+                        "the first link of the pair exerts on the second one",
                     )
                     for axis, words in AXIS_MEANINGS.items()
                 ),
@@ -103,38 +106,39 @@ class ReactionAnalysis(AbstractAnalysis):
                     Column(
                         f"moment_{axis}_first",
                         "N m",
-                        "moment about the centre that the first link of an R pair "
-                        f"exerts on the second one, component along {words}; empty for "
-                        "contacts",
+                        f"component along {words} of the moment about the centre that "
+                        "the first link of an R pair exerts on the second one; empty "
+                        "for contacts",
                     )
                     for axis, words in FIRST_LINK_AXIS_MEANINGS.items()
                 ),
                 Column(
                     "transverse_moment",
                     "N m",
-                    "magnitude of the component of the moment at right angles to the "
-                    "pair axis, or "
-                    "to the line from the centre to the contact",
+                    "magnitude of the part of the moment that is perpendicular to the "
+                    "pair axis (for a contact: to the line from the centre to the "
+                    "contact point)",
                 ),
                 Column(
                     "contact_torque",
                     "N m",
-                    "normal force of a contact times the radius: positive if the contact "
-                    "presses; empty for R pairs",
+                    "normal force of a contact, times the distance of the contact "
+                    "point from the centre; positive if the links press on each "
+                    "other; empty for R pairs",
                 ),
                 Column(
                     "traction",
                     "N m",
-                    "tangential force of a contact on the second link, times the radius; "
-                    "empty for R pairs",
+                    "tangential force of a contact on the second link, times the "
+                    "distance of the contact point from the centre; empty for R pairs",
                 ),
                 *(
                     Column(
                         f"force_{axis}",
                         "N",
-                        "force of the first link on the second one (through the centre "
-                        "at an R pair, at the contact point of a contact), component "
-                        f"along {words}",
+                        f"component along {words} of the force of the first link on "
+                        "the second one; the force of an R pair acts through the "
+                        "centre, that of a contact at the contact point",
                     )
                     for axis, words in AXIS_MEANINGS.items()
                 ),
@@ -142,8 +146,9 @@ class ReactionAnalysis(AbstractAnalysis):
                     Column(
                         f"force_{axis}_first",
                         "N",
-                        "force through the centre of the first link of an R pair on "
-                        f"the second one, component along {words}; empty for contacts",
+                        f"component along {words} of the force through the centre that "
+                        "the first link of an R pair exerts on the second one; empty "
+                        "for contacts",
                     )
                     for axis, words in FIRST_LINK_AXIS_MEANINGS.items()
                 ),
@@ -161,31 +166,34 @@ class ReactionAnalysis(AbstractAnalysis):
                 Column(
                     "load",
                     "",
-                    "name of the load in the file that gives the bearing its position",
+                    "name of the load in the mechanism file that defines the position "
+                    "of the bearing",
                     "text",
                 ),
                 Column("pair", "", "name of the pair", "text"),
                 Column(
                     "position",
                     "m",
-                    "position of the bearing along the pair axis, from the centre",
+                    "position of the bearing along the pair axis, measured from the centre",
                 ),
                 Column(
                     "couple_force",
                     "N",
-                    "force on the bearing at right angles to the axis, as far as the "
-                    "moment of the pair causes it",
+                    "force on the bearing perpendicular to the pair axis, caused by "
+                    "the moment of the pair alone",
                 ),
                 Column(
                     "radial",
                     "N",
-                    "whole force on the bearing at right angles to the axis, caused by "
-                    "the moment and by the force through the centre",
+                    "total force on the bearing perpendicular to the pair axis, "
+                    "caused by the moment of the pair and by the force through the "
+                    "centre",
                 ),
                 Column(
                     "axial",
                     "N",
-                    "force on the second link at this bearing along the pair axis",
+                    "component along the pair axis of the force on the second link at "
+                    "the bearing",
                 ),
                 STATUS,
             ),

@@ -160,11 +160,16 @@ class SensitivityAnalysis(AbstractAnalysis):
                 SAMPLE,
                 ASSEMBLY_MODE,
                 INPUTS,
-                Column("quantity", "", "name of the quantity", "text"),
+                Column(
+                    "quantity",
+                    "",
+                    "name of the quantity whose sensitivity is computed",
+                    "text",
+                ),
                 Column(
                     "size",
                     "",
-                    "key of the size in the mechanism file",
+                    "key of the size (such as the arc of a link) in the mechanism file",
                     "text",
                     turns="otherwise",
                 ),
@@ -188,27 +193,33 @@ class SensitivityAnalysis(AbstractAnalysis):
                 Column(
                     "quantity",
                     "",
-                    "name of the quantity, whose deviations are in rad and SI units",
+                    "name of the quantity; the other columns give its deviations in "
+                    "rad and SI units",
                     "text",
                 ),
-                Column("spread", "", "standard deviation of the quantity, to first order"),
+                Column(
+                    "spread",
+                    "",
+                    "standard deviation of the quantity that the "
+                    "tolerances of all sizes cause, to first order",
+                ),
                 Column(
                     "worst",
                     "",
-                    "worst case of the deviation of the quantity, to first order: the "
-                    "effects of all sizes add up, each at its limit or at 3 standard "
-                    "deviations",
+                    "largest possible deviation of the quantity, to first order: the "
+                    "sum of the effects of all sizes, with each size at its limit or "
+                    "at 3 standard deviations",
                 ),
                 Column(
                     "drawn_spread",
                     "",
-                    "standard deviation of the quantity in mechanisms with random sizes",
+                    "standard deviation of the quantity among mechanisms with random sizes",
                     scale="none",
                 ),
                 Column(
                     "drawn_worst",
                     "",
-                    "largest deviation of the quantity in mechanisms with random sizes",
+                    "largest deviation of the quantity among mechanisms with random sizes",
                     scale="none",
                 ),
                 Column(
@@ -220,16 +231,16 @@ class SensitivityAnalysis(AbstractAnalysis):
                 Column(
                     "matters_most",
                     "",
-                    "size that causes the largest part of the variance; equal ones are "
-                    "joined by +",
+                    "size that causes the largest part of the variance of the "
+                    "quantity; sizes with equal parts are joined by +",
                     "text",
                     turns="otherwise",
                 ),
                 Column(
                     "share",
                     "",
-                    "fraction of the variance that the size in matters_most causes, to "
-                    "first order",
+                    "fraction of the variance of the quantity that the size in the "
+                    "column matters_most causes, to first order",
                 ),
                 STATUS,
             ),

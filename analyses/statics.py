@@ -62,8 +62,8 @@ HOLDING_TORQUES = Column(
 ADVANTAGES = Column(
     "advantage",
     "",
-    "moment on the output that a unit torque at the driven pair balances while the other "
-    "inputs are locked",
+    "moment on the output that a unit torque at the driven pair balances while the "
+    "other inputs are locked (mechanical advantage)",
     per_input=True,
 )
 
@@ -106,8 +106,9 @@ class Statics(AbstractAnalysis):
                         Column(
                             f"stiffness_{number}",
                             "N m/rad",
-                            f"{words} principal stiffness of the output; infinite if "
-                            "the output cannot turn about this axis with the inputs held",
+                            f"{words} principal stiffness of the output (moment per "
+                            "angle about a principal axis) while the inputs are held; "
+                            "infinite if the output cannot turn about this axis",
                         ),
                         *(
                             Column(

@@ -104,26 +104,27 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 Column(
                     "margin",
                     "rad",
-                    "angle that is left to the nearest limit; negative if the limit is "
-                    "exceeded",
+                    "angle between the pose and the nearest limit (such as the reach "
+                    "of a leg or a joint limit); negative if the limit is exceeded",
                 ),
                 Column(
                     "limiting",
                     "",
-                    "name of the nearest limit, to which margin refers",
+                    "name of the nearest limit, to which the column margin refers",
                     "text",
                 ),
                 INPUTS,
                 Column(
                     "type_1",
                     "",
-                    "speed of the output per unit rate of an input, the least of all "
-                    "inputs; 0 at a type I singularity",
+                    "speed of the output per unit rate of one input: the least speed "
+                    "among all inputs; 0 at a type I singularity",
                 ),
                 Column(
                     "type_2",
                     "",
-                    "transmission measure, from 0 at a type II singularity to 1",
+                    "transmission measure: how well the locked inputs hold the "
+                    "output, from 0 (at a type II singularity) to 1",
                 ),
             ),
         ),
@@ -133,24 +134,33 @@ class WorkspaceAnalysis(AbstractAnalysis):
             "left of the border",
             (
                 WORKING_MODE,
-                Column("curve", "", "number of the closed border curve", "integer"),
                 Column(
-                    "component",
+                    "curve",
                     "",
-                    "number of the part of the workspace beside the curve",
+                    "number of the closed curve that bounds the workspace",
                     "integer",
                 ),
                 Column(
-                    "gap", "", "number of the unreached part beside the curve", "integer"
+                    "component",
+                    "",
+                    "number of the part of the workspace on one side of the curve",
+                    "integer",
                 ),
-                Column("arc", "", "number of the smooth arc in the curve", "integer"),
-                Column("point", "", "number of the point in the arc", "integer"),
+                Column(
+                    "gap",
+                    "",
+                    "number of the part that is not reached, on the other "
+                    "side of the curve",
+                    "integer",
+                ),
+                Column("arc", "", "number of the smooth arc within the curve", "integer"),
+                Column("point", "", "number of the point on the arc", "integer"),
                 *DIRECTION_COLUMNS,
                 *MID_PLANE_COLUMNS,
                 Column(
                     "constraint",
                     "",
-                    "name of the limit that bounds the workspace here",
+                    "name of the limit that bounds the workspace at this point",
                     "text",
                 ),
             ),
@@ -163,24 +173,31 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 Column(
                     "part",
                     "",
-                    "what the row describes: whole, component, hole or outside",
+                    "part that the row describes: the whole workspace (whole), a "
+                    "connected part of the workspace (component), a hole or the "
+                    "outside",
                     "text",
                 ),
-                Column("number", "", "number of the part, the largest first", "integer"),
+                Column(
+                    "number",
+                    "",
+                    "number of the part, in the order of decreasing size",
+                    "integer",
+                ),
                 Column(
                     "size",
                     SIZE_UNIT,
-                    "area of directions, or volume of orientations (8 pi^2 for all)",
+                    "area of the part for directions; volume of the part for "
+                    "orientations (8 pi^2 for all orientations)",
                 ),
-                Column("error", SIZE_UNIT, "upper bound of the error in the column size"),
-                Column(
-                    "curves", "", "numbers of the border curves around the part", "text"
-                ),
+                Column("error", SIZE_UNIT, "upper bound of the error of the column size"),
+                Column("curves", "", "numbers of the curves that bound the part", "text"),
                 *POSE_COLUMNS,
                 Column(
                     "margin",
                     "rad",
-                    "margin of the sample pose of this row, which is well within the part",
+                    "margin (angle to the nearest limit) of the pose in this row, a "
+                    "sample pose well inside the part",
                 ),
             ),
         ),

@@ -128,9 +128,17 @@ class EquivalentRotation(AbstractAnalysis):
             "equivalent_rotation",
             "one row per angle of the rotation about the fixed axis",
             (
-                Column("sample", "", "number of the angle theta, from 0", "integer"),
                 Column(
-                    "theta", "rad", "angle of rotation about the fixed axis, from the start"
+                    "sample",
+                    "",
+                    "number of the angle theta in the sequence of angles, from 0",
+                    "integer",
+                ),
+                Column(
+                    "theta",
+                    "rad",
+                    "angle of the rotation about the fixed axis, "
+                    "measured from the start pose",
                 ),
                 *MID_PLANE_COLUMNS,
                 *TILT_TORSION_COLUMNS,
@@ -138,24 +146,26 @@ class EquivalentRotation(AbstractAnalysis):
                 Column(
                     "dq_dtheta",
                     "",
-                    "derivative of the variable of the driven pair with respect to theta",
+                    "derivative of the angle of the driven pair with respect to theta",
                     per_input=True,
                 ),
                 Column(
                     "orientation_error",
                     "rad",
-                    "angle between the orientation of the output link and that of an exact "
-                    "rotation about the fixed axis",
+                    "angle between the actual orientation of the output link and its "
+                    "orientation after an exact rotation about the fixed axis",
                 ),
                 Column(
                     "drift",
                     "rad",
-                    "angle between the instantaneous axis of rotation and the fixed axis",
+                    "angle between the instantaneous axis of rotation of the output "
+                    "link and the fixed axis",
                 ),
                 Column(
                     "type_2",
                     "",
-                    "transmission measure, from 0 at a type II singularity to 1",
+                    "transmission measure: how well the locked inputs hold the "
+                    "output, from 0 (at a type II singularity) to 1",
                 ),
                 STATUS,
             ),
@@ -167,22 +177,26 @@ class EquivalentRotation(AbstractAnalysis):
             (
                 TIME,
                 Column(
-                    "theta", "rad", "angle of rotation about the fixed axis, from the start"
+                    "theta",
+                    "rad",
+                    "angle of the rotation about the fixed axis, "
+                    "measured from the start pose",
                 ),
                 INPUTS,
                 Column(
-                    "dq", "rad/s", "rate of the variable of the driven pair", per_input=True
+                    "dq", "rad/s", "angular velocity of the driven pair", per_input=True
                 ),
                 Column(
                     "ddq",
                     "rad/s2",
-                    "second time derivative of the variable of the driven pair",
+                    "angular acceleration of the driven pair",
                     per_input=True,
                 ),
                 Column(
                     "type_2",
                     "",
-                    "transmission measure, from 0 at a type II singularity to 1",
+                    "transmission measure: how well the locked inputs hold the "
+                    "output, from 0 (at a type II singularity) to 1",
                 ),
                 STATUS,
             ),

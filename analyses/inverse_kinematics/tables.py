@@ -43,7 +43,10 @@ SAME_SOLUTION_RAD = 1e-6
 singularity are confused; smaller: rounding hides the working mode of a pose."""
 
 POSE_NUMBER = Column(
-    "pose", "", "number of the given pose, or of the given set of inputs, from 0", "integer"
+    "pose",
+    "",
+    "number of the row in the list of given poses (or of given inputs), from 0",
+    "integer",
 )
 
 
@@ -55,7 +58,7 @@ MID_PLANE_RATE_COLUMNS = tuple(
     Column(
         f"d{name}_dq",
         "",
-        f"derivative of the mid-plane angle {name} with respect to the variable of the "
+        f"derivative of the mid-plane angle {name} with respect to the angle of the "
         "driven pair",
         per_input=True,
     )
@@ -66,8 +69,9 @@ MID_PLANE_RATE_COLUMNS = tuple(
 SOLVED_BY = Column(
     "solved_by",
     "",
-    "method that found the solution: dyads (finds all), graph (may miss some) or mid-plane "
-    "(finds those in which base and output are mirror images)",
+    "method that found the solution: dyads (finds all solutions), graph (may miss "
+    "some) or mid-plane (finds the solutions in which base and output link are mirror "
+    "images of each other)",
     "text",
 )
 
@@ -84,8 +88,8 @@ INVERSE = Table(
             Column(
                 f"rate_{axis}",
                 "",
-                f"rate of the driven pair per unit angular velocity of the output about "
-                f"{axis}",
+                "angular velocity of the driven pair per unit angular velocity of the "
+                f"output link about the {axis} axis",
                 per_input=True,
             )
             for axis in "xyz"
@@ -94,23 +98,34 @@ INVERSE = Table(
         Column(
             "margin",
             "rad",
-            "angle that is left to the nearest limit (reach of a leg, joint limit); "
-            "negative if the limit is exceeded",
+            "angle between the configuration and the nearest limit (the reach of a "
+            "leg or a joint limit); negative if the limit is exceeded",
         ),
-        Column("limiting", "", "name of the nearest limit, to which margin refers", "text"),
+        Column(
+            "limiting",
+            "",
+            "name of the nearest limit, to which the column margin refers",
+            "text",
+        ),
         Column(
             "type_1",
             "",
-            "speed of the output per unit rate of the driven pair; 0 at a type I "
-            "singularity",
+            "speed of the output per unit angular velocity of the driven pair; 0 at a "
+            "type I singularity",
             per_input=True,
         ),
-        Column("type_2", "", "transmission measure, from 0 at a type II singularity to 1"),
+        Column(
+            "type_2",
+            "",
+            "transmission measure: how well the locked inputs hold "
+            "the output, from 0 (at a type II singularity) to 1",
+        ),
         Column(
             "sense",
             "",
-            "sign of the determinant of the matrix that maps the angular velocity of "
-            "the output to the rates of the inputs; it changes at singularities only",
+            "sign of the determinant of the matrix that converts the angular velocity "
+            "of the output into the rates of the inputs; the sign changes only at "
+            "singularities",
             "integer",
         ),
         STATUS,
@@ -119,12 +134,14 @@ INVERSE = Table(
             Column(
                 f"near_{axis}",
                 "",
-                f"{axis} component of the nearest reachable pose; empty for a pose that is "
-                "reached",
+                f"{axis} component of the reachable pose that is nearest to the given "
+                "pose; empty if the given pose can be reached",
             )
             for axis in "xyzw"
         ),
-        Column("away", "rad", "angle between the pose and the nearest reachable one"),
+        Column(
+            "away", "rad", "angle between the given pose and the nearest reachable pose"
+        ),
     ),
 )
 
@@ -134,23 +151,35 @@ FORWARD = Table(
     "one row per given set of inputs and pose found",
     (
         POSE_NUMBER,
-        Column("solution", "", "number of the pose at these inputs, from 0", "integer"),
+        Column(
+            "solution",
+            "",
+            "number of the solution (a pose of the output) for the given inputs, from 0",
+            "integer",
+        ),
         Column(
             "assembly_mode",
             "",
-            "assembly mode: the signs of its groups, such as +-",
+            "assembly mode (a way to assemble the mechanism): one sign for each group "
+            "of links, such as +-",
             "text",
         ),
         Column(
             "working_mode",
             "",
-            "working mode of the pose, as signs of the legs; empty if unknown",
+            "working mode (a way to assemble the legs) of the solution: one sign for "
+            "each leg; empty if unknown",
             "text",
         ),
         INPUTS,
         *ALL_POSE_COLUMNS,
         *MID_PLANE_RATE_COLUMNS,
-        Column("type_2", "", "transmission measure, from 0 at a type II singularity to 1"),
+        Column(
+            "type_2",
+            "",
+            "transmission measure: how well the locked inputs hold "
+            "the output, from 0 (at a type II singularity) to 1",
+        ),
         STATUS,
         SOLVED_BY,
     ),
@@ -164,7 +193,7 @@ PAIRS = Table(
         POSE_NUMBER,
         WORKING_MODE,
         Column("pair", "", "name of the pair", "text"),
-        Column("value", "rad", "value of the variable of the pair"),
+        Column("value", "rad", "angle of the pair; arc length for a contact"),
     ),
 )
 

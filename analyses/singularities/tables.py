@@ -30,8 +30,8 @@ KIND_MEANING = (
 OUTPUT = Column(
     "output",
     "",
-    "link and reference link of the output, such as 4/1, and its name if several outputs "
-    "have these links",
+    "link and reference link of the output, such as 4/1; also the name of the output "
+    "if several outputs have these links",
     "text",
 )
 SINGULARITIES = Table(
@@ -42,13 +42,14 @@ SINGULARITIES = Table(
         Column(
             "condition",
             "",
-            "geometric conditions that hold here; ? marks uncertain ones",
+            "geometric conditions that the singularity satisfies, such as three axes "
+            "in one plane; ? marks uncertain conditions",
             "text",
         ),
         Column(
             "assembly_mode",
             "",
-            "numbers of the assembly modes that meet the singularity",
+            "numbers of the assembly modes in which the singularity occurs",
             "text",
         ),
         INPUTS,
@@ -60,45 +61,69 @@ SINGULARITIES = Table(
         Column(
             "signs",
             "",
-            "signs of the groups of the configuration; 0 for a singular group, * for one "
-            "that does not affect the output",
+            "one sign for each group of links in this configuration; 0 for a group "
+            "that is singular, * for a group that does not affect the output",
             "text",
         ),
-        Column("theta", "rad", "variable of the passive pair", per_passive=True),
-        Column("curve", "", "number of the curve that the singularity is on", "integer"),
-        Column("s", "rad", "arc length of the curve at the singularity"),
+        Column(
+            "theta",
+            "rad",
+            "angle of the passive pair, which is not driven; arc length for a contact",
+            per_passive=True,
+        ),
+        Column(
+            "curve",
+            "",
+            "number of the configuration curve on which the singularity lies",
+            "integer",
+        ),
+        Column(
+            "s",
+            "rad",
+            "position of the singularity on its configuration curve, "
+            "as an arc length in the space of all pair variables",
+        ),
         Column("error", "rad", "upper bound of the error of the arc length s"),
         Column(
             "residual",
             "",
-            "sine of the angle by which the geometric condition is not met exactly",
+            "sine of the angle by which the configuration deviates from the geometric "
+            "condition",
         ),
         Column(
             "reversal",
             "",
-            "what reverses here: input, output, or both; empty if neither does",
+            "motion that reverses at the singularity: input, output or both; empty if "
+            "neither reverses",
             "text",
         ),
         Column(
             "double",
             "",
-            "yes if the rate that vanishes does not change its sign, otherwise no",
+            "yes if the rate that is zero here has the same sign on both sides of the "
+            "singularity, otherwise no",
             "text",
         ),
         Column(
             "certain",
             "",
-            "yes if the kind is certain within rounding, otherwise no",
+            "yes if the kind of the singularity is certain despite rounding errors, "
+            "otherwise no",
             "text",
         ),
         Column(
             "guarantee",
             "",
-            "whether singularities could be missing from the table: certified, complete, "
-            "complete to a box size, component only or sampled",
+            "statement about singularities that the table may lack: certified, "
+            "complete, complete to a box size, component only or sampled",
             "text",
         ),
-        Column("note", "", "remarks: what coincides here, and what is uncertain", "text"),
+        Column(
+            "note",
+            "",
+            "remarks on what coincides at the singularity and on what is uncertain",
+            "text",
+        ),
     ),
 )
 RELATION = Table(
@@ -113,70 +138,87 @@ RELATION = Table(
         Column(
             "form",
             "",
-            "form of the relation c y' = d q': i if the rate y' of the output is relative "
-            "to the reference link of the output, ii if relative to that of the input",
+            "form of the relation c y' = d q': i if y' is the rate relative to the "
+            "reference link of the output, ii if y' is the rate relative to the "
+            "reference link of the input",
             "text",
         ),
         Column(
-            "c", "", "coefficient of the rate y' of the output in c y' = d q'; 0 at type II"
+            "c",
+            "",
+            "coefficient of the rate y' of the output in c y' = d q'; 0 at a "
+            "type II singularity",
         ),
         Column(
-            "d", "", "coefficient of the rate q' of the input in c y' = d q'; 0 at type I"
+            "d",
+            "",
+            "coefficient of the rate q' of the input in c y' = d q'; 0 at a "
+            "type I singularity",
         ),
         Column(
             "velocity_coefficient",
             "",
             "rate of the output per unit rate of the input, y'/q' = d/c; infinite at "
-            "type II",
+            "a type II singularity",
         ),
         Column(
             "distance_I",
             "rad",
-            "nearness to type I as an angle: the arcsine of a measure that is 0 only "
-            "at such a singularity",
+            "nearness of a type I singularity as an angle: the arcsine of a measure "
+            "that is 0 only at singularities of this type",
         ),
         Column(
             "distance_II",
             "rad",
-            "nearness to type II as an angle: the arcsine of a measure that is 0 only "
-            "at such a singularity; proportional to the size of the mechanism if all arcs "
-            "are short",
+            "nearness of a type II singularity as an angle: the arcsine of a measure "
+            "that is 0 only at singularities of this type; if all arcs are short, the "
+            "angle is proportional to the size of the mechanism",
         ),
         Column(
             "output_rate",
             "",
-            "rate of the output per unit arc length of all pair variables",
+            "derivative of the output with respect to the arc length of the "
+            "configuration curve, in the space of all pair variables",
         ),
         Column(
-            "input_rate", "", "rate of the input per unit arc length of all pair variables"
+            "input_rate",
+            "",
+            "derivative of the input with respect to the arc length "
+            "of the configuration curve, in the space of all pair "
+            "variables",
         ),
         Column(
             "transmission",
             "rad",
-            "transmission angle of the dyad that holds the output; empty if no dyad does",
+            "transmission angle of the dyad (two links joined by a pair) that "
+            "determines the motion of the output; empty if no dyad determines it",
         ),
         Column(
-            "input_margin_I", "rad", "change of the input to the nearest type I singularity"
+            "input_margin_I",
+            "rad",
+            "change of the input from here to the nearest type I singularity",
         ),
         Column(
             "input_margin_II",
             "rad",
-            "change of the input to the nearest type II singularity",
+            "change of the input from here to the nearest type II singularity",
         ),
         Column(
             "sigma",
             "",
-            "least singular value of the loop equations with all inputs locked; 0 if a "
-            "link can still move",
+            "least singular value of the matrix of the loop equations with all inputs "
+            "locked; 0 if a link can still move",
         ),
         Column(
             "reciprocal_condition",
             "",
-            "least singular value of the loop equations with all inputs locked, divided by "
-            "the greatest one",
+            "least singular value of the matrix of the loop equations with all inputs "
+            "locked, divided by the greatest singular value",
         ),
         STATUS,
-        Column("moving", "", "driven pair that moves; the other inputs are locked", "text"),
+        Column(
+            "moving", "", "driven pair that moves while the other inputs are locked", "text"
+        ),
         Column(
             "type",
             "",
@@ -197,14 +239,32 @@ ASPECTS = Table(
     "with several inputs: one row per configuration over an input grid, with the number of "
     "its aspect (a connected set of configurations without singularities)",
     (
-        Column("aspect", "", "number of the aspect, from 0, the largest first", "integer"),
+        Column(
+            "aspect",
+            "",
+            "number of the aspect (a set of configurations that is "
+            "connected without singularities), from 0 for the "
+            "largest one",
+            "integer",
+        ),
         INPUTS,
-        Column("sign_II", "", "sign of the determinant that is 0 at type II", "integer"),
-        Column("sign_I", "", "sign of the determinant that is 0 at type I", "integer"),
+        Column(
+            "sign_II",
+            "",
+            "sign of the determinant that is 0 at singularities of type II",
+            "integer",
+        ),
+        Column(
+            "sign_I",
+            "",
+            "sign of the determinant that is 0 at singularities of type I",
+            "integer",
+        ),
         Column(
             "assembly_modes",
             "",
-            "largest number of assembly modes in this aspect that have the same inputs",
+            "largest number of assembly modes that have the same inputs and lie in "
+            "this aspect",
             "integer",
         ),
     ),

@@ -55,24 +55,37 @@ TABLE = Table(
         SAMPLE,
         ASSEMBLY_MODE,
         INPUTS,
-        Column("link", "", "link that moves", "text"),
-        Column("relative_to", "", "link relative to which it moves", "text"),
-        Column("moving", "", "input that moves; the other inputs are locked", "text"),
-        Column("ux", "", "pole axis, x in ground axes"),
-        Column("uy", "", "pole axis, y in ground axes"),
-        Column("uz", "", "pole axis, z in ground axes"),
+        Column("link", "", "link whose motion is described", "text"),
+        Column("relative_to", "", "link relative to which the motion is described", "text"),
+        Column(
+            "moving", "", "driven pair that moves while the other inputs are locked", "text"
+        ),
+        Column(
+            "ux", "", "x component of the unit vector u along the pole axis, in ground axes"
+        ),
+        Column(
+            "uy", "", "y component of the unit vector u along the pole axis, in ground axes"
+        ),
+        Column(
+            "uz", "", "z component of the unit vector u along the pole axis, in ground axes"
+        ),
         Column(
             "velocity_coefficient",
             "",
-            "velocity coefficient k: k u is the relative angular velocity per unit rate "
-            "of the input",
+            "velocity coefficient k: angular velocity of the link about the pole axis "
+            "u, relative to the other link, divided by the rate of the input",
         ),
         Column(
             "acceleration_coefficient",
             "1/rad",
             "derivative of the velocity coefficient with respect to the input",
         ),
-        Column("error_bound", "rad", "upper bound of the angular error of u", scale="none"),
+        Column(
+            "error_bound",
+            "rad",
+            "upper bound of the angular error of the pole axis u",
+            scale="none",
+        ),
         Column(
             "velocity_coefficient_error_bound",
             "",
@@ -88,7 +101,8 @@ TABLE = Table(
         Column(
             "direction_dq_error_bound",
             "1/rad",
-            "upper bound of the length of the error vector of the derivative of u",
+            "upper bound of the length of the error vector of du/dq, the derivative "
+            "of the pole axis u with respect to the input q",
             scale="none",
         ),
         RESIDUAL,

@@ -88,14 +88,17 @@ PROVEN_TABLE = Table(
     (
         SAMPLE,
         ASSEMBLY_MODE,
-        Column("link", "", "link that moves", "text"),
-        Column("relative_to", "", "link relative to which it moves", "text"),
-        Column("moving", "", "input that moves; the other inputs are locked", "text"),
+        Column("link", "", "link whose motion is described", "text"),
+        Column("relative_to", "", "link relative to which the motion is described", "text"),
+        Column(
+            "moving", "", "driven pair that moves while the other inputs are locked", "text"
+        ),
         *(
             Column(
                 f"proven_u{axis}",
                 "",
-                f"pole axis of the mechanism as written, {axis} in ground axes",
+                f"{axis} component of the pole axis in ground axes, proven for the "
+                "numbers in the mechanism file",
                 scale="absolute",
                 turns="vector",
             )
@@ -104,46 +107,58 @@ PROVEN_TABLE = Table(
         Column(
             "proven_u_off",
             "",
-            "upper bound of the error of each component of this axis",
+            "proven upper bound of the error of each of the columns proven_ux, "
+            "proven_uy and proven_uz",
             scale="none",
         ),
         Column(
             "proven_velocity_coefficient",
             "",
-            "magnitude of the velocity coefficient, proven",
+            "magnitude of the velocity coefficient, proven for the numbers in the "
+            "mechanism file",
         ),
         Column(
-            "proven_velocity_coefficient_off", "", "upper bound of its error", scale="none"
+            "proven_velocity_coefficient_off",
+            "",
+            "proven upper bound of the error of the column proven_velocity_coefficient",
+            scale="none",
         ),
         Column(
             "u_error",
             "",
-            "proven upper bound of the angular error of the axis in the table poles",
+            "proven upper bound of the angular error of the pole axis in the table poles",
             scale="none",
         ),
-        Column("error_bound", "rad", "error bound in the table poles", scale="none"),
+        Column(
+            "error_bound",
+            "rad",
+            "error bound of the pole axis that the table poles states",
+            scale="none",
+        ),
         Column(
             "error_bound_is",
             "",
-            "whether this error bound holds: holds, exceeded, or open (undecided)",
+            "result of the proof about error_bound: holds, exceeded, or open (undecided)",
             "text",
         ),
         Column(
             "velocity_coefficient_error",
             "",
-            "proven upper bound of the error of the coefficient in the table poles",
+            "proven upper bound of the error of the velocity coefficient in the table "
+            "poles",
             scale="none",
         ),
         Column(
             "velocity_coefficient_error_bound",
             "",
-            "error bound in the table poles",
+            "error bound of the velocity coefficient that the table poles states",
             scale="none",
         ),
         Column(
             "velocity_coefficient_error_bound_is",
             "",
-            "whether this error bound holds: holds, exceeded, or open (undecided)",
+            "result of the proof about velocity_coefficient_error_bound: holds, "
+            "exceeded, or open (undecided)",
             "text",
         ),
         STATUS,

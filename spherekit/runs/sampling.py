@@ -50,7 +50,7 @@ EVENTS = Table(
     "events",
     "events of a simulation, in order of time: one row per event",
     (
-        Column("t", "s", "time"),
+        Column("t", "s", "time of the event"),
         Column(
             "kind",
             "",
@@ -60,7 +60,7 @@ EVENTS = Table(
         Column(
             "pair",
             "",
-            "the pair that the event concerns; empty if it concerns no pair",
+            "pair that the event concerns; empty if the event concerns no pair",
             "text",
         ),
         INPUTS,

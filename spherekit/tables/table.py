@@ -330,20 +330,26 @@ def input_columns(mechanism: Mechanism, values: Floats, name: str = "q") -> dict
 
 
 SAMPLE = Column(
-    "sample", "", "number of the sample (the values of all inputs), from 0", "integer"
+    "sample",
+    "",
+    "number of the sample (one set of values of all inputs), from 0",
+    "integer",
 )
 ASSEMBLY_MODE = Column(
-    "assembly_mode", "", "number of the assembly mode, from 0", "integer"
+    "assembly_mode",
+    "",
+    "number of the assembly mode (a way to assemble the mechanism), from 0",
+    "integer",
 )
 MODE_NAME = Column(
     "mode_name", "", "name of the assembly mode in the mechanism file", "text"
 )
-INPUT = Column("q", "rad", "variable of the driven pair")
-INPUTS = Column("q", "rad", "variable of the driven pair", per_input=True)
-TIME = Column("t", "s", "time of the row")
+INPUT = Column("q", "rad", "angle of the driven pair (the input)")
+INPUTS = Column("q", "rad", "angle of the driven pair (the input)", per_input=True)
+TIME = Column("t", "s", "time to which the values of this row belong")
 RESIDUAL = Column(
-    "residual", "rad", "largest rotation by which a loop fails to close", scale="none"
+    "residual", "rad", "largest angle by which a loop of links fails to close", scale="none"
 )
 STATUS = Column(
-    "status", "", "OK, or the reason why numbers of the row are missing", "status"
+    "status", "", "OK, or the reason why numbers are missing in this row", "status"
 )
