@@ -138,7 +138,21 @@ def describe_output_ranges(sampled: SampledSingularities, names: list[str]) -> l
     for sentence, curves in curves_by_sentence.items():
         if len(curves) != curve_count:
             sentence += f" on {numbered('configuration curve', curves)}"
+            pieces = [
+                piece
+                for number in curves
+                for piece in sampled.configurations.curves[number].pieces
+            ]
+            modes = sorted(set(sampled.modes_of(pieces)))
+            if modes:
+                sentence += f" ({numbered('assembly mode', modes)})"
         sentences.append(sentence)
+    low, high = sampled.range
+    if not sampled.is_simulation and high - low < 2.0 * np.pi - 1e-9:
+        sentences.append(
+            "These rotations are those on whole configuration curves, also outside the "
+            "range of the input"
+        )
     return sentences
 
 
@@ -202,7 +216,7 @@ def _describe_output_range(sampled: SampledSingularities, number: int, output: i
     limitation = ", as far as the curve was followed" if is_unfinished else ""
     if variable is None:
         to_and_fro = "to and fro " if reverses else ""
-        return f"turns {to_and_fro}by {swing} deg about its moving pole{limitation}"
+        return f"turns {to_and_fro}by {swing} deg about its moving pole axis{limitation}"
     net_angle = abs(angle_on_curve[-1] - angle_on_curve[0])
     if net_angle > np.pi and high - low > FULL_TURN_DEG:
         return "turns fully"
@@ -212,6 +226,31 @@ def _describe_output_range(sampled: SampledSingularities, number: int, output: i
         f"swings {swing} deg, from {_format_degrees(low)} to {_format_degrees(high)} deg"
         f"{limitation}"
     )
+
+
+def describe_accuracy(points: Mapping[str, Any]) -> list[str]:
+    """Return a sentence about the accuracy of the listed singularities.
+
+    There is none if no singularity has an error bound, as on curves on which an output
+    always rests.
+
+    Parameters
+    ----------
+    points
+        The table of singularities. Its column `error` has bounds of the error of the arc
+        length (rad).
+    """
+    errors = np.asarray(points["error"], dtype=float)
+    errors = errors[np.isfinite(errors)]
+    if len(errors) == 0:
+        return []
+    # A bound is rounded up to one digit.
+    bound = np.max(errors)
+    unit = 10.0 ** np.floor(np.log10(bound)) if bound > 0.0 else 1.0
+    return [
+        "Error bound of the places of these singularities: "
+        f"{np.ceil(bound / unit) * unit:.0e} rad along the configuration curve"
+    ]
 
 
 def describe_least_transmission(

@@ -42,6 +42,7 @@ from spherekit.plugin.singularities import (
 )
 
 from .findings import (
+    describe_accuracy,
     describe_inputs_of_kinds,
     describe_least_transmission,
     describe_output_ranges,
@@ -381,6 +382,7 @@ class OneInput:
         if report.everywhere is None:
             remarks += describe_output_ranges(sampled, names)
         remarks += describe_least_transmission(sampled, names, input_pair)
+        remarks += describe_accuracy(points)
         return Findings(summary, tuple(warnings), tuple(remarks))
 
     def _describe_counts(

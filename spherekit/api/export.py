@@ -297,9 +297,12 @@ def _export_source(
     check_arguments([formula_set])  # each size that varies has to change a result
     write_text(target, source(formula_set, kind))
     method = "by steps of Newton's method" if formula_set.step else "in closed form"
-    arguments = listing(x.name for x in (*formula_set.motion, *formula_set.sizes))
+    arguments = listing(
+        f"{x.name} ({x.unit})" for x in (*formula_set.motion, *formula_set.sizes)
+    )
     holds = (
-        f"{counted(len(formula_set.results), 'result')} of {arguments}, {method}: "
+        f"{counted(len(formula_set.results), 'result')} as functions of {arguments}, "
+        f"{method}: "
         f"{formula_set.operations} operations"
     )
     mode_table = formula_set.mode_table

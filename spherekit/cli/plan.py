@@ -1,5 +1,6 @@
 """`spherekit plan`: in which pass each pole axis is constructed, and the steps to it."""
 
+import shlex
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,14 @@ EXAMPLES = """examples:
   # a table for each input, for a document
   spherekit plan five_bar --markdown
 """
+
+CASE_TEXTS = {
+    "a": "the pole is the intersection of great circles through two known poles each",
+    "b": "the pole is the intersection of a great circle through two known poles with a "
+    "contact plane",
+    "c": "the pole is the intersection of two contact planes",
+}
+"""What each case of a step means. Di Gregorio's lecture names the cases."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -84,6 +93,7 @@ def execute(options: Namespace) -> int:
     from spherekit.files.mechanism_reader import load
     from spherekit.planning.assembly_plan import driven_pairs
     from spherekit.planning.plan_text import as_dict, as_markdown
+    from spherekit.planning.pole_plan import LinePole
     from spherekit.planning.pole_planner import plan
     from spherekit.positions.position_analysis import PositionAnalysis
 
@@ -119,11 +129,18 @@ def execute(options: Namespace) -> int:
         results: list[str | ScreenTable] = [_pole_table(input_plan), *_legend(input_plan)]
         if options.steps:
             results += ["How each pole is constructed:", *_step_lines(input_plan)]
+            cases = {step.case for step in input_plan.steps if isinstance(step, LinePole)}
+            results += [f"case ({case}): {CASE_TEXTS[case]}" for case in sorted(cases)]
         report = ScreenReport(_question(input_plan), results=results)
         if not options.steps and index == len(plans) - 1:
+            same_plan = shlex.join(["spherekit", *options.words])
+            run = f"spherekit run {shlex.quote(options.file)}"
             report.next_steps = [
-                (f"spherekit plan {options.file} --steps", "how each pole is constructed"),
-                (f"spherekit run {options.file}", "compute the poles during the motion"),
+                (f"{same_plan} --steps", "how each pole is constructed"),
+                (
+                    f"spherekit run {shlex.quote(options.file)}",
+                    "compute the poles during the motion",
+                ),
             ]
         report.print(options)
     return 0
@@ -153,14 +170,22 @@ def _pole_table(plan: "Plan") -> ScreenTable:
 
 def _legend(plan: "Plan") -> list[str]:
     """Return lines that explain the marks which the pole table of a plan has."""
-    from spherekit.planning.pole_plan import PRIMARY_MARK, table_cells
+    from spherekit.planning.pole_plan import PRIMARY_MARK, PrimaryPole, table_cells
 
     marks = {mark for row in table_cells(plan) for mark in row}
-    lines = [f"{PRIMARY_MARK}: known from the start, because it is the axis of a pair"]
+    # Steps of type `PrimaryPole` take the axis of an R pair or the contact line of a Cr
+    # pair. In a later pass, the axis is that of a pair which is coaxial with others.
+    pair_steps = [step for step in plan.steps if isinstance(step, PrimaryPole)]
+    source = "the axis of a pair"
+    if any(plan.mechanism.pairs[step.pair].rolls for step in pair_steps):
+        source += ", or the contact line of two links that roll on each other"
+    lines = [f"{PRIMARY_MARK}: known from the start, because it is {source}"]
+    has_coaxial_step = any(step.round > 0 for step in pair_steps)
     if any(set(mark) <= set("IVXLC") for mark in marks if mark):
         lines.append(
             "I, II, ...: found in this pass, where two great circles through poles of "
             "earlier passes intersect"
+            + (", or as the common axis of coaxial pairs" if has_coaxial_step else "")
         )
     if any("*" in mark for mark in marks):
         lines.append(

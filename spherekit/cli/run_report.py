@@ -78,6 +78,9 @@ class RunOutput:
         The mechanism or study as the user has named it.
     words
         The words of the command line after ``spherekit``.
+    mechanism_options
+        Those of these words that choose the inputs and the treatment of crossings. Without
+        them, a suggested command would analyse another mechanism.
     folder
         The folder of the run, None if no tables were written.
     file_names
@@ -92,6 +95,7 @@ class RunOutput:
 
     file: str
     words: Sequence[str] = ()
+    mechanism_options: Sequence[str] = ()
     folder: str | None = None
     file_names: Sequence[str] = ()
     is_in_degrees: bool = False
@@ -585,12 +589,13 @@ def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
         The words of the command of this run, and the files that it has written.
     """
     names = {analysis["name"] for analysis in summary["analyses"]}
-    command = f"spherekit run {output.file}"
+    same_mechanism = shlex.join([output.file, *output.mechanism_options])
+    command = f"spherekit run {same_mechanism}"
+    # The same run again, with all its options.
+    same_run = shlex.join(["spherekit", *output.words]) if output.words else command
     outputs = summary["overview"]["outputs"] if summary["assembly_modes"] else []
     steps = []
     if "simulation" in summary:
-        # The same simulation again, with the options of this run (`output.words`).
-        same_run = shlex.join(["spherekit", *output.words])
         if output.folder is None:
             steps.append((f"{same_run} -o DIR --figures", "tables and figures over time"))
         if output.recording is None:
@@ -604,8 +609,10 @@ def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
         name = "eksergian" if len(summary["inputs"]) == 1 else "dynamics"
         steps.append((f"{command} -a {name}", "driving torques"))
     if output.folder is None and "simulation" not in summary:
-        steps.append((f"{command} -o DIR --figures", "tables and figures of this run"))
-    steps.append((f"spherekit page {output.file}", "a page on which the mechanism moves"))
+        steps.append((f"{same_run} -o DIR --figures", "tables and figures of this run"))
+    steps.append(
+        (f"spherekit page {same_mechanism}", "a page on which the mechanism moves")
+    )
     return steps[:MAX_NEXT_STEPS]
 
 

@@ -14,6 +14,13 @@ from spherekit.wording import listing
 MAX_VALUE_LENGTH = 60
 """Characters of a value in a message about different runs. Longer values are cut."""
 
+CHECKSUM_TITLES = {
+    "mechanism_hash": "contents of the mechanism file",
+    "input_values": "values of the inputs",
+    "times": "times of the samples",
+}
+"""What has changed if a checksum of an identity differs, by the key of the checksum."""
+
 
 def code_identity() -> dict[str, str]:
     """Return the versions of the software and the kind of machine, by name.
@@ -39,13 +46,20 @@ def code_identity() -> dict[str, str]:
 
 
 def differences(stored: Mapping[str, Any], current: Mapping[str, Any]) -> str:
-    """Return the differences of two identities in words; empty if there are none."""
+    """Return the differences of two identities in words; empty if there are none.
+
+    Values are printed, but not checksums, which say nothing to a reader.
+    """
     changes = []
     for key in {**stored, **current}:
         old = stored.get(key)
         new = current.get(key)
         # JSON has made lists of tuples in the stored one.
         if json.dumps(old) != json.dumps(new):
+            title = CHECKSUM_TITLES.get(key)
+            if title is not None:
+                changes.append(f"other {title}")
+                continue
             title = key.replace("_", " ")
             changes.append(f"{title}: {_shortened(old)} there, {_shortened(new)} now")
     return listing(changes, 4)

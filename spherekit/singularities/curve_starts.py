@@ -247,8 +247,8 @@ class LocusPointSearch:
                 sides = " by ".join(f"{np.degrees(gap):.3g}" for gap in gaps)
                 reason = f"but for {item}s within a box of {sides} deg between slices"
                 sentence = (
-                    f"complete, except perhaps for {item}s that lie within a box of "
-                    f"{sides} deg of the inputs between neighbouring slices"
+                    f"complete, except perhaps for {item}s that are so small that they lie "
+                    f"within a box of {sides} deg of the inputs"
                 )
                 return Completeness(Guarantee.TO_BOX, reason, max(gaps), sentence)
         return Completeness(Guarantee.SAMPLED, "; ".join(filter(None, [reason, *notes])))
