@@ -137,10 +137,7 @@ def execute(options: Namespace) -> int:
             run = f"spherekit run {shlex.quote(options.file)}"
             report.next_steps = [
                 (f"{same_plan} --steps", "how each pole is constructed"),
-                (
-                    f"spherekit run {shlex.quote(options.file)}",
-                    "compute the poles during the motion",
-                ),
+                (run, "compute the poles during the motion"),
             ]
         report.print(options)
     return 0
