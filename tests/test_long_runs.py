@@ -352,7 +352,7 @@ def test_work_of_another_run_is_refused_with_what_differs(tmp_path):
         ({"samples": 61}, "samples: 60 there, 61 now"),
         ({"block": 5}, "samples in a block: 10 there, 5 now"),
         ({"assembly_mode": 1}, "assembly modes: "),
-        ({"path": np.linspace(0, 1, 60)}, "input values: "),
+        ({"path": np.linspace(0, 1, 60)}, "other values of the inputs"),
         ({"duration": 1.0}, "over time: false there, true now"),
     ]:
         for unfinished in ("refuse", "resume"):

@@ -4,6 +4,7 @@ from argparse import Namespace
 
 import pytest
 
+from spherekit.cli.main import main
 from spherekit.cli.screen_report import ScreenReport
 from spherekit.number_text import degree_range_text, degrees_text, number_text
 from spherekit.tables.screen_table import ScreenColumn, ScreenTable
@@ -140,3 +141,18 @@ def test_angles_are_rounded_to_what_a_drawing_resolves():
     assert degrees_text(1e-13) == "0"
     assert degrees_text(-1e-13) == "0"
     assert degree_range_text(-0.811, 6.283185307179586) == "-46.4669 to 360"
+
+
+@pytest.mark.parametrize("options", [["--lock", "51=60deg"], ["--input", "51"]])
+def test_suggested_commands_keep_inputs_and_locked_pairs(capsys, options):
+    """Without them a command would analyse another mechanism than the run before it."""
+    lock = [] if "--lock" in options else ["--lock", "21=60deg"]
+    words = ["run", "five_bar", *options, *lock, "--samples", "5"]
+    assert main(words) == 0
+    commands = [
+        line.strip().split("  ")[0]
+        for line in capsys.readouterr().out.partition("Next:\n")[2].splitlines()
+    ]
+    assert commands
+    for command in commands:
+        assert command.partition("five_bar ")[2].startswith(" ".join(options))
