@@ -64,6 +64,15 @@ ERROR_TEXTS = (
 )
 """For each error bound on the screen: its key in ``errors_reached``, and its format."""
 
+TABLE_QUANTITIES = (
+    ("angle", 0.01, "angles to about {} deg"),
+    ("ratio", 1e-4, "velocity ratios to about {}"),
+    ("speed", 1e-4, "speeds to about {} rad/s"),
+    ("transmission_angle", 0.1, "transmission angles to about {} deg"),
+    ("transmission_measure", 0.01, "transmission measures to about {}"),
+)
+"""Quantities in the table of outputs: key, value of the last printed digit, accuracy."""
+
 MAX_NEXT_STEPS = 3
 """Number of commands that are suggested."""
 
@@ -520,14 +529,55 @@ def _accuracy(summary: Any) -> str:
         )
     if not texts:
         return ""
-    line = f"{', '.join(texts)} (error bounds at each sample)"
+    line = f"at each sample: {', '.join(texts)} (error bounds)"
     overview = summary["overview"]
     if summary["assembly_modes"] and overview["outputs"]:
-        line += "; ranges and least values in the table are those of the samples"
-        # The distance of two samples as text. Empty if samples are only numbered.
-        sample_distance = PlaceText(overview).step_words
-        if sample_distance:
-            line += f", which are {sample_distance} apart"
+        line = f"{_table_accuracy(overview)}; {line}"
+    return line
+
+
+def _table_accuracy(overview: Any) -> str:
+    """Return how much the extremes in the table of outputs are exceeded between samples.
+
+    An example is "the table is accurate to the digits shown, but angles to about 0.002 deg,
+    as samples are 1 deg of 21 apart".
+
+    Parameters
+    ----------
+    overview
+        The overview of a run with at least one output.
+    """
+    # The distance of two samples as text. Empty if samples are only numbered.
+    sample_distance = PlaceText(overview).step_words
+    if not overview["is_path"]:
+        apart = f", which are {sample_distance} apart" if sample_distance else ""
+        return f"the table has the extremes of the samples{apart}"
+    largest = {key: 0.0 for key, _, _ in TABLE_QUANTITIES}
+    for mode in overview["modes"].values():
+        for motion in mode["outputs"]:
+            excess = motion["excess_between_samples"]
+            angle_excess = math.degrees(excess["angle_rad"])
+            largest["angle"] = max(largest["angle"], angle_excess)
+            rate_key = "speed" if overview["ratio"] else "ratio"
+            largest[rate_key] = max(largest[rate_key], excess["ratio"])
+            if motion["least_transmission"]:
+                transmission_key = "transmission_angle"
+                transmission_excess = math.degrees(excess["transmission"])
+            else:
+                transmission_key = "transmission_measure"
+                transmission_excess = excess["transmission"]
+            largest[transmission_key] = max(largest[transmission_key], transmission_excess)
+    exceptions = [
+        text.format(f"{float(_round_up(largest[key])):.6f}".rstrip("0"))
+        for key, last_digit, text in TABLE_QUANTITIES
+        if largest[key] > 0.5 * last_digit
+    ]
+    line = "the table is accurate to the digits shown"
+    if exceptions:
+        because = f", as samples are {sample_distance} apart" if sample_distance else ""
+        line += f", but {', '.join(exceptions)}{because}"
+    if not all(mode["closes_everywhere"] for mode in overview["modes"].values()):
+        line += "; where a mode ends, the table has the values of its last samples"
     return line
 
 

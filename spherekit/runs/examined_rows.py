@@ -14,6 +14,7 @@ from spherekit.runs.mode_overview import (
     EQUAL_MINIMA_TOLERANCE,
     ModeOverview,
     OutputOverview,
+    excess_between_samples,
     first_minimum,
 )
 from spherekit.runs.overview_plan import ExaminedOutput, OverviewPlan
@@ -203,6 +204,8 @@ class ExaminedRows:
         if not np.any(np.isfinite(angles)):
             return
         row = first_minimum(angles)
+        excess = excess_between_samples(angles, row)
+        overview.transmission_excess = max(overview.transmission_excess, excess)
         least = overview.transmission_angle
         if least is None or angles[row] < least[0] - EQUAL_MINIMA_TOLERANCE:
             overview.transmission_angle = [float(angles[row]), float(places[row])]
@@ -225,6 +228,9 @@ class ExaminedRows:
         if not np.any(np.isfinite(measures)):
             return
         row = first_minimum(measures)
+        if overview.transmission_angle is None:
+            excess = excess_between_samples(measures, row)
+            overview.transmission_excess = max(overview.transmission_excess, excess)
         least = overview.transmission
         if least is None or measures[row] < least[0] - EQUAL_MINIMA_TOLERANCE:
             overview.transmission = [float(measures[row]), float(places[row])]
@@ -262,7 +268,7 @@ class ExaminedRows:
                 overview.first_pose = pointing[0].tolist()
             first = np.array(overview.first_pose)
             sine = np.linalg.norm(np.cross(pointing, first), axis=1)
-            overview.widen_angle(np.arctan2(sine, pointing @ first))
+            self._add_turned_angles(overview, np.arctan2(sine, pointing @ first))
             return
         if overview.first_pose is None:
             overview.first_pose = relative[0].ravel().tolist()
@@ -272,7 +278,18 @@ class ExaminedRows:
         skew = difference - difference.swapaxes(1, 2)
         sine = np.linalg.norm(skew[:, [2, 0, 1], [1, 2, 0]], axis=1)
         cosine = np.trace(difference, axis1=1, axis2=2) - 1.0
-        overview.widen_angle(np.arctan2(sine, cosine))
+        self._add_turned_angles(overview, np.arctan2(sine, cosine))
+
+    def _add_turned_angles(self, overview: OutputOverview, angles: Floats) -> None:
+        """Extend the range of an angle (m,) of at least 0 (rad) that has no turning points.
+
+        Its turning points between samples are not computed, so their distance from the
+        largest sample is estimated. The smallest angle is that of the first pose, 0.
+        """
+        overview.widen_angle(angles)
+        if self.plan.is_path:
+            excess = excess_between_samples(angles, int(np.argmax(angles)))
+            overview.angle_excess_rad = max(overview.angle_excess_rad, excess)
 
     def _add_scattered_angles(self, overview: OutputOverview, angles: Floats) -> None:
         """Extend the range of an angle over the samples of a grid, which have no order.
@@ -379,6 +396,11 @@ class ExaminedRows:
         if takes_rate_of_steps:
             rates[1:] = np.diff(angles)
         overview.widen_angle(angles)
+        if takes_rate_of_steps:
+            # Turning points of the angle are not computed with such rates.
+            for row in (int(np.argmin(angles)), int(np.argmax(angles))):
+                excess = excess_between_samples(angles, row)
+                overview.angle_excess_rad = max(overview.angle_excess_rad, excess)
 
         # The rate is nearly linear between neighbouring rows. Rows in which it is zero up
         # to rounding are passed over.
@@ -404,7 +426,12 @@ class ExaminedRows:
             error = 0.5 * (rates[before] + rates[after]) * step
             error -= angles[after] - angles[before]
             variation = abs((rates[after] - rates[before]) * step)
-            if abs(error) > MAX_RATE_CURVATURE * variation:
+            is_linear = abs(error) <= MAX_RATE_CURVATURE * variation
+            # The rates at both rows have opposite signs. If they are not linear, the angle
+            # turns back at most about as far away as these rates lead in the whole step.
+            excess = abs(error) if is_linear else variation
+            overview.angle_excess_rad = max(overview.angle_excess_rad, float(excess))
+            if not is_linear:
                 overview.add_uncertain_rest(float(places[before]), float(places[after]))
                 continue
             overview.add_rest(place)

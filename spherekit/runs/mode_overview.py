@@ -4,6 +4,7 @@ These records are part of the state of a run. Their size does not grow with the 
 samples.
 """
 
+import math
 from dataclasses import dataclass, field
 from typing import Any, Self
 
@@ -80,6 +81,12 @@ class OutputOverview:
         rests in this row, place and rate are those of the last row before in which it
         moves. None instead of a row for outputs without a fixed axis, on a grid, and if the
         last row has no configuration.
+    angle_excess_rad, ratio_excess
+        Estimates of how far the angle (rad) and the velocity ratios exceed their ranges
+        between samples.
+    transmission_excess
+        Estimate of how far the transmission angle (rad) between samples is below the least
+        one; for an output without a transmission angle, that of the transmission measure.
     """
 
     lowest_rad: float | None = None
@@ -97,6 +104,9 @@ class OutputOverview:
     last_determinant: list[float] | None = None
     first_pose: list[float] | None = None
     last_row: list[float | None] | None = None
+    angle_excess_rad: float = 0.0
+    ratio_excess: float = 0.0
+    transmission_excess: float = 0.0
 
     def widen_angle(self, angles: Floats) -> None:
         """Extend the range of the angle of the output by further angles (rad)."""
@@ -124,6 +134,9 @@ class OutputOverview:
             finite = column[np.isfinite(column)]
             if not len(finite):
                 continue
+            for row in (int(np.nanargmin(column)), int(np.nanargmax(column))):
+                excess = excess_between_samples(column, row)
+                self.ratio_excess = max(self.ratio_excess, excess)
             low, high = float(np.min(finite)), float(np.max(finite))
             earlier_low = self.lowest_ratio[number]
             earlier_high = self.highest_ratio[number]
@@ -210,6 +223,31 @@ class OutputOverview:
         is_known = bool(np.isfinite(determinants[-1]))
         last = [float(places[-1]), float(determinants[-1]), float(senses[-1])]
         self.last_determinant = last if is_known else None
+
+
+def excess_between_samples(values: Floats, row: int) -> float:
+    """Return an estimate by how much a quantity exceeds an extreme sample nearby.
+
+    Near the extreme the quantity is taken as a parabola through this sample and its two
+    neighbours. With the values a, b, c at these samples, the extreme of the parabola
+    differs from b by (c - a)**2 / (8 abs(a - 2 b + c)).
+
+    Parameters
+    ----------
+    values
+        (n,) values at successive samples, NaN where they are unknown.
+    row
+        The sample with the largest or the smallest value. If it is the first or the last
+        one, or beside an unknown value, nothing is known of the other side, and 0 is
+        returned.
+    """
+    if not 0 < row < len(values) - 1:
+        return 0.0
+    before, middle, after = values[row - 1 : row + 2].tolist()
+    curvature = abs(before - 2.0 * middle + after)
+    if not (math.isfinite(curvature) and curvature > 0.0):
+        return 0.0
+    return float((after - before) ** 2 / (8.0 * curvature))
 
 
 @dataclass

@@ -36,6 +36,9 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
       other statuses, the least transmission angle of all dyads, and for each output the
       range of its angle, its velocity ratios, its least transmission angle and measure,
       how near it is to singularities of type I, and where it comes to rest.
+      ``excess_between_samples`` has estimates by how much these extremes are exceeded
+      between samples: the angle in rad, the ratio, and the transmission angle in rad (or
+      the measure, if there is no such angle).
     """
     overview.examine_pending(plan)
     mechanism = plan.mechanism
@@ -80,6 +83,11 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
                     "highest_rad": output.highest_rad,
                     "lowest_ratio": output.lowest_ratio,
                     "highest_ratio": output.highest_ratio,
+                    "excess_between_samples": {
+                        "angle_rad": output.angle_excess_rad,
+                        "ratio": output.ratio_excess,
+                        "transmission": output.transmission_excess,
+                    },
                     "rests": output.rests,
                     "uncertain_rests": output.uncertain_rests,
                     "further_rests": output.further_rests,
