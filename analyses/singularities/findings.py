@@ -64,7 +64,7 @@ def describe_inputs_of_kinds(
             parts = []
             inputs_by_modes = _group_by_modes(inputs_deg, points["assembly_mode"][rows])
             for modes, inputs in inputs_by_modes.items():
-                in_modes = f" in {modes}" if modes else ""
+                in_modes = f" in {modes}" if modes else " in no computed mode"
                 parts.append(f"{_list_angles(inputs)} deg{in_modes}")
             location = f"at {input_pair} = " + "; ".join(parts)
         sentences.append(f"{meaning.format(output=output)} {location}")

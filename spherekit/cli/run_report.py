@@ -654,7 +654,11 @@ def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
         # The analyses of this run needed no motion, so none was computed.
         steps.append((command, "motion: ranges of outputs and velocity ratios"))
     if outputs and "singularities" not in names and "simulation" not in summary:
-        steps.append((f"{command} -a singularities", "exact places of singularities"))
+        # With several inputs, singular configurations form curves or surfaces.
+        places = "exact places of singularities"
+        if len(summary["inputs"]) > 1:
+            places = "all singular configurations"
+        steps.append((f"{command} -a singularities", places))
     if summary["has_masses"] and not names & {"eksergian", "dynamics", "statics"}:
         name = "eksergian" if len(summary["inputs"]) == 1 else "dynamics"
         steps.append((f"{command} -a {name}", "driving torques"))

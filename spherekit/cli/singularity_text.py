@@ -58,7 +58,8 @@ def describe_singularities(summary: Any) -> Lines:
     has_exact_places = "singularities" in names
     if lines and has_several_inputs and not is_simulation and not has_exact_places:
         lines[-1] += (
-            " These places are from the samples; -a singularities gives exact ones."
+            " These places are those of samples; -a singularities searches between "
+            "them, too."
         )
     return lines
 

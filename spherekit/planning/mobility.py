@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from spherekit.errors import CountError, PlanError
 from spherekit.mechanism.graph import component_labels, connected_components
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.wording import listing
+from spherekit.wording import counted, listing
 
 BODY_FREEDOMS = 3
 """Degrees of freedom of a free body on the sphere."""
@@ -237,7 +237,9 @@ def check_mobility(
         pebble_game = _play_on_links(mechanism)
         if mobility != len(driven):
             raise CountError(
-                f"{mechanism.name}: mobility 3(m - 1) - 2 n_R - 2 n_Cr - n_Cs = "
+                f"{mechanism.name}: the {counted(len(mechanism.links), 'link')} and "
+                f"{counted(len(mechanism.pairs), 'pair')} have mobility "
+                "3(m - 1) - 2 n_R - 2 n_Cr - n_Cs = "
                 f"{mobility}, but the number of inputs is {len(driven)} "
                 f"({listing(mechanism.names_of(driven))}); {inputs_to_declare(mobility)}"
             )
