@@ -532,6 +532,13 @@ class SeveralInputs:
                 if found_aspects.note:
                     remark += f"; {found_aspects.note}"
                 remarks.append(f"{remark}.")
+        # 4. Accuracy. The residual of a row of a whole mechanism is 0 or missing.
+        residuals = np.asarray(self.points["residual"], dtype=float)
+        if np.any(residuals > 0.0):
+            remarks.append(
+                "The geometric conditions of the listed singular configurations are met to "
+                f"{np.nanmax(residuals):.0e} (sine of the deviation)."
+            )
         tables = (_locus_table(table_rows),) if table_rows else ()
         return Findings(summary, tuple(warnings), tuple(remarks), tables)
 
