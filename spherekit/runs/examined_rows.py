@@ -14,7 +14,6 @@ from spherekit.runs.mode_overview import (
     EQUAL_MINIMA_TOLERANCE,
     ModeOverview,
     OutputOverview,
-    excess_between_samples,
     first_minimum,
 )
 from spherekit.runs.overview_plan import ExaminedOutput, OverviewPlan
@@ -201,11 +200,10 @@ class ExaminedRows:
         """
         dyad = self.plan.joining_dyads[number]
         angles = transmission_angle_of_group(dyad, self.motion.axes[rows])
+        overview.smooth_transmission_angle.add(angles)
         if not np.any(np.isfinite(angles)):
             return
         row = first_minimum(angles)
-        excess = excess_between_samples(angles, row)
-        overview.transmission_excess = max(overview.transmission_excess, excess)
         least = overview.transmission_angle
         if least is None or angles[row] < least[0] - EQUAL_MINIMA_TOLERANCE:
             overview.transmission_angle = [float(angles[row]), float(places[row])]
@@ -225,12 +223,10 @@ class ExaminedRows:
         directions = transmission.output_directions(self.rotations[rows])
         measures = transmission.measure(self.motion.vectors[rows], directions)
         measures = np.where(self.closes[rows], measures, np.nan)
+        overview.smooth_transmission.add(measures)
         if not np.any(np.isfinite(measures)):
             return
         row = first_minimum(measures)
-        if overview.transmission_angle is None:
-            excess = excess_between_samples(measures, row)
-            overview.transmission_excess = max(overview.transmission_excess, excess)
         least = overview.transmission
         if least is None or measures[row] < least[0] - EQUAL_MINIMA_TOLERANCE:
             overview.transmission = [float(measures[row]), float(places[row])]
@@ -287,9 +283,7 @@ class ExaminedRows:
         largest sample is estimated. The smallest angle is that of the first pose, 0.
         """
         overview.widen_angle(angles)
-        if self.plan.is_path:
-            excess = excess_between_samples(angles, int(np.argmax(angles)))
-            overview.angle_excess_rad = max(overview.angle_excess_rad, excess)
+        overview.smooth_angle.add(angles)
 
     def _add_scattered_angles(self, overview: OutputOverview, angles: Floats) -> None:
         """Extend the range of an angle over the samples of a grid, which have no order.
@@ -353,6 +347,7 @@ class ExaminedRows:
             else:
                 # The next segment continues no row before it.
                 overview.last_row = None
+                overview.smooth_angle.add(np.full(len(segment), np.nan))
 
     def _add_segment(
         self,
@@ -375,6 +370,7 @@ class ExaminedRows:
         takes_rate_of_steps
             Whether differences of successive angles take the place of the rates.
         """
+        is_first_segment = overview.last_row is None
         if overview.last_row is not None:
             # NaN cannot be stored in the journal, so None stands for it.
             last_row = [np.nan if x is None else x for x in overview.last_row]
@@ -398,9 +394,7 @@ class ExaminedRows:
         overview.widen_angle(angles)
         if takes_rate_of_steps:
             # Turning points of the angle are not computed with such rates.
-            for row in (int(np.argmin(angles)), int(np.argmax(angles))):
-                excess = excess_between_samples(angles, row)
-                overview.angle_excess_rad = max(overview.angle_excess_rad, excess)
+            overview.smooth_angle.add(angles if is_first_segment else angles[1:])
 
         # The rate is nearly linear between neighbouring rows. Rows in which it is zero up
         # to rounding are passed over.
@@ -429,8 +423,8 @@ class ExaminedRows:
             is_linear = abs(error) <= MAX_RATE_CURVATURE * variation
             # The rates at both rows have opposite signs. If they are not linear, the angle
             # turns back at most about as far away as these rates lead in the whole step.
-            excess = abs(error) if is_linear else variation
-            overview.angle_excess_rad = max(overview.angle_excess_rad, float(excess))
+            turning_error = float(abs(error) if is_linear else variation)
+            overview.turning_error_rad = max(overview.turning_error_rad, turning_error)
             if not is_linear:
                 overview.add_uncertain_rest(float(places[before]), float(places[after]))
                 continue

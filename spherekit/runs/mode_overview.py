@@ -4,7 +4,6 @@ These records are part of the state of a run. Their size does not grow with the 
 samples.
 """
 
-import math
 from dataclasses import dataclass, field
 from typing import Any, Self
 
@@ -12,6 +11,7 @@ import numpy as np
 
 from spherekit.arrays import Floats, SmallIntegers
 from spherekit.conventions import Facts
+from spherekit.runs.smooth_extremes import SmoothExtremes
 from spherekit.status import Status
 
 MAX_SPANS = 32
@@ -29,6 +29,10 @@ The minima are those of transmission angles (rad), transmission measures and sin
 values. Larger: places of minima are less accurate; smaller: rounding errors choose among
 equal minima.
 """
+
+
+SMOOTH_EXTREMES = ("smooth_angle", "smooth_transmission_angle", "smooth_transmission")
+"""Attributes of `OutputOverview` that are single records of `SmoothExtremes`."""
 
 
 @dataclass
@@ -81,12 +85,13 @@ class OutputOverview:
         rests in this row, place and rate are those of the last row before in which it
         moves. None instead of a row for outputs without a fixed axis, on a grid, and if the
         last row has no configuration.
-    angle_excess_rad, ratio_excess
-        Estimates of how far the angle (rad) and the velocity ratios exceed their ranges
-        between samples.
-    transmission_excess
-        Estimate of how far the transmission angle (rad) between samples is below the least
-        one; for an output without a transmission angle, that of the transmission measure.
+    turning_error_rad
+        Largest estimated error (rad) of an angle at which the output turns back between
+        two samples.
+    smooth_angle, smooth_ratios, smooth_transmission_angle, smooth_transmission
+        Extremes between samples, estimated from parabolas: of the angle (rad) if it is not
+        known where it turns back, of the velocity ratio of each input, of the transmission
+        angle (rad) and of the transmission measure.
     """
 
     lowest_rad: float | None = None
@@ -104,9 +109,23 @@ class OutputOverview:
     last_determinant: list[float] | None = None
     first_pose: list[float] | None = None
     last_row: list[float | None] | None = None
-    angle_excess_rad: float = 0.0
-    ratio_excess: float = 0.0
-    transmission_excess: float = 0.0
+    turning_error_rad: float = 0.0
+    smooth_angle: SmoothExtremes = field(default_factory=SmoothExtremes)
+    smooth_ratios: list[SmoothExtremes] = field(default_factory=list)
+    smooth_transmission_angle: SmoothExtremes = field(default_factory=SmoothExtremes)
+    smooth_transmission: SmoothExtremes = field(default_factory=SmoothExtremes)
+
+    @classmethod
+    def from_json(cls, entries: Facts) -> Self:
+        """Return the overview of an output from the data of `dataclasses.asdict`."""
+        smooth_ratios = entries.get("smooth_ratios", ())
+        extremes: Facts = {
+            name: SmoothExtremes.from_json(entries[name])
+            for name in SMOOTH_EXTREMES
+            if name in entries
+        }
+        extremes["smooth_ratios"] = [SmoothExtremes.from_json(x) for x in smooth_ratios]
+        return cls(**(entries | extremes))
 
     def widen_angle(self, angles: Floats) -> None:
         """Extend the range of the angle of the output by further angles (rad)."""
@@ -130,13 +149,12 @@ class OutputOverview:
         if not self.lowest_ratio:
             self.lowest_ratio = [None] * ratios.shape[1]
             self.highest_ratio = [None] * ratios.shape[1]
+            self.smooth_ratios = [SmoothExtremes() for _ in ratios.T]
         for number, column in enumerate(ratios.T):
+            self.smooth_ratios[number].add(column)
             finite = column[np.isfinite(column)]
             if not len(finite):
                 continue
-            for row in (int(np.nanargmin(column)), int(np.nanargmax(column))):
-                excess = excess_between_samples(column, row)
-                self.ratio_excess = max(self.ratio_excess, excess)
             low, high = float(np.min(finite)), float(np.max(finite))
             earlier_low = self.lowest_ratio[number]
             earlier_high = self.highest_ratio[number]
@@ -225,31 +243,6 @@ class OutputOverview:
         self.last_determinant = last if is_known else None
 
 
-def excess_between_samples(values: Floats, row: int) -> float:
-    """Return an estimate by how much a quantity exceeds an extreme sample nearby.
-
-    Near the extreme the quantity is taken as a parabola through this sample and its two
-    neighbours. With the values a, b, c at these samples, the extreme of the parabola
-    differs from b by (c - a)**2 / (8 abs(a - 2 b + c)).
-
-    Parameters
-    ----------
-    values
-        (n,) values at successive samples, NaN where they are unknown.
-    row
-        The sample with the largest or the smallest value. If it is the first or the last
-        one, or beside an unknown value, nothing is known of the other side, and 0 is
-        returned.
-    """
-    if not 0 < row < len(values) - 1:
-        return 0.0
-    before, middle, after = values[row - 1 : row + 2].tolist()
-    curvature = abs(before - 2.0 * middle + after)
-    if not (math.isfinite(curvature) and curvature > 0.0):
-        return 0.0
-    return float((after - before) ** 2 / (8.0 * curvature))
-
-
 @dataclass
 class ModeOverview:
     """Where an assembly mode closes, and how its outputs move.
@@ -281,7 +274,7 @@ class ModeOverview:
     @classmethod
     def from_json(cls, entries: Facts) -> Self:
         """Return the overview of a mode from the data of `dataclasses.asdict`."""
-        outputs = [OutputOverview(**output) for output in entries["outputs"]]
+        outputs = [OutputOverview.from_json(output) for output in entries["outputs"]]
         return cls(**(entries | {"outputs": outputs}))
 
     def add_status(self, codes: SmallIntegers, first_sample: int) -> None:

@@ -83,11 +83,7 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
                     "highest_rad": output.highest_rad,
                     "lowest_ratio": output.lowest_ratio,
                     "highest_ratio": output.highest_ratio,
-                    "excess_between_samples": {
-                        "angle_rad": output.angle_excess_rad,
-                        "ratio": output.ratio_excess,
-                        "transmission": output.transmission_excess,
-                    },
+                    "excess_between_samples": _summarize_excess(output),
                     "rests": output.rests,
                     "uncertain_rests": output.uncertain_rests,
                     "further_rests": output.further_rests,
@@ -143,6 +139,33 @@ def _summarize_transmission(
         "pair": pair,
         "place": place,
         "inputs_rad": _inputs_at(plan, place),
+    }
+
+
+def _summarize_excess(output: OutputOverview) -> Facts:
+    """Return estimates by how much extremes are exceeded between samples.
+
+    The entries are the angle (rad), the velocity ratio, and the transmission angle (rad),
+    or the transmission measure if there is no such angle. Only the least transmission
+    matters, so its maxima are left out.
+    """
+    angle = output.smooth_angle.excess(output.lowest_rad, output.highest_rad)
+    ratios = [
+        smooth.excess(lowest, highest)
+        for smooth, lowest, highest in zip(
+            output.smooth_ratios, output.lowest_ratio, output.highest_ratio, strict=True
+        )
+    ]
+    transmission = 0.0
+    if output.transmission_angle is not None:
+        least = output.transmission_angle[0]
+        transmission = output.smooth_transmission_angle.excess(least, None)
+    elif output.transmission is not None:
+        transmission = output.smooth_transmission.excess(output.transmission[0], None)
+    return {
+        "angle_rad": max(angle, output.turning_error_rad),
+        "ratio": max(ratios, default=0.0),
+        "transmission": transmission,
     }
 
 
