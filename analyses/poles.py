@@ -261,20 +261,22 @@ class Poles(AbstractAnalysis):
         )
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return the quantities that this analysis needs of a motion.
+        """Return the quantities that a run has to compute for this analysis.
 
-        A pole is the axis about which two links turn relative to each other. The analysis
-        needs:
+        A pole is the axis about which one link turns relative to another. The fields are:
 
-        - the axis of each pole, the derivative of the axis by the input (`turns`), the
-          velocity coefficient (`rates`) and its derivative by the input;
-        - the two great circles (`planes`) that intersect in a pole, for the one pole that
-          the user chose with the parameter `circles`, by default the first one that is not
-          the axis of a pair. The circles of all poles that are not axes of pairs are needed
-          for a drawing of their construction. The chart, a flat map of the sphere, needs
-          them too, because the table then has the circles of each pole in the map;
-        - the rotations of links whose axodes are drawn, or of all links if the construction
-          is drawn. An axode is the path of a pole in the axes of a link.
+        - `directions`, `turns`: the direction of each pole, and its derivative by the
+          input.
+        - `rates`: the velocity coefficient of each pole, which is the relative angular
+          velocity per unit rate of the input.
+        - `derivatives`: derivatives by the input of directions and velocity coefficients.
+        - `planes`: the two great circles that intersect in a pole. One pole has them in the
+          figures: that of the parameter `circles`, by default the first one that is not the
+          axis of a pair. All poles that are not axes of pairs need them in two cases: for
+          the drawing of the construction, and for the columns of the chart (a flat map of
+          the sphere), which are coordinates of these circles.
+        - `rotations`: all links if the construction is drawn, otherwise the links whose
+          axodes are drawn. An axode is the path of a pole in the axes of a link.
         """
         axode_poles = self._axode_poles(mechanism)
         poles = frozenset(self.poles(mechanism)) | frozenset(axode_poles)

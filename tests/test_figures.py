@@ -181,23 +181,31 @@ def test_the_lambert_map_keeps_the_area_of_a_cap(pole):
 
 @pytest.mark.parametrize("pole", POLES)
 def test_the_stereographic_map_keeps_angles(pole):
-    """Two directions on the sphere enclose on paper the same angle, in the same sense.
+    """The angle between two tangents of the sphere at a point is the same on paper.
 
-    Both are seen from outside. The map is differentiated by central differences.
+    It also has the same sign. On paper it is positive counterclockwise, on the sphere it is
+    so for an observer outside. The map is centred on the ground axis nearest to the point,
+    not on the point itself, where also maps of other kinds would keep angles.
     """
     view = SphereView(frame_about(pole[None]), STEREOGRAPHIC, np.pi)
-    u = pole / np.linalg.norm(pole)
-    a = np.cross(u, [0.3, -0.8, 0.5])
-    b = np.cross(u, a) + 0.7 * a
+    point = pole / np.linalg.norm(pole)
+    # Two tangents a and b of the sphere at the point.
+    a = np.cross(point, [0.3, -0.8, 0.5])
+    b = np.cross(point, a) + 0.7 * a
+    angle_on_sphere = np.arctan2(point @ np.cross(a, b), a @ b)
+
+    # Their directions on paper, by central differences.
     step = 1e-6
-    points = np.stack([u + step * a, u + step * b, u - step * a, u - step * b])
-    points /= np.linalg.norm(points, axis=1)[:, None]
-    a_forward, b_forward, a_back, b_back = on_paper(view, points)
+    neighbours = np.stack(
+        [point + step * a, point + step * b, point - step * a, point - step * b]
+    )
+    neighbours /= np.linalg.norm(neighbours, axis=1)[:, None]
+    a_forward, b_forward, a_back, b_back = on_paper(view, neighbours)
     a_on_paper = a_forward - a_back
     b_on_paper = b_forward - b_back
     sine = a_on_paper[0] * b_on_paper[1] - a_on_paper[1] * b_on_paper[0]
-    angle = np.arctan2(sine, a_on_paper @ b_on_paper)
-    assert angle == pytest.approx(np.arctan2(u @ np.cross(a, b), a @ b), abs=1e-8)
+    angle_on_paper = np.arctan2(sine, a_on_paper @ b_on_paper)
+    assert angle_on_paper == pytest.approx(angle_on_sphere, abs=1e-8)
 
 
 @pytest.mark.parametrize("pole", POLES)

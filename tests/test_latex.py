@@ -488,24 +488,38 @@ def test_only_what_is_asked_for_is_printed():
 
 
 def test_sizes_that_vary_stay_symbols():
-    """Sizes named in `vary` are symbols; other values give the changed mechanism.
+    """Sizes named in `vary` are symbols in the formulas of a document.
 
-    An inertia tensor is a symbol as a whole. A mass can vary in this way only without
-    loads, because loads such as gravity depend on its weight, too, which has no symbol.
+    If other values are inserted for the arcs of links 3 and 4, the formulas give an angle
+    of the mechanism that has these arcs. An inertia tensor is a symbol as a whole: the
+    document calls it free, although `vary` names one of its elements. A mass can vary only
+    without loads, because loads such as gravity depend on its weight, which has no symbol.
     """
-    made = sk.load("universal_joint")
+    mechanism = sk.load("universal_joint")
     keys = ["links.3.arc", "links.4.arc", "mass.3.tensor.0.0"]
     with pytest.raises(sk.SpherekitError, match="not a symbol"):
-        latex(made, vary=keys)
-    made = made.with_loads(without=[load.name for load in made.loads])
-    text = latex(made, vary=keys)
-    other = made.with_sizes(angle_unit="deg", arcs={"3": 80.0, "4": 75.0})
-    given = {"q": mpmath.mpf("0.4"), "s_{1}": -1, r"\dot{q}": 0, r"\ddot{q}": 1}
-    arcs = {rf"\alpha_{{{k}}}": mpmath.radians(x) for k, x in ((3, 80), (4, 75))}
-    known = evaluate_document(text, given | arcs)
-    here = sk.evaluate(other, 0.4)
-    assert np.min(np.abs(here.variable("41") - float(known[r"\theta_{41}"]))) < 1e-12
-    assert r"\cos \alpha_{3}" in text and r"\cos \alpha_{2}" not in text
+        latex(mechanism, vary=keys)
+    unloaded = mechanism.with_loads(without=[load.name for load in mechanism.loads])
+    text = latex(unloaded, vary=keys)
+    assert r"\cos \alpha_{3}" in text
+    assert r"\cos \alpha_{2}" not in text
+    assert r"$\mathbf{I}_{3}$ & inertia tensor of link 3 (kg m$^2$), free" in text
+
+    changed = unloaded.with_sizes(angle_unit="deg", arcs={"3": 80.0, "4": 75.0})
+    inserted_values = {
+        "q": mpmath.mpf("0.4"),
+        r"\dot{q}": 0,
+        r"\ddot{q}": 1,
+        r"\alpha_{3}": mpmath.radians(80),
+        r"\alpha_{4}": mpmath.radians(75),
+        # The sign selects one of the two assembly modes.
+        "s_{1}": -1,
+    }
+    values = evaluate_document(text, inserted_values)
+    # `evaluate` returns the angles of both assembly modes. One of them has this sign.
+    expected_angles = sk.evaluate(changed, 0.4).variable("41")
+    differences = np.abs(expected_angles - float(values[r"\theta_{41}"]))
+    assert np.min(differences) < 1e-12
 
 
 @pytest.mark.parametrize(

@@ -127,30 +127,38 @@ def test_locking_a_pair_keeps_the_name_of_a_link_with_a_contact():
     [(("3", "5"), "external"), (("5", "3"), "external"), (("5", "3"), "internal")],
 )
 def test_a_displacement_whose_zero_is_moved_by_a_lock_is_announced(contact_links, contact):
-    """Link 3 becomes a part of link 2, whose axes define the zero of the displacement.
+    """A warning says by how much a lock changes the displacement of a contact.
 
-    The number in the warning is the difference of the displacements of both mechanisms in
-    the same configuration.
+    The displacement is an arc length along the circular profile of link 3. It is counted
+    from a zero that the axes of link 3 define. Locked at pair 23, link 3 becomes a part of
+    link 2, and the axes of link 2 define the zero. In the same configuration the
+    displacement then differs by the number in the warning, up to full circumferences.
     """
     mechanism = two_followers(contact_links, contact)
+    # Two samples of the inputs 12 and 23. The second input is constant.
     path = np.array([[0.0, 0.7], [0.2, 0.7]])
     motion = PositionAnalysis(mechanism, path=path, assembly_mode=0).motion()
     with pytest.warns(UserWarning, match="s_35_3 .* becomes s_35_2") as warned:
         locked = sk.lock(mechanism, {"23": 0.7}, angle_unit="rad")
     shift = float(re.search(r"adds (\S+) rad", str(warned[0].message))[1])
     locked_motion = PositionAnalysis(locked, path=path[:, :1]).motion()
+
+    # The locked motion has the two samples of its first assembly mode, then those of the
+    # next one. One mode has the same angles of the followers, links 4 and 5.
     followers = [locked.variable_names.index(name) for name in ("theta_14", "theta_15")]
     expected = motion.values[:, [mechanism.angles["14"], mechanism.angles["15"]]]
-    distance = np.max(np.abs(locked_motion.values[::2, followers] - expected[0]), axis=1)
+    first_samples = locked_motion.values[::2, followers]
+    distance = np.max(np.abs(first_samples - expected[0]), axis=1)
     first_row = 2 * int(np.argmin(distance))
     rows = slice(first_row, first_row + 2)
     assert locked_motion.values[rows, followers] == pytest.approx(expected, abs=1e-12)
+
     displacement = motion.values[:, mechanism.variable_names.index("s_35_3")]
-    moved = locked_motion.values[rows, locked.variable_names.index("s_35_2")]
+    locked_displacement = locked_motion.values[rows, locked.variable_names.index("s_35_2")]
     profile = mechanism.pair("35").profiles[contact_links.index("3")]
-    lap = 2.0 * np.pi * np.sin(profile.radius)
-    laps = (moved - displacement - shift) / lap
-    assert laps == pytest.approx(np.round(laps), abs=1e-8)
+    circumference = 2.0 * np.pi * np.sin(profile.radius)
+    revolutions = (locked_displacement - displacement - shift) / circumference
+    assert revolutions == pytest.approx(np.round(revolutions), abs=1e-8)
     assert abs(shift) > 0.1
 
 

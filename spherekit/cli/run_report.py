@@ -134,26 +134,40 @@ def make_report(summary: Any, output: RunOutput) -> ScreenReport:
 
 
 def _question(summary: Any) -> str:
-    """Return what was asked: mechanism, ranges of the inputs, samples and analyses."""
+    """Return in one line what the user asked for.
+
+    An example is ``four_bar: input a from 0 to 360 deg, 361 samples``. The names of the
+    analyses follow if they are not the default ones.
+
+    Parameters
+    ----------
+    summary
+        The content of ``summary.json``. Its ``sampling`` is the number of samples as text:
+        ``361``, or ``41x21`` on a grid of two inputs.
+    """
     analyses = [analysis["name"] for analysis in summary["analyses"]]
-    asked = "" if analyses == DEFAULT_ANALYSES else f"; {', '.join(analyses)}"
+    analyses_text = "" if analyses == DEFAULT_ANALYSES else f"; {', '.join(analyses)}"
     mechanism = summary["mechanism"]
     samples = counted(summary["sampling"], "sample")
     if "simulation" in summary:
         simulation = summary["simulation"]
         start = ", ".join(
             f"input {_input_words(summary, pair)} at {degrees_text(state['q_rad'])} deg "
+            # A rate of at most `RATE_ERROR` is a rounding error and is printed as 0.
             f"and {number_text(state['dq_rad_per_s'], RATE_ERROR)} rad/s"
             for pair, state in simulation["start"].items()
         )
         return (
             f"{mechanism}: simulation of {simulation['duration_s']:.6g} s, "
             f"start with {start}, "
-            f"{samples}{asked}"
+            f"{samples}{analyses_text}"
         )
+    # Some analyses read no samples of the inputs: they search configurations themselves.
+    # If there are no others, no motion was computed and no assembly mode is listed. Ranges
+    # and samples of the inputs were then not used.
     if not summary["assembly_modes"]:
         names = [_input_words(summary, pair) for pair in summary["inputs"]]
-        return f"{mechanism}: {numbered('input', names)}{asked}"
+        return f"{mechanism}: {numbered('input', names)}{analyses_text}"
     ranges = []
     for pair, (low, high) in summary["inputs"].items():
         if low == high:
@@ -166,8 +180,9 @@ def _question(summary: Any) -> str:
     if "time" in summary:
         how = f" in {summary['time']['duration_s']:.6g} s"
     elif len(ranges) > 1:
+        # On a path all inputs change together. A grid has all combinations of their values.
         how = " on one path" if summary["overview"]["is_path"] else " on a grid"
-    return f"{mechanism}: {word} {' and '.join(ranges)}{how}, {samples}{asked}"
+    return f"{mechanism}: {word} {' and '.join(ranges)}{how}, {samples}{analyses_text}"
 
 
 def _input_words(summary: Any, pair: str) -> str:

@@ -296,9 +296,11 @@ def _unwrap_from_mode_end(
     """Return the angles of assembly modes that start between two inputs.
 
     A mode starts at the first input at which the mechanism can be assembled in it. This
-    input is found by bisection. The angles are in (-pi, pi] at the start, and are followed
-    from there to the second input. If they cannot be followed, their values at the start
-    are returned.
+    input is found by bisection. The angles are in (-pi, pi] at the start. They are followed
+    from there to the second input, where they may be outside of (-pi, pi].
+
+    An angle that cannot be followed gets its value at the start. This value differs from
+    the angle at the second input, and not only by whole revolutions.
 
     Parameters
     ----------
@@ -316,7 +318,7 @@ def _unwrap_from_mode_end(
 
     Returns
     -------
-    (pairs, m) angles (rad) at `closed_input`, over full revolutions.
+    (pairs, m) angles (rad) at `closed_input`, not wrapped to (-pi, pi].
     """
     end_inputs = np.full((len(designs), 1), closed_input)
     # The start of each mode is between `outside`, where it does not close, and `inside`.
@@ -330,6 +332,8 @@ def _unwrap_from_mode_end(
         inside = np.where(closes[:, None], middle, inside)
         outside = np.where(closes[:, None], outside, middle)
         inside_angles = np.where(closes, middle_angles, inside_angles)
+    # The change of each angle from the start of the mode to `closed_input`, without jumps
+    # by whole revolutions.
     growth = _follow_growth(
         angles_at,
         designs,

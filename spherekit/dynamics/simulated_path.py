@@ -188,7 +188,12 @@ class CurveMomentumConversion:
     sense: float
 
     def __call__(self, states: Floats, rates: Floats) -> Floats:
-        """Convert the momentum in place, and return its positive direction.
+        """Give the momentum the sign that it has in a simulation, in place.
+
+        The mechanism has one degree of freedom, so it moves along a curve of
+        configurations. The compiled engine may count a momentum as positive along this
+        curve in the direction opposite to that of the simulation. `sense` is then -1,
+        otherwise +1, and all momenta are multiplied by it.
 
         Parameters
         ----------
@@ -199,7 +204,7 @@ class CurveMomentumConversion:
         Returns
         -------
         (n, 1, variables) tangents of the configuration curve, of any length. A positive
-        momentum moves the mechanism along them.
+        momentum, as it is after the conversion, moves the mechanism along them.
         """
         count = self.equation.layout.variable_count
         for array in (states, rates):

@@ -80,24 +80,29 @@ class DyadKinematics(ClosedKinematics):
         self.legs = tuple(legs)
 
     def _find_real_pair(self, pair: int) -> int:
-        """Return the number of the mechanism's pair that has the axis of a virtual pair.
+        """Return the real pair whose name is reported in place of a virtual pair.
 
-        For the inverse kinematics two virtual links with three R pairs join the two links
-        of the output and hold it in its pose. A leg can end at the last virtual pair, which
-        is on the output link. Users do not know this pair. If it has the same axis as a
-        real pair of the output link, the number of the latter is returned, whose name is
-        then reported. All other numbers are returned unchanged.
+        The output is the pose of the output link relative to a reference link. To hold it,
+        the inverse kinematics adds a chain between these links: reference link, virtual
+        pair, virtual link, virtual pair, virtual link, virtual pair, output link. Users do
+        not know these pairs.
+
+        A leg of the mechanism can end at the last virtual pair. If a real pair of the
+        output link has the same axis, the number of this real pair is returned. Otherwise,
+        and for every other pair, the result is `pair` itself.
         """
         virtual_chain = self.kinematics.wrist
         if pair != virtual_chain.pairs[-1]:
             return pair
+        # The mechanism of the solver has the real pairs first, with the same numbers as
+        # `self.mechanism`, and then the virtual ones.
         solver = self.kinematics.solver
-        link = virtual_chain.link
-        virtual_axis = axis_in(solver.mechanism, solver.joints, pair, link)
+        output_link = virtual_chain.link
+        virtual_axis = axis_in(solver.mechanism, solver.joints, pair, output_link)
         for real_pair, ends in enumerate(self.mechanism.ends):
-            if link not in ends:
+            if output_link not in ends:
                 continue
-            real_axis = axis_in(solver.mechanism, solver.joints, real_pair, link)
+            real_axis = axis_in(solver.mechanism, solver.joints, real_pair, output_link)
             # The sine of so small an arc is the arc itself (rad).
             if arc(real_axis, virtual_axis) < COLLINEAR_SINE:
                 return real_pair
@@ -105,12 +110,14 @@ class DyadKinematics(ClosedKinematics):
 
     @property
     def spans(self) -> tuple[LegSpan, ...]:
-        """The reach of every dyad: the least and the largest angle of its outer axes.
+        """The reach of every leg: the smallest and the largest angle of its outer axes.
 
-        The outer axes are those of the near and far pair, which join the two links of the
-        dyad to other links. To hold the output in its pose, virtual links and pairs are
-        added to the mechanism, and a dyad can end at a virtual pair. The reach then names
-        the real pair of the output link with the same axis instead, if there is one.
+        A leg is here a dyad: two links that a middle pair joins. The near and the far pair
+        join them to other links. The outer axes are those of the near and the far pair.
+
+        For a given pose, virtual links and pairs hold the output in this pose. A leg can
+        end at a virtual pair. If a real pair of the output link has the same axis, its
+        number is given instead, because users know its name.
         """
         return tuple(
             LegSpan(
@@ -118,9 +125,8 @@ class DyadKinematics(ClosedKinematics):
                 second_pair=self._find_real_pair(dyad.far_pair),
                 shortest=dyad.shortest,
                 longest=dyad.longest,
-                # At the smallest angle of the outer axes, one link of the dyad lies over
-                # the other one (it is folded). Users may demand a larger angle there,
-                # because links have a width.
+                # `shortest` is for links without width: the leg is folded, one link over
+                # the other. If the user states a width, the limit is a larger angle.
                 is_limited_by_width=True,
             )
             for dyad in self.dyads

@@ -284,17 +284,21 @@ class MidPlaneArchitecture:
         """Return the mid-planes nearest to orientations of the end effector.
 
         In the orientations that the mechanism can reach, base and end effector are mirror
-        images of each other in a plane through the centre, the mid-plane. If it has the
-        unit normal u, the orientation is ``frame @ mirror(u) @ image``, where mirror(u) is
-        the reflection in this plane. Both other matrices are constant: `image` leads from
-        the axes of the end effector to the mirror axes, and `frame` from these to the axes
-        of the base. Mirror axes are fixed in the base, and the formulas of mid-planes are
-        simplest in them. Other orientations have no mid-plane, only a nearest one.
+        images of each other in a plane through the centre, the mid-plane. Other
+        orientations have no mid-plane, only a nearest one.
+
+        A mid-plane with the unit normal u belongs to the orientation
+        ``frame @ mirror(u) @ image``. Here mirror(u) is the reflection in the plane. The
+        other two matrices are constant. The rotation `frame` leads from the mirror axes to
+        the axes of the base. Mirror axes are axes of the base that are chosen so that the
+        formulas of mid-planes are simple. The matrix `image` leads from the axes of the end
+        effector to the mirror axes. It contains a reflection too (determinant -1), so that
+        the orientation is a rotation.
 
         Parameters
         ----------
         orientations
-            (n, 3, 3) orientations in the axes of the base.
+            (n, 3, 3) rotations from the axes of the end effector to those of the base.
 
         Returns
         -------
@@ -302,11 +306,12 @@ class MidPlaneArchitecture:
             (n, 3) unit normals in mirror axes.
         deviation
             (n,) angle (rad) between the orientation and the nearest one that has a
-            mid-plane.
+            mid-plane; 0 if it has one itself.
         """
-        # Both constant matrices are orthogonal, so the equation is solved for mirror(u).
-        reflection_matrices = transpose(self.frame) @ orientations @ transpose(self.image)
-        return mirror_of(reflection_matrices)
+        # The inverse of an orthogonal matrix is its transpose. This is mirror(u) if there
+        # is a mid-plane. Otherwise `mirror_of` finds the nearest reflection.
+        improper_rotations = transpose(self.frame) @ orientations @ transpose(self.image)
+        return mirror_of(improper_rotations)
 
     def place(
         self, normals: Floats, modes: ArrayLike, links: Sequence[int] | None = None

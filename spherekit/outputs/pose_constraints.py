@@ -184,14 +184,14 @@ class Constraints:
     limits
         Ranges of pair angles; the joint limits of the mechanism apply as well.
     apart
-        Ranges of angles between axes.
+        Ranges of angles between the axes of two pairs, so that links do not collide.
     near
-        Least distance (rad) to singularities of type I of every input and of type II; 0 for
-        no limit. The distance is an angle whose sine is 0 at the singularity. For type I
-        the sine is the angular speed of the output per unit rate of the input, because the
-        output rests there although the input moves. A speed above 1 counts as 1. For type
-        II the sine is the transmission measure, which is 0 if the output can move although
-        the inputs are locked.
+        Least distance to singularities of type I of every input and of type II, as an angle
+        (rad); 0 for no limit. The distance is arcsin(min(m, 1)). The number m measures how
+        far a pose is from the singularity, and is 0 there. For type I, m is the angular
+        speed of the output per unit rate of the input: the output rests at the singularity
+        although the input moves. For type II, m is the transmission measure. It is 0 if the
+        output can move although the inputs are locked. The arcsine makes an angle of both.
     width, radius
         Width of the links and radius of the sphere that they are on, in the same unit of
         length; 0 for no limit. A leg has two links and three axes. If it can fold so that

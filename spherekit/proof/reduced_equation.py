@@ -399,19 +399,21 @@ def reduce_at_saddle(equations: ArcEquations, position: Floats) -> ReducedEquati
 
 
 def _reduce_about(equations: ArcEquations, position: Floats) -> ReducedEquation:
-    """Return the reduced equation g(u, v) = 0 near a position, in any coordinates u and v.
+    """Return a preliminary reduced equation g(u, v) = 0 near a position.
 
-    Near the position the derivatives F' of the equations F(z) = 0 lose one rank: no small
-    change of z changes F in a direction l. All components of F but that along l can be made
-    zero, if two coordinates u and v of z are given. F(z) = g l then defines z and g as
-    functions of u and v (Liapunov-Schmidt reduction). Configurations are the zeros of
-    g(u, v).
+    The mechanism has n - 1 equations F(z) = 0 in n variables z. Near the position their
+    derivatives F' lose one rank: no small change of z changes F in a direction l. All
+    components of F but that along l can be made zero, if two coordinates u and v of z are
+    given. F(z) = g l then defines z and g as functions of u and v (Liapunov-Schmidt
+    reduction). Configurations are the zeros of g(u, v).
 
     The singular value decomposition of F' gives these directions. The last left vector is
-    l. The last two right vectors, which span the kernel of F', are the directions of u and
-    v. Later they are turned into those in which g has its largest and smallest curvature.
-    The fields `units` and `other_curvatures` are computed only then, so they have no
-    meaning here.
+    l. F' has the rank n - 2, so its kernel has two dimensions. The last two right vectors
+    span it, and are the directions of u and v.
+
+    The result is preliminary: the caller turns u and v into the directions in which g has
+    its largest and smallest curvature. It then sets `units` and `other_curvatures`, which
+    have no meaning here.
 
     Parameters
     ----------

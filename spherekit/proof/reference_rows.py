@@ -548,46 +548,51 @@ def _component_along(vectors: Array, directions: Array) -> Array:
 
 
 def _direction_derivative(reference: ExactRows, pole: Pole, direction: Array) -> Floats:
-    """Return the derivative (n, 3) of the direction u of a pole by the input.
+    """Return the derivative u' (n, 3) of the direction u of a pole by the input.
 
-    The pole of two links is the axis of their relative rotation. If it is the axis of an R
-    pair, it is fixed in both links of the pair. With the angular velocity w of one of them,
-    u' = w x u. Otherwise the relative angular velocity is v = k u, and u' is the part of v'
-    at right angles to u, divided by k. If k is zero at a rolling contact, the contact point
-    does not move along the profiles, and u' = w x u again. At other poles u' is NaN then.
-    All derivatives are by the input.
+    The pole of two links is the axis of their relative rotation. Their relative angular
+    velocity per unit rate of the input is v = k u. There are four cases:
+
+    - The pole is the axis of an R pair. The axis is fixed in both links of the pair. It
+      turns with either of them, so u' = w x u with the angular velocity w of one link.
+    - The links move relative to each other, k is not 0. Then v' = k' u + k u', and u' is at
+      right angles to u. So u' is the part of v' at right angles to u, divided by k.
+    - The links touch in a rolling contact and rest relative to each other, k = 0. The
+      contact point does not move along their profiles, so u' = w x u again.
+    - In all other rows u' is NaN: k is 0 at a pole that is not of a pair, or rounding
+      errors leave open whether k is 0.
 
     Parameters
     ----------
     reference
-        The reference rows, computed with derivatives of the angular velocities (order 2 or
-        3). Their values are balls (numbers with an error bound), of which the centres are
-        used.
+        Angular velocities of the links, and their derivatives by the input, in many digits.
+        They are balls: numbers with an error bound. The result has the centres only.
     pole
-        The two links.
+        Numbers of the two links.
     direction
-        (n, 3) the direction u of the pole.
+        (n, 3) the direction u of the pole, as balls.
     """
     mechanism = reference.mechanism
-    joining_pair = mechanism.pole_pairs.get(pole)
     moves, rests = _find_relative_motion(reference, pole)
-    turned = np.full((len(moves), 3), np.nan)  # w x u
+    joining_pair = mechanism.pole_pairs.get(pole)
+    fixed_in_link = np.full((len(moves), 3), np.nan)  # w x u
     if joining_pair is not None:
         link = mechanism.ends[joining_pair][0]
-        # The product is computed in balls and rounded afterwards: if the axis rests,
-        # products of rounded factors would not cancel, and the run's bound may be 0.
-        turned = centre_floats(np.cross(reference.w[:, link], direction))
+        # The product is computed in balls and rounded afterwards, so that it is zero if the
+        # axis rests. A product of rounded factors would leave a rounding error. It would
+        # exceed the error bound of the run, which can be 0 for an axis at rest.
+        fixed_in_link = centre_floats(np.cross(reference.w[:, link], direction))
         if mechanism.pairs[joining_pair].kind.has_axis:
-            return turned
-    turned[~rests] = np.nan
+            return fixed_in_link
+    fixed_in_link[~rests] = np.nan
     v = _relative_vector(reference.w, pole)
     # `slopes` are the derivatives of w by the input.
     dv = _relative_vector(reference.slopes, pole)
     dv_along = np.sum(dv * direction, axis=1)[:, None] * direction
     k = np.sum(v * direction, axis=1)
     with np.errstate(all="ignore"):
-        moved = centre_floats(dv - dv_along) / centre_floats(k)[:, None]
-    return np.where(moves[:, None], moved, turned)
+        from_velocity = centre_floats(dv - dv_along) / centre_floats(k)[:, None]
+    return np.where(moves[:, None], from_velocity, fixed_in_link)
 
 
 def _relative_vector(vectors: Array, pole: Pole) -> Array:

@@ -310,10 +310,14 @@ def make_relation(
 ) -> Relation:
     """Return the relation c y' = d q' between the rates of output and input.
 
-    The rate of the input is q' = w_ir, that of link i relative to link r. The rate of the
-    output is y' = w_os in form i and w_or in form ii. Form ii needs a link o other than r
-    and i. The angular velocity of a link a relative to b is w_ab u_ab, with the pole axis
-    u_ab.
+    Two links a and b rotate relative to each other about their pole axis, the unit vector
+    u_ab. The angular velocity of a relative to b is w_ab u_ab. There are up to four links:
+
+    - i and r, the input link and its reference. The rate of the input is q' = w_ir.
+    - o and s, the output link and its reference. The rate of the output is y' = w_os in
+      form i. In form ii the output is seen from r, so y' = w_or, and s is an auxiliary
+      link, by whose pole axes c and d are computed. Form ii needs a link o other than r
+      and i.
 
     Both coefficients follow from a sum of angular velocities. Its scalar product with a
     vector that is perpendicular to the other pole axes leaves only y' and q':
@@ -323,18 +327,20 @@ def make_relation(
     - Four different links, form ii: w_or u_or = w_os u_os + w_si u_is + w_ir u_ir. The
       product with u_os x u_is gives c = u_or . (u_os x u_is) and d = u_ir . (u_os x u_is).
       Here s can be any fourth link (Di Gregorio 2012).
-    - Three links: the pole axes are the axis u of the output, u_ir, and a third one, p.
-      They are in one plane with the unit normal n. The product with p x n gives
-      c = u . (p x n) and d = +-u_ir . (p x n). The sign is - if the link that input and
-      output share moves in one of them and is the reference in the other (`ThirdAxis`).
+    - Three links, because input and output share one. The pole axes are the axis u of the
+      output, u_ir, and a third one, p. They are in one plane with the unit normal n. The
+      third angular velocity is y' u - q' u_ir or y' u + q' u_ir, along p. The product with
+      p x n, which is perpendicular to p, gives c = u . (p x n) and d = +-u_ir . (p x n).
+      The sign is + for the difference: for example, o and i relative to the same reference.
+      It is - for the sum: for example, o relative to i, and i relative to r.
     - Two links, in form i only: w_os = w_ir or w_os = -w_ir.
 
     Parameters
     ----------
     form, links
-        The form of the relation, and its links.
+        The form of the relation, and the links i, r, o and s.
     pole_axis
-        Function that returns the unit vectors (n, 3) of a pole.
+        Function that returns the unit vectors (n, 3) along the pole axis of two links.
     """
     poles = make_six_poles(links, pole_axis)
     if form == "i":

@@ -270,28 +270,34 @@ def _remove_points_on_curve(
 
 
 def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[CurveSeen]:
-    """Yield the parts of a followed curve whose nodes are of the reported type.
+    """Yield the parts of a followed curve that are singular in the type of the report.
 
-    Nodes of another type can occur, such as self-motions on a curve of type II. A curve of
-    type I can have points that are also of type II, and the reverse. These points are
-    located on each part. The nodes of a closed curve are listed from an arbitrary first
-    node. A part that passes this node is yielded as two parts.
+    In type I the output rests while an input moves. In type II the output can move while
+    the inputs rest. A curve that was followed for one type can have nodes of another type.
+    An example is self-motions on a curve of type II: only other links move. Such nodes
+    separate the parts.
+
+    A curve of type I can have points that are also of type II, and the reverse. They are
+    located on each part.
+
+    The nodes of a closed curve are listed from an arbitrary first node. A part that passes
+    this node is yielded as two parts.
 
     Parameters
     ----------
     curve
         The followed curve of singular configurations.
     report
-        The type of singularity, which determines the types of configurations.
+        The search for one type of singularity. It determines the type of each node.
     """
     other_locus = report.locus_of_other_type
 
     def measure_other_type(points: LocusPoints) -> Floats:
-        """Return a function (n,) that vanishes at singularities of the other type.
+        """Return a number (n,) for each point, zero at singularities of the other type.
 
-        It is a smallest speed, up to its sign, among all motions with unit rates of the
-        variables: the speed of the inputs if the other type is II, and that of the output
-        if it is I.
+        The rates of the inputs (for type II) or of the output (for type I) are linear
+        functions of the possible motions. The number is the determinant of their matrix. If
+        it is 0, there is a motion in which these rates are 0.
         """
         space = other_locus.tangent_space(points.values)
         return other_locus.measure(space).value

@@ -282,23 +282,30 @@ class SingularSurface:
     def _subdivide(
         self, edge_numbers: Indices, edge_points: LocusPoints, is_inside: Bools
     ) -> Self:
-        """Return the mesh with new vertices on edges, without the vertices outside.
+        """Return the mesh with additional vertices on edges, and without some old vertices.
+
+        The mesh of triangles covers a surface of singular configurations (the locus). There
+        are two uses. To refine the mesh, all edges get a vertex in their middle, and all
+        old vertices remain. To cut the mesh at a limit of an input, the edges across the
+        limit get a vertex at the limit, and the old vertices beyond it are removed.
 
         Each triangle is replaced by smaller triangles between its corners that remain and
-        the new vertices on its sides. Vertices that then belong to no triangle are removed.
+        the new vertices on its sides. A triangle that has to be cut at a side without a new
+        vertex is removed. So are vertices that then belong to no triangle.
 
         Parameters
         ----------
         edge_numbers
             (k,) numbers, as in `list_edges`, of the edges that get a new vertex.
         edge_points
-            The k new vertices. Points that are not on the locus are ignored.
+            The k new vertices. Those that could not be moved onto the locus are left out.
         is_inside
-            (n,) whether each present vertex remains.
+            (n,) whether each old vertex remains.
         """
         # (edges, 2) vertices of edges, and (m, 3) numbers of the edges of each triangle.
         edges, sides = list_edges(self.triangles)
         (good,) = np.nonzero(edge_points.is_on_locus)
+        # New vertices are numbered after the old ones.
         vertex_of_edge = np.full(len(edges), NO_VERTEX)
         vertex_of_edge[edge_numbers[good]] = len(self.nodes) + np.arange(len(good))
 
@@ -310,6 +317,7 @@ class SingularSurface:
             strict=True,
         ):
             triangles += _subdivide_triangle(corners, side_vertices, corner_inside)
+        # The vertices in use are numbered anew, without gaps.
         used_vertices, new_numbers = np.unique(
             np.array(triangles, dtype=np.intp).reshape(-1, 3), return_inverse=True
         )

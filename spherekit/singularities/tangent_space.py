@@ -182,24 +182,26 @@ class TangentSpace:
 
     @cached_property
     def rate_corrections(self) -> Floats:
-        """(n, g + 1, V, V) the changes of rates that keep J x = 0 as configurations change.
+        """(n, g + 1, V, V) matrices -J^+ J', which correct rates as configurations change.
 
-        J is the Jacobian of the loop closure with the pseudo-inverse J^+, and J' is its
-        derivative as the configuration changes along a direction. The smallest change of
-        rates x that keeps J x = 0 is -J^+ J' x, to first order. The array has the matrix
-        -J^+ J' for each direction.
+        Rates x of the V variables keep the loops closed if J x = 0, with the Jacobian J of
+        the loop closure. If the configuration changes, J changes by J', and x has to change
+        too. The smallest change of x that keeps J x = 0 is -J^+ J' x, to first order, with
+        the pseudo-inverse J^+ of J.
 
-        The whole mechanism has V variables and g degrees of freedom. There are g + 1
-        directions of change: a basis of the rates that close the loops of the whole
-        mechanism, and the step that closes loops which are slightly open. Newton's method
-        for singular configurations makes this step together with a change along the basis.
+        There is one matrix for each of g + 1 directions in which the configuration changes.
+        The first g are a basis of the rates that close the loops of the whole mechanism. It
+        has g degrees of freedom. The last one is the step that closes loops which are
+        slightly open. Newton's method for singular configurations makes this step together
+        with a change along the basis.
         """
-        # This tangent space may be that of a part of the mechanism, the links that move an
-        # output. J then has the loops of this part only. The directions in which
-        # configurations change are those of the whole mechanism in any case.
+        # A tangent space (this object) belongs to the whole mechanism or to a part of it,
+        # the links that move an output. For a part, J has the loops of the part only. The
+        # directions in which configurations change are always those of the mechanism.
         mechanism_space = self.mechanism_space or self
-        # (n, directions, V, 3) derivatives of the velocity vectors of all variables. The
-        # Jacobian is linear in these vectors, so that of their derivatives is J'.
+        # The velocity vector of a variable is the angular velocity per unit rate of it. J
+        # is linear in these vectors, so J' is the same function of their derivatives:
+        # (n, directions, V, 3).
         derivatives = mechanism_space.vector_derivatives
         n, directions, variables, _ = derivatives.shape
         part_derivatives = derivatives[:, :, self.variables]

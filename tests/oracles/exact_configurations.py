@@ -73,7 +73,8 @@ def deviations_with_free_inputs(motion):
     """Return how far variables and inputs are from the nearest closed configuration.
 
     Newton's method changes the inputs too. It therefore finds a solution also if no
-    configuration closes at the input of the row itself, beside a dead centre.
+    configuration closes at the input of the row itself, beside a dead centre. Numbers have
+    `DIGITS` digits and are balls: each has a centre and an error bound.
 
     Returns
     -------
@@ -87,20 +88,21 @@ def deviations_with_free_inputs(motion):
     with arithmetic.within(), np.errstate(all="ignore"):
         linkage, input_variables, start = _equations_and_start(motion)
         values = start.copy()
+        # The residuals have `DIGITS` digits, the inverse only those of float64. A step
+        # therefore does not square the error; it gains about as many digits as the inverse
+        # has. After 25 steps the loops are closed even if each gains only two digits.
         for _ in range(25):
             orientations, residuals = linkage.place_links(values)
             jacobian = centre_floats(
                 linkage.jacobian(linkage.variable_vectors(values, orientations))
             )
             jacobian = np.nan_to_num(jacobian)
-            # The residuals have 50 digits, but the inverse only those of float64. A step
-            # does not square the error; it gains about as many digits as the inverse has.
-            # After 25 steps the loops are closed even if each step gains only two digits.
             # Singular values below 1e-7 of the largest count as zero, so that a step is not
             # long where the Jacobian is nearly singular.
             inverse = exact_balls(np.linalg.pinv(jacobian, rcond=1e-7))
-            # Without the error bounds, which would grow with each step.
-            values = exact_centres(values - np.matvec(inverse, residuals))
+            next_values = values - np.matvec(inverse, residuals)
+            # Only the centres are kept: the error bounds would grow with each step.
+            values = exact_centres(next_values)
         _, residuals = linkage.place_links(values)
         is_closed = np.max(np.abs(centre_floats(residuals)), axis=1) < CLOSED_RAD
         change = np.abs(centre_floats(values - start))

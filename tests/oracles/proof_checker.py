@@ -1030,13 +1030,14 @@ def check_stops(arcs, following, variable, stops):
 
 
 def check_singularities(equations, system, certificate, chains):
-    """Check that the stated stops of the input and of outputs are all stops of each curve.
+    """Check that input and outputs stop where a certificate says so, and nowhere else.
 
     A variable stops where its rate along a curve of configurations is zero. A stop of the
     input is a dead centre. A stop of an output is a singularity of type I, or of type III
-    if the input stops there too. The certificate has "I or III" where it cannot tell.
-    Only outputs whose two links are joined by an R pair are checked: the variable of the
-    pair is the output.
+    if the input stops there too. The certificate has one of two types for it: "I" if the
+    input is proven not to stop there, and "I or III" if it may stop. A certificate never
+    has "III" alone. Only outputs whose two links are joined by an R pair are checked: the
+    variable of the pair is the output.
 
     Parameters
     ----------
@@ -1047,9 +1048,9 @@ def check_singularities(equations, system, certificate, chains):
     certificate
         Certificate with the stops of each curve.
     chains
-        For each curve a list of `Arc` and a list of pieces. A piece is a box along the
-        curve. An arc is the part of the curve in a piece. The second list has for each arc
-        the piece after it.
+        For each curve two lists. A curve is covered by pieces, boxes in a row along it. The
+        first list has the `Arc` of each piece, the part of the curve in this piece. The
+        second list has the piece that follows it.
     """
     outputs = list(system.sizes.data.get("outputs", {}).items())
     singularities = certificate["singularities"]["found"]

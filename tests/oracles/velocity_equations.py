@@ -114,12 +114,15 @@ def closure_gap(mechanism, rotations, frames):
 
 
 def least_misfit(ends, axes, locked, link, reference_link, direction=None):
-    """Return the least misfit of the pairs if a link has a unit rate relative to another.
+    """Return how strongly the pairs resist a rotation of a link while some are locked.
 
-    The misfit of link rates is the norm of the relative rates that the pairs do not allow,
-    that is of `velocity_equations` times the rates. Its minimum with some pairs locked is
-    divided by the minimum with all pairs locked. The result is 0 if the link can move, and
-    1 if all pairs are locked.
+    The result is 0 if the link can move relative to the reference link although these pairs
+    are locked, and 1 if all pairs are locked.
+
+    Pairs do not allow all relative rates of their links. The misfit of link rates is the
+    norm of the relative rates that are not allowed: `velocity_equations` times the rates.
+    The link gets a unit rate, and all other links get the rates with the least misfit. This
+    least misfit is divided by its value if all pairs are locked.
 
     Parameters
     ----------
@@ -136,10 +139,14 @@ def least_misfit(ends, axes, locked, link, reference_link, direction=None):
     def largest_rate(locked_pairs):
         """Return the largest rate of the link at which the misfit is 1.
 
-        With the equations E, rates w have the misfit |E w|, so all rates of misfit 1 are
-        the pseudo-inverse of E times unit vectors. The largest rate of the link is the
-        norm of its rows in the pseudo-inverse. With the singular value decomposition
-        U S V^T these rows are V_link S^-1 U^T, and U does not change the norm.
+        It is the inverse of the least misfit at unit rate. E are the velocity equations, so
+        rates w have the misfit |E w|. Rates of misfit 1 are w = E^+ e, with a unit vector e
+        and the pseudo-inverse E^+. Only some rows of E^+ give the rate of the link. The
+        largest rate is the norm of these rows.
+
+        With the singular value decomposition E = U S V^T, the rows are V_link S^-1 U^T. The
+        norm does not change without U^T. If the mechanism can move, a singular value is
+        nearly 0 and the rate is very large.
         """
         equations = velocity_equations(ends, axes, held=locked_pairs)
         # The columns of the reference link are left out: it does not move.
@@ -154,7 +161,7 @@ def least_misfit(ends, axes, locked, link, reference_link, direction=None):
         return np.linalg.norm(link_part / singular_values, 2)
 
     all_pairs = range(len(ends))
-    # The least misfit of a unit rate is the inverse of this rate.
+    # Least misfits are the inverses of these rates.
     return largest_rate(all_pairs) / largest_rate(locked)
 
 
