@@ -167,7 +167,11 @@ def test_every_output_has_its_own_transmission_angle_on_the_screen(capsys):
     summary = sk.run(replace(watt, outputs=outputs), samples=361).summary
     table = output_table(summary)
     headings = [column.heading for column in table.columns]
-    assert headings[5:8] == ["least transmission angle (deg)", "at pair", "at 12 (deg)"]
+    assert headings[5:8] == [
+        "least transmission angle (deg)",
+        "at pair",
+        "first at input 12 (deg)",
+    ]
     cells = {(row[1], row[6], row[5]) for row in table.rows}
     expected = {("lever 4/1", "34", "47.9")}
     for angles in transmission_by_cosines(watt, LAST_DYADS["watt"], 361):
@@ -178,7 +182,7 @@ def test_every_output_has_its_own_transmission_angle_on_the_screen(capsys):
     assert "least transmission angle at pair 56 (deg)" in printed
     assert (
         "The least transmission angle of all dyads is 47.9 deg, at pair 34 in modes 0-3 "
-        "at 12 = 0 deg."
+        "at input 12 = 0 deg."
     ) in printed
 
 
@@ -262,15 +266,16 @@ def test_quiet_prints_nothing_and_json_prints_the_summary(capsys):
 def test_a_status_has_one_line_with_its_place_cause_and_cure(capsys):
     printed = print_run(capsys, "four_bar", "--input", "41")
     (warning,) = (line for line in printed.splitlines() if line.startswith("Warning"))
-    assert (
-        "OUT_OF_REACH (modes 0, 1 at 41 = 0 to 46, 118 to 242, 314 to 360 deg)" in warning
-    )
+    places = "modes 0, 1 at input 41 = 0 to 46, 118 to 242, 314 to 360 deg"
+    assert f"OUT_OF_REACH ({places})" in warning
     assert "dead centres" in warning and "with several inputs" not in warning
-    assert "Modes 0, 1 exist at 41 = 47 to 117, 243 to 313 deg." in printed
+    assert "Modes 0, 1 exist at input 41 = 47 to 117, 243 to 313 deg." in printed
     ends = (
-        "Modes 0, 1 end at dead centres (type II singularities) near 41 = 47, 117, 243, 313"
+        "near input 41 = 47, 117, 243, 313 deg. The table has their values up to the last"
     )
-    assert ends in printed
+    assert f"Modes 0, 1 end at dead centres (type II singularities) {ends}" in printed
+    # The swing of a mode that is cut off at dead centres is a lower bound.
+    assert re.search(r"0 \(\S+\) .*  >= [\d.]+  ", printed)
 
 
 def test_a_path_of_several_inputs_says_where_it_is_singular(capsys):
@@ -278,13 +283,15 @@ def test_a_path_of_several_inputs_says_where_it_is_singular(capsys):
     printed = print_run(capsys, "five_bar")
     assert "No singularity of type II (locked inputs do not hold the output)" in printed
     assert (
-        "mode 0 at 21 = 118.33, 51 = 63.5 deg, where the transmission angle at pair 43"
+        "closest configurations are in modes 0, 1 at inputs 21 = 118.33, 51 = 63.5 deg"
         in printed
     )
     (line,) = (line for line in printed.splitlines() if "Singularities of type I " in line)
     places = [
         tuple(map(float, place))
-        for place in re.findall(r"mode \d near 21 = ([\d.]+), 51 = ([\d.]+) deg", line)
+        for place in re.findall(
+            r"mode \d near inputs 21 = ([\d.]+), 51 = ([\d.]+) deg", line
+        )
     ]
     assert len(places) == 2
     # At a type I singularity both inputs move the pointer in the same direction: the two
@@ -313,7 +320,9 @@ def test_a_mode_is_compared_with_itself_only():
     overview["modes"] = {"0": mode(0.1, 0.5), "1": mode(1.0, 100.0)}
     summary = {"inputs": {"A": [0.0, 1.0]}, "overview": overview, "analyses": []}
     (line,) = describe_singularities(summary)
-    assert line.startswith("No singularity of type I") and "mode 0 at A = 0 deg" in line
+    assert (
+        line.startswith("No singularity of type I") and "mode 0 at input A = 0 deg" in line
+    )
     overview["modes"]["0"] = mode(0.001, 0.5)
     (line,) = describe_singularities(summary)
     assert line.startswith("A singularity of type I") and "is nearly met" in line
@@ -347,7 +356,7 @@ def test_type_1_is_no_turn_of_the_input(capsys):
     start = ["--start", "q=120deg,dq=2rad/s", "--duration", "0.3"]
     printed = print_run(capsys, "four_bar", *start)
     assert "Singularities of type I (the output rests while the input moves)" in printed
-    assert re.search(r"mode 0 near 21 = 132.\d+ deg", printed)
+    assert re.search(r"mode 0 near input 21 = 132.\d+ deg", printed)
 
 
 def test_coarse_samples_give_intervals_in_place_of_wrong_places(capsys):
@@ -373,12 +382,25 @@ def test_many_modes_stay_readable(capsys):
     printed = print_run(capsys, "two_dof_spm", "--samples", 5)
     assert "16 assembly modes, all exist on the whole path: 0-15" in printed
     assert "~" not in printed
+    # The pointer of these modes rests: its first and last directions are the same.
+    result = sk.run("two_dof_spm", samples=5)
+    resting = [
+        int(number)
+        for number, mode in result.summary["overview"]["modes"].items()
+        if mode["outputs"][0]["highest_rad"] < 1e-9
+    ]
+    assert resting == [1, 5, 8, 12]
+    assert "The output does not move in modes 1, 5, 8, 12" in printed
+    assert "These places are from the samples" not in printed
 
 
 def test_over_constrained_mechanisms_say_both_mobilities(capsys):
     printed = print_run(capsys, "planetary_bevel", "--samples", 9)
-    assert "Over-constrained: mobility 1 by the rank" in printed
+    assert "Over-constrained: mobility 1. Counting links and pairs gives -1, " in printed
     assert "2 constraints are redundant" in printed
+    assert 'link "output" relative to link "sun"' in printed
+    # A bevel gear has the same measure in every configuration.
+    assert "0.24 throughout" in printed
 
 
 def test_a_sweep_has_words_and_says_where_figures_depend_on_samples(capsys):
@@ -403,7 +425,7 @@ def test_a_sweep_has_words_and_says_where_figures_depend_on_samples(capsys):
 def test_a_simulation_says_events_end_error_and_energy(capsys):
     words = ["--start", "q=0.3rad,dq=1rad/s", "--duration", 2]
     printed = print_run(capsys, "four_bar", "-a", "eksergian", *words)
-    assert "The driving torque at 21 is 0 in every row" in printed
+    assert "The driving torque at 21 is 0" in printed
     assert "It ran to the end, 2 s." in printed
     assert "2 events: all links stop and turn back at t (s) = 0.2533, 1.688" in printed
     assert "at each sample: simulation to" in printed and "energy to" in printed
@@ -508,6 +530,7 @@ def test_an_accuracy_says_by_how_much_coarse_samples_miss_the_extremes(capsys):
     The estimate is rounded up to one digit. With 3601 samples all digits are right.
     """
     printed = print_run(capsys, "four_bar", "--samples", 37)
-    assert "velocity ratios to about 0.002, as samples are 10 deg of 21 apart" in printed
+    estimate = "velocity ratios to about 0.002, as samples are 10 deg of input 21 apart"
+    assert estimate in printed
     printed = print_run(capsys, "four_bar", "--samples", 3601)
     assert "Accuracy: the table is accurate to the digits shown; at each" in printed

@@ -56,7 +56,7 @@ def describe_modes(summary: Any) -> Lines:
     Otherwise further lines say where the modes exist, for example::
 
         3 assembly modes: 0 (+), 1 (-), 2 (+)
-        Modes 0, 1 exist at 21 = 0 to 137 deg.
+        Modes 0, 1 exist at input 21 = 0 to 137 deg.
         Mode 2 exists everywhere.
 
     Parameters
@@ -117,7 +117,7 @@ def _mode_titles(modes: Sequence[Any]) -> str:
 
 
 def _closing_place(mode: Any, entry: Any, overview: Any, place_text: PlaceText) -> str:
-    """Return where a mode closes, such as ``at 21 = 0 to 137 deg``.
+    """Return where a mode closes, such as ``at input 21 = 0 to 137 deg``.
 
     Parameters
     ----------

@@ -19,6 +19,9 @@ RATIO_ERROR = 5e-10
 ANGLE_ERROR_RAD = 5e-10
 """Ranges of angles that are not larger are rounding errors."""
 
+FARTHEST_HEADING = "farthest from start"
+"""Heading of the column of swings for outputs without a fixed axis, without the unit."""
+
 MEASURE_HEADING = "least transmission measure"
 """Heading of the column of transmission measures, which a note explains."""
 
@@ -73,7 +76,7 @@ def output_table(summary: Any) -> ScreenTable | None:
         for motion in entry["outputs"]
         if motion["lowest_rad"] is not None
     )
-    columns.append(ScreenColumn("turns by (deg)" if turns else "swing (deg)", "right"))
+    columns.append(ScreenColumn(_swing_heading(outputs, turns), "right"))
     if is_simulation:
         columns.append(ScreenColumn("speed (rad/s)"))
     elif len(inputs) == 1:
@@ -91,9 +94,10 @@ def output_table(summary: Any) -> ScreenTable | None:
     has_transmission = bool(pairs)
     has_pair_column = len(pairs) > 1
     at_pair = f" at pair {min(pairs)}" if len(pairs) == 1 else ""
-    where = f"at {place_text.heading}"
+    # The overview has the first place if the least value occurs at several ones.
+    where = f"first at {place_text.heading}"
     if place_text.kind == "sample":
-        where = f"at {', '.join(inputs)} (deg)"
+        where = f"first at inputs {', '.join(inputs)} (deg)"
     if has_transmission:
         columns.append(ScreenColumn(f"least transmission angle{at_pair} (deg)", "right"))
         if has_pair_column:
@@ -128,7 +132,7 @@ def output_table(summary: Any) -> ScreenTable | None:
             cells = [output["label"]] if len(outputs) > 1 else []
             if turns_about_axis:
                 cells.append(_range_text(motion) if output["fixed_axis"] else "-")
-            cells.append(_swing_text(motion))
+            cells.append(_swing_text(motion, ends_at_dead_centre(overview, entry)))
             cells += _ratio_cells(motion)
             if has_transmission:
                 cells += _transmission_cells(
@@ -162,8 +166,32 @@ def output_words(output: Any) -> str:
         An entry of ``outputs`` of the overview.
     """
     what = "a direction on link" if output["points"] else "link"
-    motion = f"{what} {output['link']} relative to link {output['relative_to']}"
+    link = link_text(output["link"])
+    motion = f"{what} {link} relative to link {link_text(output['relative_to'])}"
     return f"{output['name']} ({motion})" if output["name"] else motion
+
+
+def link_text(name: str) -> str:
+    """Return the name of a link for a sentence, in quotes if it can be read as a word."""
+    letter_count = sum(character.isalpha() for character in name)
+    return f'"{name}"' if letter_count > 1 else name
+
+
+def ends_at_dead_centre(overview: Any, entry: Any) -> bool:
+    """Return whether an assembly mode has samples and ends on the path of the run.
+
+    It ends at a dead centre (type II singularity) between two samples, so that its ranges
+    in the table are cut off at the last sample before.
+
+    Parameters
+    ----------
+    overview
+        The entry ``overview`` of the summary.
+    entry
+        The entry of the mode in it.
+    """
+    is_cut_off = bool(entry["closes"]) and "OUT_OF_REACH" in entry["statuses"]
+    return overview["is_path"] and is_cut_off
 
 
 def _range_text(motion: Any) -> str:
@@ -173,14 +201,35 @@ def _range_text(motion: Any) -> str:
     return f"{lowest} throughout" if lowest == highest else f"{lowest} to {highest}"
 
 
-def _swing_text(motion: Any) -> str:
+def _swing_heading(outputs: Sequence[Any], turns: bool) -> str:
+    """Return the heading of the column of swings, which depends on the outputs.
+
+    Parameters
+    ----------
+    outputs
+        The entries of ``outputs`` of the overview.
+    turns
+        Whether all outputs make at least one revolution in all modes.
+    """
+    if turns:
+        return "turns by (deg)"
+    if not any(output["fixed_axis"] for output in outputs):
+        return f"{FARTHEST_HEADING} (deg)"
+    if all(output["fixed_axis"] for output in outputs):
+        return "swing (deg)"
+    return f"swing or {FARTHEST_HEADING} (deg)"
+
+
+def _swing_text(motion: Any, is_lower_bound: bool) -> str:
     """Return the width of the range of an angle as text in degrees.
 
+    It begins with ``>=`` if the mode ends at a dead centre between samples.
     It can differ by one in the last digit from the difference of the printed ends, since
     these are rounded too.
     """
     swing_deg = math.degrees(motion["highest_rad"] - motion["lowest_rad"])
-    return degrees_text(math.radians(round(swing_deg, 2)))
+    text = degrees_text(math.radians(round(swing_deg, 2)))
+    return f">= {text}" if is_lower_bound else text
 
 
 def _ratio_text(ratio: float) -> str:
@@ -234,6 +283,9 @@ def _measure_cells(motion: Any, place_text: PlaceText) -> Lines:
         return ["-", "-"]
     measure, place = motion["least_transmission_measure"]
     text = number_text(measure, MEASURE_ERROR, 2)
+    largest = motion["largest_transmission_measure"]
+    if largest is not None and largest - measure <= MEASURE_ERROR:
+        return [f"{text} throughout", "-"]
     inputs = {"inputs_rad": motion["inputs_of_least_measure_rad"]}
     return [text, _place_cell(place, inputs, place_text)]
 
@@ -295,10 +347,13 @@ def table_notes(summary: Any, table: ScreenTable | None) -> Lines:
     if any(not output["fixed_axis"] for output in overview["outputs"]):
         points = any(output["points"] for output in overview["outputs"])
         what = "direction" if points else "pose"
+        resting = "the output rests (singularity of type I)"
+        if len(summary["inputs"]) > 1:
+            resting = "this input alone does not move the output"
         notes.append(
-            "Outputs without a fixed axis: the swing is the largest angle from the first "
-            f"{what}, and the velocity ratio is a magnitude, 0 where the output rests "
-            "(singularity of type I)."
+            f"Outputs without a fixed axis: {FARTHEST_HEADING} is the largest angle from "
+            f"the {what} at the first sample of the mode. The velocity ratio is a "
+            f"magnitude, 0 where {resting}."
         )
     if any(column.heading == MEASURE_HEADING for column in table.columns):
         notes.append(
@@ -367,9 +422,10 @@ def _describe_other_dyad(summary: Any) -> Lines:
 
 
 def inputs_text(summary: Any, inputs_rad: Sequence[float]) -> str:
-    """Return inputs as text, such as ``21 = 30, 51 = 40 deg``."""
+    """Return inputs as text, such as ``inputs 21 = 30, 51 = 40 deg``."""
     texts = [
         f"{pair} = {angle_text(angle)}"
         for pair, angle in zip(summary["inputs"], inputs_rad, strict=True)
     ]
-    return f"{', '.join(texts)} deg"
+    noun = "input" if len(texts) == 1 else "inputs"
+    return f"{noun} {', '.join(texts)} deg"

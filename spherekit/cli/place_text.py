@@ -38,7 +38,7 @@ class PlaceText:
     sample_step
         Distance of two examined samples, in rad or s.
     step_words
-        This distance as text, such as ``2 deg of 21``; empty for numbers of samples.
+        This distance as text, such as ``2 deg of input 21``; empty for numbers of samples.
     step_text
         The same, such as ``10 deg``, if samples are so far apart that a place between two
         of them is uncertain (`COARSE_STEP_DEG`). Otherwise empty.
@@ -53,7 +53,7 @@ class PlaceText:
         self.unit = {"rad": "deg"}.get(place["unit"], place["unit"])
         self.name: str = place["name"]
         if self.kind == "input":
-            self.heading = f"{self.name} (deg)"
+            self.heading = f"input {self.name} (deg)"
         elif self.kind == "time":
             self.heading = "t (s)"
         else:
@@ -67,7 +67,7 @@ class PlaceText:
         self.step_words = ""
         if self.kind != "sample" and step:
             unit = "deg" if self.kind == "input" else "s"
-            name = f" of {self.name}" if self.kind == "input" else ""
+            name = f" of input {self.name}" if self.kind == "input" else ""
             self.step_words = f"{number_text(step, digits=3)} {unit}{name}"
         self.step_text = ""
         if self.kind == "input" and step >= COARSE_STEP_DEG:
@@ -80,6 +80,14 @@ class PlaceText:
             self.between_decimals = 1
         else:
             self.between_decimals = 0
+
+    @property
+    def named(self) -> str:
+        """The name of places in a sentence: ``input 21`` or ``t``.
+
+        The name of a pair is often a number, which would be read as a quantity.
+        """
+        return f"input {self.name}" if self.kind == "input" else self.name
 
     def value(self, place: float, between_samples: bool = False) -> str:
         """Return a place as text, without its name and unit.
@@ -107,10 +115,10 @@ class PlaceText:
         return f"between {self.value(first)} and {self.value(last)}"
 
     def at(self, place: float) -> str:
-        """Return a place with its name and unit, such as ``21 = 30 deg``."""
+        """Return a place with its name and unit, such as ``input 21 = 30 deg``."""
         if self.kind == "sample":
             return f"sample {place:.0f}"
-        return f"{self.name} = {self.value(place)} {self.unit}"
+        return f"{self.named} = {self.value(place)} {self.unit}"
 
     def spans(self, spans: Sequence[Sequence[float]]) -> str:
         """Return spans as text, such as ``0 to 137, 220 to 360``."""
@@ -123,11 +131,11 @@ class PlaceText:
         return listing(texts, MAX_LISTED_PLACES)
 
     def named_spans(self, spans: Sequence[Sequence[float]]) -> str:
-        """Return spans with name and unit, such as ``at 21 from 0 to 137 deg``."""
+        """Return spans with name and unit, such as ``at input 21 = 0 to 137 deg``."""
         text = self.spans(spans)
         if self.kind == "sample":
             return f"at the samples {text}"
-        return f"at {self.name} = {text} {self.unit}"
+        return f"at {self.named} = {text} {self.unit}"
 
 
 def angle_text(angle_rad: float) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from spherekit.cli.mode_text import describe_modes, number_list
-from spherekit.cli.motion_screen import output_table, table_notes
+from spherekit.cli.motion_screen import link_text, output_table, table_notes
 from spherekit.cli.place_text import PlaceText
 from spherekit.cli.screen_report import ScreenReport
 from spherekit.cli.singularity_text import describe_singularities
@@ -193,7 +193,7 @@ def _input_words(summary: Any, pair: str) -> str:
     if any(character.isalpha() for character in pair):
         return pair
     reference, link = summary["input_links"][pair]
-    return f"{pair} (link {link} relative to link {reference})"
+    return f"{pair} (link {link_text(link)} relative to link {link_text(reference)})"
 
 
 def _results(summary: Any) -> list[str | ScreenTable]:
@@ -251,7 +251,7 @@ def _describe_dead_centres(summary: Any) -> Lines:
     """Return lines on where modes of a mechanism with one input end at dead centres.
 
     Modes that end at the same places share a line. An example is "Modes 0, 1 end at dead
-    centres (type II singularities) near 21 = 36.87 deg. ...".
+    centres (type II singularities) near input 21 = 36.87 deg. ...".
 
     Parameters
     ----------
@@ -289,13 +289,15 @@ def _describe_dead_centres(summary: Any) -> Lines:
             modes_by_places.setdefault(text, []).append(mode["number"])
     if not modes_by_places:
         return [f"No mode has {TYPE_2_TEXT} in this range."]
-    name = overview["place"]["name"]  # of the input
+    name = place_text.named  # of the input
     where = f"at {name}" if place_text.step_text else f"near {name} ="
     lines = [
         f"{'Mode' if len(numbers) == 1 else 'Modes'} {number_list(numbers)} "
         f"{'ends' if len(numbers) == 1 else 'end'} at dead centres (type II singularities) "
-        f"{where} {text} deg. Close to them velocity ratios grow without bound, and the "
-        "table has the values of the last samples."
+        f"{where} {text} deg. The table has "
+        f"{'its' if len(numbers) == 1 else 'their'} values up to the last samples, so that "
+        "swings and the largest velocity ratios are lower bounds: velocity ratios grow "
+        "without bound towards a dead centre."
         for text, numbers in modes_by_places.items()
     ]
     if sum(map(len, modes_by_places.values())) < len(summary["assembly_modes"]):
@@ -310,12 +312,16 @@ def _describe_unexpected_mobility(summary: Any) -> Lines:
     if mobility["rank"] is None or mobility["graph"] == mobility["rank"]:
         return []
     count = redundant["count"] if redundant else 0
-    constraints = f", as {counted(count, 'constraint')} are redundant" if count else ""
-    if count == 1:
-        constraints = ", as 1 constraint is redundant"
+    reason = ""
+    if count:
+        constraints = "constraint is" if count == 1 else "constraints are"
+        reason = (
+            f", because {count} {constraints} redundant: the mechanism moves only if its "
+            "geometry is exact"
+        )
     return [
-        f"Over-constrained: mobility {mobility['rank']} by the rank of the velocity "
-        f"equations, {mobility['graph']} by the numbers of links and pairs{constraints}."
+        f"Over-constrained: mobility {mobility['rank']}. Counting links and pairs gives "
+        f"{mobility['graph']}{reason}."
     ]
 
 

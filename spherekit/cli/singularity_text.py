@@ -5,11 +5,12 @@ locked inputs do not hold the output.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 from spherekit.cli.mode_text import modes_text
 from spherekit.cli.motion_screen import (
+    ANGLE_ERROR_RAD,
     MEASURE_ERROR,
     RATIO_ERROR,
     inputs_text,
@@ -18,11 +19,18 @@ from spherekit.cli.motion_screen import (
 from spherekit.cli.place_text import MAX_LISTED_PLACES
 from spherekit.conventions import Lines
 from spherekit.number_text import number_text
-from spherekit.wording import counted
+from spherekit.wording import counted, listing
 
 NEAR_SHARE = 0.02
 """Share of the largest value from which the least singular value of a Jacobian, as well as
 a transmission measure, counts as nearly 0. Larger: more is called nearly singular."""
+
+EQUAL_VALUES_SHARE = 1e-6
+"""Share of the largest value up to which modes are equally near to a singularity.
+
+Larger: modes are named together although they differ; smaller: rounding errors separate
+modes that are mirror images.
+"""
 
 
 def describe_singularities(summary: Any) -> Lines:
@@ -47,21 +55,39 @@ def describe_singularities(summary: Any) -> Lines:
     is_simulation = "simulation" in summary
     if not overview["modes"]:
         return []
-    lines = []
+    statements = []
     if has_several_inputs and not is_simulation:
-        lines += _describe_type_2(summary)
+        statements.append(_describe_type_2(summary))
     for number, output in enumerate(overview["outputs"]):
         is_in_table = output["fixed_axis"] and not has_several_inputs and not is_simulation
         if not is_in_table:
-            lines += _describe_type_1(summary, number)
-    names = {analysis["name"] for analysis in summary["analyses"]}
-    has_exact_places = "singularities" in names
-    if lines and has_several_inputs and not is_simulation and not has_exact_places:
+            statements.append(_describe_type_1(summary, number))
+    lines = [line for statement in statements for line in statement.lines]
+    names_places = any(statement.names_singular_places for statement in statements)
+    analyses = {analysis["name"] for analysis in summary["analyses"]}
+    has_exact_places = "singularities" in analyses
+    if names_places and has_several_inputs and not is_simulation and not has_exact_places:
         lines[-1] += (
             " These places are those of samples; -a singularities searches between "
             "them, too."
         )
     return lines
+
+
+class _Statement(NamedTuple):
+    """Sentences on singularities of one type.
+
+    Attributes
+    ----------
+    lines
+        The sentences.
+    names_singular_places
+        Whether they name places at or near which there are singularities, which an analysis
+        would compute more exactly.
+    """
+
+    lines: Lines
+    names_singular_places: bool
 
 
 def _extent(summary: Any) -> str:
@@ -73,7 +99,7 @@ def _extent(summary: Any) -> str:
     return "on this path" if len(summary["inputs"]) > 1 else "in this range"
 
 
-def _describe_type_2(summary: Any) -> Lines:
+def _describe_type_2(summary: Any) -> _Statement:
     """Return sentences on singularities of type II of a mechanism with several inputs.
 
     They say which assembly modes have samples at a singularity, or end at one. If there are
@@ -89,16 +115,15 @@ def _describe_type_2(summary: Any) -> Lines:
     extent = _extent(summary)
     modes_that_end: list[int] = []
     modes_at_singularity: list[int] = []
-    nearest: _NearestSample | None = None
+    nearest_samples: list[_NearestSample] = []
     for number, entry in overview["modes"].items():
         if entry["closes"] and "OUT_OF_REACH" in entry["statuses"]:
             modes_that_end.append(int(number))
         if "AT_SINGULARITY" in entry["statuses"]:
             modes_at_singularity.append(int(number))
-        for sample in _list_nearest_samples(number, entry):
-            if nearest is None or sample.value < nearest.value:
-                nearest = sample
+        nearest_samples += _list_nearest_samples(int(number), entry)
     lines = []
+    is_nearly_met = False
     if modes_at_singularity:
         lines.append(
             f"Samples of {modes_text(modes_at_singularity)} are at singularities of "
@@ -113,16 +138,51 @@ def _describe_type_2(summary: Any) -> Lines:
     if not modes_at_singularity and not modes_that_end:
         beginning = f"No singularity of {meaning} is met"
         end = ""
-        if nearest is not None:
-            if nearest.value <= NEAR_SHARE * nearest.best_value:
+        if nearest_samples:
+            nearest = min(nearest_samples, key=lambda sample: sample.value)
+            is_nearly_met = nearest.value <= NEAR_SHARE * nearest.best_value
+            if is_nearly_met:
                 beginning = f"A singularity of {meaning} is nearly met"
-            place = inputs_text(summary, nearest.inputs)
+            equally_near = [
+                (sample.mode, sample.inputs)
+                for sample in nearest_samples
+                if sample.value - nearest.value <= EQUAL_VALUES_SHARE * nearest.best_value
+            ]
             end = (
-                f"; the closest configuration is in mode {nearest.mode} at {place}, where "
+                f"; {_closest_text('closest configuration', summary, equally_near)}, where "
                 f"the transmission {nearest.measure_text}"
             )
         lines.append(f"{beginning} {extent}{end}.")
-    return lines
+    return _Statement(lines, is_nearly_met)
+
+
+def _closest_text(
+    noun: str, summary: Any, equally_near: Sequence[tuple[int, Sequence[float]]]
+) -> str:
+    """Return which modes come closest to a singularity, and where they do.
+
+    An example is "the closest configuration is in modes 0, 1 at input A = 160 deg".
+
+    Parameters
+    ----------
+    noun
+        The configuration in words, in the singular.
+    summary
+        The content of ``summary.json``.
+    equally_near
+        The number of each mode that comes equally close, with its inputs there (rad).
+    """
+    modes_by_place: dict[str, list[int]] = {}
+    for mode, inputs in equally_near:
+        numbers = modes_by_place.setdefault(inputs_text(summary, inputs), [])
+        if mode not in numbers:
+            numbers.append(mode)
+    texts = [f"{modes_text(modes)} at {place}" for place, modes in modes_by_place.items()]
+    several = len(equally_near) > 1
+    verb = f"{noun}s are" if several else f"{noun} is"
+    if len(texts) == 2:
+        return f"the {verb} in {' and '.join(texts)}"
+    return f"the {verb} in {listing(texts, MAX_LISTED_PLACES)}"
 
 
 class _NearestSample(NamedTuple):
@@ -141,14 +201,14 @@ class _NearestSample(NamedTuple):
         The value in words, such as ``angle at pair 3 is 41.2 deg``.
     """
 
-    mode: str
+    mode: int
     inputs: Any
     value: float
     best_value: float
     measure_text: str
 
 
-def _list_nearest_samples(mode: str, entry: Any) -> Iterator[_NearestSample]:
+def _list_nearest_samples(mode: int, entry: Any) -> Iterator[_NearestSample]:
     """Yield the samples of an assembly mode that are nearest to singularities of type II.
 
     There is one for each output whose transmission measure is known (how well the locked
@@ -180,7 +240,7 @@ def _list_nearest_samples(mode: str, entry: Any) -> Iterator[_NearestSample]:
         )
 
 
-def _describe_type_1(summary: Any, number: int) -> Lines:
+def _describe_type_1(summary: Any, number: int) -> _Statement:
     """Return sentences on singularities of type I of an output.
 
     Parameters
@@ -213,19 +273,23 @@ def _describe_type_1(summary: Any, number: int) -> Lines:
     extent = _extent(summary)
 
     # The least singular value of the output's velocity Jacobian is 0 at type I. A mode can
-    # be singular everywhere, or at some places. Otherwise `nearest` is the Jacobian of the
-    # mode and sample that come nearest to a singularity.
+    # be singular everywhere, even without any motion of the output, or at some places.
+    # `jacobians` has the other modes, one of which comes nearest to a singularity.
+    modes_at_rest: list[int] = []
     modes_singular_everywhere: list[int] = []
     modes_by_place: dict[str, list[int]] = {}
     unlisted_place_count = 0
-    nearest: Any = None
-    nearest_mode = ""
+    jacobians: list[tuple[int, Any]] = []
     for mode, entry in overview["modes"].items():
-        jacobian = entry["outputs"][number]["jacobian"]
+        motion = entry["outputs"][number]
+        jacobian = motion["jacobian"]
         if jacobian is None:
             continue
         if jacobian["largest_least_singular_value"] <= RATIO_ERROR:
-            modes_singular_everywhere.append(int(mode))
+            if _rests_throughout(motion):
+                modes_at_rest.append(int(mode))
+            else:
+                modes_singular_everywhere.append(int(mode))
             continue
         places = [inputs_text(summary, inputs) for inputs in jacobian["type_1_inputs_rad"]]
         if jacobian["least_singular_value"] <= RATIO_ERROR:
@@ -234,16 +298,19 @@ def _describe_type_1(summary: Any, number: int) -> Lines:
         unlisted_place_count += max(len(places) - MAX_LISTED_PLACES, 0)
         for place in dict.fromkeys(places[:MAX_LISTED_PLACES]):
             modes_by_place.setdefault(place, []).append(int(mode))
-        least_value = jacobian["least_singular_value"]
-        if nearest is None or least_value < nearest["least_singular_value"]:
-            nearest = jacobian
-            nearest_mode = mode
+        jacobians.append((int(mode), jacobian))
 
     lines = []
+    is_nearly_met = False
     if has_one_freedom:
         lines.append(
             f"The {output} turns about one axis, so the {input_count} inputs can move in "
             "every configuration while it rests (singular of type I everywhere)."
+        )
+    if modes_at_rest:
+        lines.append(
+            f"The {output} does not move in {modes_text(modes_at_rest)} (singular of type "
+            "I everywhere)."
         )
     if modes_singular_everywhere:
         verb = "is" if len(modes_singular_everywhere) == 1 else "are"
@@ -259,12 +326,15 @@ def _describe_type_1(summary: Any, number: int) -> Lines:
         if unlisted_place_count:
             more = f", and at {counted(unlisted_place_count, 'further place')}"
         lines.append(f"{singularities} are met {extent}: {'; '.join(texts)}{more}.")
-    elif nearest is not None:
+    elif jacobians:
+        _, nearest = min(jacobians, key=lambda entry: entry[1]["least_singular_value"])
         least_value = nearest["least_singular_value"]
-        if modes_singular_everywhere:
-            beginning = "Other modes have none"
-        elif least_value <= NEAR_SHARE * nearest["largest_least_singular_value"]:
+        largest_value = nearest["largest_least_singular_value"]
+        is_nearly_met = least_value <= NEAR_SHARE * largest_value
+        if is_nearly_met:
             beginning = f"A {singularity} is nearly met"
+        elif modes_singular_everywhere or modes_at_rest:
+            beginning = f"The other modes have no {singularity}"
         else:
             beginning = f"No {singularity} is met"
             if has_one_freedom:
@@ -274,14 +344,33 @@ def _describe_type_1(summary: Any, number: int) -> Lines:
             quantity = "velocity ratio"
             if has_several_inputs:
                 quantity = "smallest singular value of the velocity Jacobian"
-            comparison = "the closest configuration is"
+            noun = "closest configuration"
             if has_one_freedom:
                 quantity = "root of the sum of the squared velocity ratios"
-                comparison = "the ratios are smallest"
-            place = inputs_text(summary, nearest["inputs_rad"])
+                noun = "configuration with the smallest ratios"
+            equally_near = [
+                (mode, jacobian["inputs_rad"])
+                for mode, jacobian in jacobians
+                if jacobian["least_singular_value"] - least_value
+                <= EQUAL_VALUES_SHARE * largest_value
+            ]
             end = (
-                f"; {comparison} in mode {nearest_mode} at {place}, where "
+                f"; {_closest_text(noun, summary, equally_near)}, where "
                 f"the {quantity} is {number_text(least_value, RATIO_ERROR, 2)}"
             )
         lines.append(f"{beginning} {extent}{end}.")
-    return lines
+    return _Statement(lines, is_nearly_met or bool(modes_by_place))
+
+
+def _rests_throughout(motion: Any) -> bool:
+    """Return whether an output has the same pose at all samples and no velocity ratio.
+
+    Parameters
+    ----------
+    motion
+        The entry of the output in ``outputs`` of an assembly mode.
+    """
+    ratios = [*motion["lowest_ratio"], *motion["highest_ratio"]]
+    swing_rad = motion["highest_rad"] - motion["lowest_rad"]
+    has_velocity = any(ratio is not None and abs(ratio) > RATIO_ERROR for ratio in ratios)
+    return swing_rad <= ANGLE_ERROR_RAD and not has_velocity

@@ -167,9 +167,10 @@ class InputTurningPoints(NamedTuple):
             reason += self._crossing_remark
         # Every mode that exists over an interval of the input wider than `gap` is known.
         sentence = (
-            "All assembly modes were found at "
-            f"{counted(len(self.probes(step)), 'value')} of the input. Modes that exist "
-            f"only within {np.degrees(gap):.3g} deg between these values could be missed."
+            "All assembly modes were computed at "
+            f"{counted(len(self.probes(step)), 'value')} of the input and followed from "
+            "there over the range. A mode that exists only between two of these values, "
+            f"which are up to {np.degrees(gap):.3g} deg apart, could be missed."
         )
         return Completeness(Guarantee.TO_BOX, reason, gap, sentence)
 

@@ -368,9 +368,7 @@ class ModesOverRange:
         return Completeness(
             Guarantee.SAMPLED,
             statistics.describe("components"),
-            sentence=statistics.sentence(
-                "curve of configurations", "curves of configurations"
-            ),
+            sentence=statistics.sentence(len(self.assembly_modes)),
         )
 
     def _find_with_free_wheels(self) -> Completeness:

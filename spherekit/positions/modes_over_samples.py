@@ -445,7 +445,7 @@ class SampledModes:
         return Completeness(
             Guarantee.SAMPLED,
             reason,
-            sentence=statistics.sentence("assembly mode", "assembly modes"),
+            sentence=statistics.sentence(self._solution_count),
         )
 
     def _search_free_wheels(self) -> Completeness:

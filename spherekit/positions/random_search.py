@@ -141,24 +141,24 @@ class SearchStatistics:
         """
         return 1.0 - MISS_PROBABILITY ** (1.0 / max(self.starts, 1))
 
-    def sentence(self, thing: str, plural: str) -> str:
-        """Return a whole sentence for users about how sure the search is.
+    def sentence(self, mode_count: int) -> str:
+        """Return whole sentences for users about how sure the search is.
 
         Parameters
         ----------
-        thing, plural
-            The word for a solution, such as ``assembly mode``, and its plural.
+        mode_count
+            Number of assembly modes that the search has given. Several of them can be on
+            one curve of configurations, which `counts` has once.
         """
         starts = counted(self.starts, "random start")
         if not self.closed_starts:
-            return f"A search from {starts} found no {thing}."
-        count = len(self.counts)
-        words = f"1 {thing}" if count == 1 else f"{count} {plural}"
+            return f"A search from {starts} found no assembly mode."
+        modes = counted(mode_count, "mode")
         one_in = round(1.0 / self.missed_share)
         return (
-            f"A search from {starts} found {words}. A mode to which 1 of {one_in} starts "
-            f"leads would have been found with a probability of "
-            f"{1.0 - MISS_PROBABILITY:.0%}."
+            f"Further assembly modes cannot be excluded: the search was by {starts}, which "
+            f"found {modes}. A mode to which at least 1 of {one_in} starts leads would "
+            f"have been found with a probability of {1.0 - MISS_PROBABILITY:.0%}."
         )
 
     def progress_text(self, things: str) -> str:

@@ -215,8 +215,8 @@ class ExaminedRows:
 
         The measure says how well locked inputs hold the output: 0 at a singularity of type
         II, 1 at best. `overview.transmission` has the least measure so far and its place,
-        which is the time, the input or the number of a sample. The parameters are those of
-        `add_output`.
+        which is the time, the input or the number of a sample. The largest measure so far
+        is stored too. The parameters are those of `add_output`.
         """
         assert self.plan.transmissions is not None
         transmission = self.plan.transmissions[number]
@@ -230,6 +230,10 @@ class ExaminedRows:
         least = overview.transmission
         if least is None or measures[row] < least[0] - EQUAL_MINIMA_TOLERANCE:
             overview.transmission = [float(measures[row]), float(places[row])]
+        largest = float(np.nanmax(measures))
+        if overview.largest_transmission is not None:
+            largest = max(largest, overview.largest_transmission)
+        overview.largest_transmission = largest
 
     def _add_rotations(
         self,

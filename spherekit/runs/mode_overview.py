@@ -64,6 +64,9 @@ class OutputOverview:
     transmission
         The least transmission measure and its place, None if it is not computed. The
         measure is 0 at singularities of type II, and 1 at best.
+    largest_transmission
+        The largest transmission measure, None if it is not computed. If it equals the
+        least one, the measure is constant.
     gain
         The least and the largest of the smallest singular values that the velocity
         Jacobian of the output has at the samples, in the order: least, its place, largest.
@@ -103,6 +106,7 @@ class OutputOverview:
     further_rests: int = 0
     transmission_angle: list[float] | None = None
     transmission: list[float] | None = None
+    largest_transmission: float | None = None
     gain: list[float] | None = None
     type_1_places: list[float] = field(default_factory=list)
     further_type_1_places: int = 0

@@ -98,6 +98,7 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
                         )
                     ),
                     "least_transmission_measure": output.transmission,
+                    "largest_transmission_measure": output.largest_transmission,
                     "inputs_of_least_measure_rad": (
                         None
                         if output.transmission is None
