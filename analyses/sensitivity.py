@@ -325,7 +325,7 @@ class SensitivityAnalysis(AbstractAnalysis):
             except ValueError as problem:
                 why = f": {problem}" if isinstance(problem, QuantityError) else ""
                 raise AnalysisError(
-                    f'deviations: "{key}:{text}"{why}; write KEY:DEVIATION, such as '
+                    f'deviations: found "{key}:{text}"{why}, needs KEY:DEVIATION, such as '
                     "links.3.arc:0.02deg"
                 ) from None
         return deviation_of_key

@@ -277,15 +277,15 @@ def check_turns(number: float, angle_unit: AngleUnit) -> None:
     if MAX_TURNS_WITHOUT_UNIT[angle_unit] < turns < math.inf:
         hint = "" if angle_unit == "deg" else f"{number:g}deg if it is in degrees, or "
         raise QuantityError(
-            f"found {number:g}, which is read in {angle_unit}, the unit of the file: "
-            f"{turns:.3g} turns; write {hint}{number:g}{angle_unit} if so many turns are "
-            "meant"
+            f"found {number:g} without a unit, which is read as {number:g} {angle_unit} "
+            f"(the unit of the file), or {turns:.3g} turns; write {hint}"
+            f"{number:g}{angle_unit} if so many turns are meant"
         )
 
 
 def _unit_error(number: str, unit: str, dimension: Dimension) -> QuantityError:
     """Return the error about a unit that a quantity cannot have."""
     return QuantityError(
-        f'found the unit "{unit}"; {dimension.noun} has one of {listing(dimension.units)}, '
-        f"such as {number}{dimension.units[0]}"
+        f'found the unit "{unit}", but the units of {dimension.noun} are '
+        f"{listing(dimension.units)}; write for example {number}{dimension.units[0]}"
     )

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spherekit.quantity import field_unit_of
-from spherekit.wording import listing
 
 
 @dataclass(frozen=True)
@@ -27,14 +26,51 @@ class TypeWording:
         Returns words for the values of a `Literal`.
     write_items
         Returns words for a tuple, from the words for each of its items.
-    repeated_item
-        Words for a sequence of any length, with ``{}`` in place of its items.
+    write_sequence
+        Returns words for a sequence of any length, from the words for an item.
+    join_alternatives
+        Returns words for a union, from the words for each of its members.
     """
 
     simple_types: Mapping[Any, str]
     write_choices: Callable[[Iterable[Any]], str]
     write_items: Callable[[Sequence[str]], str]
-    repeated_item: str
+    write_sequence: Callable[[str], str]
+    join_alternatives: Callable[[Iterable[str]], str] = " or ".join
+
+
+_PLURALS = {
+    "a whole number": "whole numbers",
+    "a number": "numbers",
+    "text": "texts",
+    "a path": "paths",
+}
+"""Plurals of the words for simple types of Python."""
+
+
+def _quoted(choice: Any) -> str:
+    """Return a value of a `Literal` as it is written in Python, a text in double quotes."""
+    return f'"{choice}"' if isinstance(choice, str) else repr(choice)
+
+
+def _python_sequence(item: str) -> str:
+    """Return words for a sequence of Python with items of any number."""
+    if item in _PLURALS:
+        return f"a sequence of {_PLURALS[item]}"
+    return f"a sequence in which each item is {item}"
+
+
+def _python_alternatives(alternatives: Iterable[str]) -> str:
+    """Return words for a union of Python types, such as ``a number, text or None``.
+
+    A comma precedes ``or`` if words of a member contain one themselves.
+    """
+    *first_words, last_words = alternatives
+    if not first_words:
+        return last_words
+    is_compound = any("each item" in words or "mapping" in words for words in first_words)
+    joined = ", ".join(first_words)
+    return f"{joined}{',' if is_compound else ''} or {last_words}"
 
 
 PYTHON_WORDING = TypeWording(
@@ -45,9 +81,10 @@ PYTHON_WORDING = TypeWording(
         str: "text",
         NoneType: "None",
     },
-    write_choices=lambda choices: f"one of {listing(choices)}",
-    write_items=lambda items: f"({', '.join(items)})",
-    repeated_item="a sequence, each {}",
+    write_choices=lambda choices: _python_alternatives(map(_quoted, choices)),
+    write_items=lambda items: f"a tuple ({', '.join(items)})",
+    write_sequence=_python_sequence,
+    join_alternatives=_python_alternatives,
 )
 """The wording for arguments of Python functions."""
 
@@ -61,8 +98,8 @@ def describe_type(annotation: Any, wording: TypeWording = PYTHON_WORDING) -> str
         A class or a type of `typing`.
     wording
         The words for simple types, and functions that join words: `write_choices` for the
-        values of a `Literal`, `write_items` for the items of a tuple. `repeated_item` are
-        words for a sequence of any length.
+        values of a `Literal`, `write_items` for the items of a tuple, `write_sequence` for
+        a sequence of any length, `join_alternatives` for a union.
     """
     if annotation in (Any, object):
         return "anything"
@@ -76,7 +113,7 @@ def describe_type(annotation: Any, wording: TypeWording = PYTHON_WORDING) -> str
         return describe_type(get_args(annotation)[0], wording)
     arguments = get_args(annotation)
     if annotation is ArrayLike or origin is np.ndarray:
-        return "texts" if is_text_array(annotation) else "numbers"
+        return f"an array of {'texts' if is_text_array(annotation) else 'numbers'}"
     if annotation in wording.simple_types:
         return wording.simple_types[annotation]
     if origin is Literal:
@@ -95,20 +132,22 @@ def describe_type(annotation: Any, wording: TypeWording = PYTHON_WORDING) -> str
         # Equal words are written once. None has the empty text in the wording of files,
         # where it is a key that is missing. Empty texts are left out.
         distinct_descriptions = dict.fromkeys(filter(None, descriptions))
-        return " or ".join(distinct_descriptions)
+        return wording.join_alternatives(distinct_descriptions)
     if origin is tuple and arguments[1:] != (...,):
         return wording.write_items(descriptions)
     if origin in (Sequence, Iterable, tuple):
-        return wording.repeated_item.format(*descriptions)
+        return wording.write_sequence(descriptions[0])
     if origin in (Mapping, dict):
-        return f"a mapping of {' to '.join(descriptions)}"
+        return f"a mapping from {' to '.join(descriptions)}"
     if origin in (list, set, frozenset):
-        return f"a {origin.__name__}, each {descriptions[0]}"
+        return f"a {origin.__name__} in which each item is {descriptions[0]}"
     if origin is type:
         return f"a class, {descriptions[0]} or one that extends it"
     if origin is os.PathLike:
         return "a path"
-    return str(getattr(origin or annotation, "__name__", annotation))
+    class_name = str(getattr(origin or annotation, "__name__", annotation))
+    article = "an" if class_name[0] in "AEIOU" else "a"
+    return f"{article} {class_name}"
 
 
 def read_value(

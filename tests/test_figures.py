@@ -637,7 +637,7 @@ def test_run_draws_figures_into_its_folder(tmp_path, capsys):
     assert "poles_velocity_coefficients.svg" in names and len(names) == 4
     assert "4 figures in" in capsys.readouterr().out
     assert main(["run", "four_bar", "--figures"]) == 1
-    assert "--figures does nothing without" in capsys.readouterr().err
+    assert "--figures has no effect without" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -225,7 +225,7 @@ def test_several_inputs_move_one_at_a_time():
     beside = [sk.evaluate("five_bar", [0.3 + k * step, 0.4]) for k in (-1, 1)]
     change = (beside[1].variable("43") - beside[0].variable("43")) / (2.0 * step)
     assert alone[both.sample == 0] == pytest.approx(change, abs=1e-8)
-    with pytest.raises(sk.SpherekitError, match="the input that moves; inputs: 21, 51"):
+    with pytest.raises(sk.SpherekitError, match="the input that moves. Inputs: 21, 51"):
         both.velocity_coefficient("3/1")
 
 

@@ -61,4 +61,7 @@ def test_view_refuses_a_file_that_is_no_recording(tmp_path, capsys):
     path = tmp_path / "four_bar.rrd"
     path.write_text(FILES["four_bar.toml"])
     assert main(["view", str(path)]) == 1
-    assert "is not a recording; make one: run FILE --save X.rrd" in capsys.readouterr().err
+    assert (
+        "this is not a recording; make a recording with: spherekit run FILE --save X.rrd"
+        in capsys.readouterr().err
+    )

@@ -414,7 +414,7 @@ def test_wrong_arguments_of_reference_rows_are_refused():
     """Pair 1 is no input, derivatives go to order 3, digits from 20 to 300."""
     motion = traced("four_bar", 5)
     chosen = np.ones(len(motion), dtype=bool)
-    with pytest.raises(SolveError, match="is not an input; inputs: 21"):
+    with pytest.raises(SolveError, match="is not an input. Inputs: 21"):
         sk.exact_rows(motion, chosen, 1)
     with pytest.raises(SolveError, match="order: found 4, needs 1, 2 or 3"):
         sk.exact_rows(motion, chosen, 0, order=4)

@@ -209,8 +209,8 @@ def export(
     for name in stated_names:
         if kind not in KINDS_OF_ARGUMENT[name]:
             raise OutputError(
-                f"export: {name} has an effect only for "
-                f"{listing(KINDS_OF_ARGUMENT[name])}, but this is {kind}; leave {name} out"
+                f"export: {name} does not apply to an export of the kind {kind}, only to "
+                f"the kinds {listing(KINDS_OF_ARGUMENT[name])}; leave {name} out"
             )
     if kind in SOURCES:
         return _export_source(mechanism, target, kind, input_pair, assembly_mode, options)
@@ -257,8 +257,8 @@ def _export_kind(target: Path, to: Kind | None) -> Kind:
             return kind
     allowed = dict.fromkeys(chain(*SUFFIXES.values())) if to is None else SUFFIXES[to]
     raise OutputError(
-        f"{target}: {to or 'exported'} files are named *{', *'.join(allowed)}; give it one "
-        "of these endings"
+        f"{target}: an export {f'of the kind {to} ' if to else ''}needs a file name with "
+        f"{'one of the endings' if len(allowed) > 1 else 'the ending'} {', '.join(allowed)}"
     )
 
 

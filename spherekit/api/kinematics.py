@@ -414,7 +414,7 @@ class Kinematics:
             return 0
         raise SolveError(
             f"{self.mechanism.name}: moving: found {name!r}, needs the name of the input "
-            f"that moves; inputs: {listing(inputs)}"
+            f"that moves. Inputs: {listing(inputs)}"
         )
 
 

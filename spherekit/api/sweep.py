@@ -209,7 +209,7 @@ def sweep_of(
         merits[merit.name] = merit
     if tables and not analyses:
         raise DesignError(
-            f"{study.mechanism.name}: tables are requested, but no analysis; give the "
+            f"{study.mechanism.name}: tables are requested, but no analysis is; give the "
             "analyses whose tables are to be written"
         )
 

@@ -210,8 +210,8 @@ def execute(options: Namespace) -> int:
         raise AnalysisError("--at and --range exclude each other; give only one of them")
     if options.poles and not is_at_inputs:
         raise AnalysisError(
-            "--poles encloses the poles at given input values, but no values are given; "
-            "add --at Q"
+            "--poles computes bounds of the poles at given input values, but no values are "
+            "given; give them with --at Q"
         )
     if options.clear_of and (is_at_inputs or input_count > 1):
         raise AnalysisError(
@@ -391,14 +391,12 @@ def _decimal_text(option: str, text: str, unit: "AngleUnit") -> str:
         try:
             number = read_decimal_angle(text, unit)
         except QuantityError as problem:
-            raise AnalysisError(
-                f"{option}: {problem}; write it as in 40 or 12.5deg"
-            ) from None
+            raise AnalysisError(f"{option}: {problem}. Examples: 40, 12.5deg") from None
         if abs(number) <= MAX_INPUT:
             return f"{number:f}"
     raise AnalysisError(
         f"{option}: {text!r} is not a decimal number from -{MAX_INPUT} to {MAX_INPUT}; "
-        "write it as in 40 or 12.5"
+        "write for example 40 or 12.5"
     )
 
 

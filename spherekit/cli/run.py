@@ -450,19 +450,20 @@ def _check_options(study: "Study", options: Namespace) -> None:
     """Raise `AnalysisError` for an option that has no effect without another one."""
     from spherekit.errors import AnalysisError
 
-    folder = "a folder: give that of the run with -o"
-    simulation = "a simulation: give --start"
-    recording = "a recording: give --save, --serve, --connect or --view"
+    folder = "a folder; give the folder of the run with -o DIR"
+    simulation = "a simulation; give its initial state with --start"
+    recording = "a recording; make one with --save, --serve, --connect or --view"
     # Without --format the tables have Parquet files. `--prove` encloses the poles of a run
     # by proof, and compares them with the numbers in these files.
     formats = FORMAT_CHOICES.get(options.format)
+    parquet = "Parquet files; give -o DIR without --format csv"
     writes_parquet = formats is None or not all(is_csv(name) for name in formats)
     # For each option: the condition that it needs, whether it is given, its name, a hint.
     rules = [
         (study.folder, options.resume, "--resume", folder),
         (study.folder, options.restart, "--restart", folder),
-        (study.folder, options.format, "--format", "tables: write them with -o DIR"),
-        (writes_parquet, options.prove, "--prove", "Parquet files to read"),
+        (study.folder, options.format, "--format", "tables; write them with -o DIR"),
+        (writes_parquet, options.prove, "--prove", parquet),
         (study.folder, options.figures, "--figures", folder),
         (study.start, options.engine != "auto", "--engine", simulation),
         (
@@ -474,7 +475,7 @@ def _check_options(study: "Study", options: Namespace) -> None:
     ]
     for requirement, is_given, option, hint in rules:
         if is_given and not requirement:
-            raise AnalysisError(f"{option} does nothing without {hint}")
+            raise AnalysisError(f"{option} has no effect without {hint}")
 
 
 def _add_resume_hint(error: BaseException, study: "Study", options: Namespace) -> None:

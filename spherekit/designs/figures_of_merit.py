@@ -422,8 +422,8 @@ class KernelFigures:
             fault = ""
             if merit.point and len(merit.point) != count:
                 fault = (
-                    f"the reduction at needs {counted(count, 'input')} "
-                    f"({listing(self.inputs)}), found {len(merit.point)}"
+                    f'the reduction "at" needs values of {counted(count, "input")} '
+                    f"({listing(self.inputs)}), but found {len(merit.point)}"
                 )
             elif (
                 REDUCTION_BY_NAME[merit.reduction].returns_input
@@ -431,11 +431,12 @@ class KernelFigures:
                 and not merit.place
             ):
                 fault = (
-                    f"there are {counted(count, 'input')}: name the one whose value is "
-                    f"wanted, {merit.reduction}({merit.expression}, {self.inputs[0]})"
+                    f"there are {counted(count, 'input')}; name the input whose value "
+                    "you need, such as "
+                    f"{merit.reduction}({merit.expression}, {self.inputs[0]})"
                 )
             elif merit.place not in ("", *self.inputs):
-                fault = f"{merit.place} is not driven; driven pairs: {listing(self.inputs)}"
+                fault = f"{merit.place} is not driven. Driven pairs: {listing(self.inputs)}"
             # A swing adds up the changes of an angle from sample to sample, beyond a full
             # turn. In a grid no sample follows another one.
             if merit.reduction == "swing" and len(self.samples.shape) > 1:

@@ -229,10 +229,14 @@ class SweepResult:
         """
         tables = self._tables()
         if name not in tables:
-            advice = f"tables: {listing(tables)}" if tables else "ask for tables=True"
+            advice = (
+                f"Tables: {listing(tables)}"
+                if tables
+                else "Call the sweep with tables=True"
+            )
             raise DesignError(
                 f'{self.sweep.mechanism.name}: there is no table "{name}" of designs'
-                f"{nearest(name, tables) or ';'} {advice}"
+                f"{nearest(name, tables) or '.'} {advice}"
             )
         # The path of the table in each part, by number of the part. The notes in a file
         # must say that it is this part of this sweep.

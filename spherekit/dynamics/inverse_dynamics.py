@@ -330,8 +330,8 @@ def inverse_dynamics(
     t = np.atleast_1d(np.asarray(times, dtype=float))
     if t.ndim != 1 or not (all_finite(t) and np.all(np.diff(t) > 0.0)):
         raise SolveError(
-            f"{mechanism.name}: times: needs an array (k,) of finite numbers that "
-            "increase, in s"
+            f"{mechanism.name}: times: needs an array of the shape (k,) with finite "
+            "numbers that increase, in s"
         )
     # Without masses and loads every torque is zero, which is taken for an error.
     need_terms(mechanism)

@@ -120,13 +120,13 @@ def check_half_angles(
     for half_angle in half_angles:
         if not 0.0 < half_angle < math.pi:
             raise ModelError(
-                f"found a half angle of {_degrees_text(half_angle)} deg; it has to lie "
-                "between 0 and 180 deg, both excluded"
+                f"found a half angle of {_degrees_text(half_angle)} deg, needs more than 0 "
+                "and less than 180 deg"
             )
     if math.sin(shaft_angle) < COLLINEAR_SINE:
         raise ModelError(
-            f"the shaft angle is {_degrees_text(shaft_angle)} deg: coaxial cones do not "
-            "touch along a single line"
+            f"the shaft angle is {_degrees_text(shaft_angle)} deg, but coaxial cones do "
+            "not touch along a single line; choose another shaft angle"
         )
     first = half_angles[0]
     # In external contact d1 + d2 is the shaft angle, in internal contact d2 - d1.
@@ -146,9 +146,10 @@ def check_half_angles(
     if gap > PROFILE_GAP_RAD:
         raise ModelError(
             f"the cones do not touch: the shaft angle is {_degrees_text(shaft_angle)} deg, "
-            f"in {contact} contact half angles of {_degrees_text(first)} and "
-            f"{_degrees_text(second)} deg give {_degrees_text(second + sign * first)} deg; "
-            f"they miss by {_degrees_text(gap)} deg. Leave the second out and it follows"
+            f"but half angles of {_degrees_text(first)} and {_degrees_text(second)} deg in "
+            f"{contact} contact need {_degrees_text(second + sign * first)} deg, which "
+            f"differs by {_degrees_text(gap)} deg. If you leave the second half angle out, "
+            "it is computed"
         )
     # A given half angle that misses by rounding only keeps all its digits.
     return first, second if gap <= HALF_ANGLE_ROUNDING_RAD else fitting_second

@@ -48,7 +48,10 @@ def check_table_rows(
     row_count = len(times)
     if row_count != len(values):
         value_count = counted(len(values), "value")
-        raise ModelError(f"{key}{name}: has {value_count}, but times has {row_count}")
+        raise ModelError(
+            f"{key}{name}: has {value_count}, but times has {row_count}; give one value "
+            "for each time"
+        )
     if row_count < min_rows:
         value_count = counted(row_count, "value")
         raise ModelError(f"{key}times: has {value_count}, needs at least {min_rows}{hint}")

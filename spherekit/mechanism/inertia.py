@@ -195,13 +195,14 @@ def check_tensor(key: str, tensor: Floats) -> None:
         sum of the two others.
     """
     if tensor.shape != (3, 3):
-        raise ModelError(f"{key}: has the shape {tensor.shape}, needs (3, 3)")
+        raise ModelError(f"{key}: has the shape {tensor.shape}, needs the shape (3, 3)")
     check_finite(key, tensor.ravel())
     largest = max_abs(tensor)
     for i, j in np.argwhere(np.abs(tensor - tensor.T) > ASYMMETRY_TOLERANCE * largest):
         raise ModelError(
-            f"{key}: not symmetric: row {i + 1}, column {j + 1} has {tensor[i, j]}, "
-            f"row {j + 1}, column {i + 1} has {tensor[j, i]}"
+            f"{key}: the tensor is not symmetric: row {i + 1}, column {j + 1} has "
+            f"{tensor[i, j]}, but row {j + 1}, column {i + 1} has {tensor[j, i]}; give the "
+            "same number twice"
         )
     _check_principal_moments(key, tensor, tolerance=MOMENT_TOLERANCE * largest, about="")
 
@@ -225,13 +226,16 @@ def _check_principal_moments(
     small, middle, large = np.linalg.eigvalsh(tensor)
     excess = large - middle - small
     if small < -tolerance:
-        what = f"smallest principal moment{about} is {small:.6g} kg m2; none is below 0"
+        what = (
+            f"smallest principal moment{about} is {small:.6g} kg m2, but no principal "
+            "moment can be negative; check units and signs of products of inertia"
+        )
     elif excess > tolerance:
         what = (
             f"largest principal moment{about} exceeds the sum of the others by "
             f"{excess:.6g} kg m2 ({large:.6g} > {middle:.6g} + {small:.6g}); check units, "
-            "signs of products of inertia, and the point it is about"
+            "signs of products of inertia, and the point to which the tensor refers"
         )
     else:
         return
-    raise ModelError(f"{key}: not physical: the {what}")
+    raise ModelError(f"{key}: no body has this inertia: the {what}")

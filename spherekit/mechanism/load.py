@@ -448,8 +448,8 @@ def check_field(kind: str, key: str, value: Any, mechanism: LoadedMechanism) -> 
                     inspect.signature(value).bind(0.0, 0.0, 0.0)
                 except TypeError as error:
                     raise ModelError(
-                        f"{key}: the function has to take time, variable and rate "
-                        f"(t, q, dq): {error}"
+                        f"{key}: the function must have the three arguments time, variable "
+                        f"and rate (t, q, dq), but calling it with them fails: {error}"
                     ) from None
         case "text":
             _check_expression(key, value, mechanism)

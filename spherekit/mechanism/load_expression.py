@@ -273,7 +273,10 @@ def _parse(text: str, names: Names) -> Expression:
 
 def _syntax_error(column: int, message: str, allowed: str = _GRAMMAR) -> ModelError:
     """Return the error at a column (from 0), and what is allowed instead."""
-    separator = "" if message.endswith("?") else ";"
+    # A list of names begins with a capital letter, as a sentence of its own.
+    separator = "." if allowed[0].isupper() else ";"
+    if message.endswith("?"):
+        separator = ""
     return ModelError(f"column {column + 1}: {message}{separator} {allowed}")
 
 
@@ -407,7 +410,7 @@ def _convert_name(name: str, names: Names, column: int) -> Node:
         raise _syntax_error(column, f'"{name}" is a function', f"write {name}(...)")
     if name not in names:
         hint = nearest(name, [*names, *NAMED_CONSTANTS, *ARGUMENT_COUNTS])
-        allowed = f"names: {listing([*names, *NAMED_CONSTANTS])}"
+        allowed = f"Names: {listing([*names, *NAMED_CONSTANTS])}"
         raise _syntax_error(column, f'"{name}" is not known{hint}', allowed)
     return name
 
@@ -433,7 +436,7 @@ def _read_function_name(call: ast.Call, column: int) -> str:
         # `nearest` returns a suggestion such as ``; did you mean "sin"?``, or no text.
         message = f"{what} is not a function{nearest(name, ARGUMENT_COUNTS)}"
         # The message lists at most 20 functions.
-        allowed = f"functions: {listing(ARGUMENT_COUNTS, 20)}; for products write *"
+        allowed = f"Functions: {listing(ARGUMENT_COUNTS, 20)}; for products write *"
         raise _syntax_error(column, message, allowed)
     smallest, largest = ARGUMENT_COUNTS[name]
     count = len(call.args)

@@ -377,7 +377,7 @@ class Mechanism:
         for name, (start, stop) in (ranges or {}).items():
             if self.pair(name).name not in names:
                 raise ModelError(
-                    f"with_inputs: ranges: {name} is not an input; inputs: {listing(names)}"
+                    f"with_inputs: ranges: {name} is not an input. Inputs: {listing(names)}"
                 )
             input_by_pair[name] = Input(
                 name, to_radians(start, angle_unit), to_radians(stop, angle_unit)

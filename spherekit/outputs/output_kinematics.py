@@ -206,8 +206,9 @@ class OutputKinematics:
             return (self.modes[int(text)],)
         raise AnalysisError(
             f'{self.mechanism.name}: outputs.{self.output.name}: working mode "{text}" is '
-            f"none of {listing(self.labels, MAX_LISTED_MODES)}, nor a number below "
-            f"{len(self.modes)}; the signs are those of: {'; '.join(self.legs)}"
+            f"not known; give one of {listing(self.labels, MAX_LISTED_MODES)}, or a number "
+            f"from 0 to {len(self.modes) - 1}. The signs belong, in this order, to: "
+            f"{'; '.join(self.legs)}"
         )
 
     def inverse(

@@ -418,10 +418,10 @@ def _limit_axis_angles(
         if high - low < COLLINEAR_SINE:
             raise _error(
                 kinematics.carrying,
-                f"the axes {name} cannot be at least {_format_degrees(low)} apart "
+                f"the limits of the angle between the axes {name} leave no area of poses: "
+                f"the angle has to be at least {_format_degrees(low)} "
                 f"({strictest_low.source}) and at most {_format_degrees(high)} "
-                f"({strictest_high.source}) on any area: these limits contradict each "
-                "other, or leave at most a curve",
+                f"({strictest_high.source}); widen one of these limits",
             )
 
         # The default value binds the axes of this pass of the loop. The function is called
@@ -466,7 +466,7 @@ def _is_always_kept(
     """
     where = f"{limit.one}/{limit.other}"
     if pair == other_pair:
-        raise _error(mechanism, f"apart: {where} names the same axis twice")
+        raise _error(mechanism, f"apart: {where} names the same axis twice; name two axes")
     if not 0.0 <= limit.low <= limit.high <= np.pi:
         raise _error(
             mechanism,
@@ -513,7 +513,8 @@ def _find_least_link_angle(mechanism: Mechanism, constraints: Constraints) -> fl
         raise _error(
             mechanism,
             f"links of width {width:g} do not fit on a sphere of radius {radius:g}; give "
-            "both in the same unit of length, 0 or more, the radius at least width / pi",
+            "both in the same unit of length, neither of them negative, and a radius of at "
+            "least width / pi",
         )
     return width / radius if width else 0.0
 

@@ -75,7 +75,7 @@ def driven_at(mechanism: Mechanism, names: str | Sequence[str] | None = None) ->
         driven_pairs(mechanism)
         return mechanism
     if not names:
-        raise PlanError(f"{mechanism.name}: input_pair names no pair; name one or more")
+        raise PlanError(f"{mechanism.name}: input_pair is empty; name one or more pairs")
     if isinstance(names, str):
         return mechanism.with_inputs(names)
     return mechanism.with_inputs(*names)

@@ -268,8 +268,10 @@ def _check_connected(mechanism: Mechanism) -> None:
 
 def inputs_to_declare(mobility: int) -> str:
     """Return the advice of an error message for a mechanism of this mobility."""
-    pairs = "an R pair" if mobility == 1 else f"{mobility} R pairs"
-    return f"declare {pairs} as inputs, or add or remove pairs"
+    if mobility < 1:
+        return "remove constraints: add links, or remove pairs"
+    inputs = "one R pair as the input" if mobility == 1 else f"{mobility} R pairs as inputs"
+    return f"declare {inputs}, or add or remove pairs"
 
 
 def _play_on_links(mechanism: Mechanism) -> PebbleGame:

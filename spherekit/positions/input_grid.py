@@ -189,8 +189,8 @@ def make_path(q: Floats, input_count: int) -> InputGrid:
         path = path[:, None]
     if path.shape[1:] != (input_count,) or not len(path):
         raise SolveError(
-            f"a path for {input_count} inputs is an array (samples, {input_count}), not "
-            f"{np.shape(q)}"
+            f"found a path of the shape {np.shape(q)}, needs (samples, {input_count}): one "
+            "column for each input"
         )
     if not all_finite(path):
         raise SolveError(

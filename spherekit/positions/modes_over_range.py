@@ -97,9 +97,9 @@ def check_mobility(solver: PositionSolver, mobility: int) -> None:
     input_count = len(solver.driven)
     if mobility != input_count:
         raise PlanError(
-            f"{mechanism.name}: the mobility is {mobility} by rank "
-            f"({graph_mobility(mechanism)} by the graph), but the number of inputs is "
-            f"{input_count}; {inputs_to_declare(mobility)}"
+            f"{mechanism.name}: the mobility is {mobility} by the rank of the velocity "
+            f"equations ({graph_mobility(mechanism)} by counting links and pairs), but the "
+            f"number of inputs is {input_count}; {inputs_to_declare(mobility)}"
         )
 
 

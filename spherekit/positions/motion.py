@@ -122,7 +122,8 @@ class Motion(ArrayRows):
         """
         if self.inputs.shape[1] != 1:
             raise SolveError(
-                f"{self.mechanism.name} has {self.inputs.shape[1]} inputs; read `inputs`"
+                f"{self.mechanism.name} has {self.inputs.shape[1]} inputs, but q is the "
+                "value of a single input; use `inputs` instead"
             )
         return self.inputs[:, 0]
 

@@ -204,7 +204,7 @@ def exact_rows_by_input(
         if pair not in motion.assembly.inputs:
             names = listing(mechanism.names_of(motion.assembly.inputs))
             raise SolveError(
-                f"{mechanism.name}: pair number {pair} is not an input; inputs: {names}"
+                f"{mechanism.name}: pair number {pair} is not an input. Inputs: {names}"
             )
     if order not in (1, 2, 3):
         raise SolveError(f"order: found {order}, needs 1, 2 or 3")

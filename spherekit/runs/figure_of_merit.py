@@ -159,7 +159,7 @@ def parse_merit(text: str, angle_unit: AngleUnit) -> FigureOfMerit:
     if merit_match is None:
         raise AnalysisError(
             f'"{text}" is not a figure of merit; write NAME=REDUCTION(EXPRESSION), such as '
-            f"least=min(transmission_angle_43); reductions: {listing(REDUCTIONS)}"
+            f"least=min(transmission_angle_43). Reductions: {listing(REDUCTIONS)}"
         )
     name, reduction, expression = merit_match.group("name", "reduction", "content")
     table = None
@@ -185,7 +185,8 @@ def parse_merit(text: str, angle_unit: AngleUnit) -> FigureOfMerit:
             reason = f": {problem}"
         if not point:
             raise AnalysisError(
-                f'"{text}": at needs an expression and an input, at(theta_41, 30){reason}'
+                f'"{text}": the reduction "at" needs an expression and the values of all '
+                f"inputs, such as at(theta_41, 30){reason}"
             )
     elif reduction.startswith("arg") and (
         place_match := _PLACE_PATTERN.fullmatch(expression)

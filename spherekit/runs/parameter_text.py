@@ -24,7 +24,7 @@ _TEXT_WORDING = TypeWording(
     },
     lambda choices: "|".join(map(str, choices)),
     "+".join,
-    "{}+...",
+    lambda item: f"{item}+...",
 )
 """Words for the types of parameters in text."""
 
@@ -128,7 +128,10 @@ def read_fields(
         if parameters[field].default is MISSING and field not in values
     ]
     if missing:
-        raise make_error((), f"parameters missing: {listing(missing)}")
+        words = [f'"{key}" ({parameters[field_by_key[key]].type_text})' for key in missing]
+        if len(words) == 1:
+            raise make_error((), f"the parameter {words[0]} is missing; add it")
+        raise make_error((), f"the parameters {listing(words)} are missing; add them")
     return values
 
 

@@ -138,8 +138,7 @@ def run_study(
     """
     if study.start is None and execution.engine != "auto":
         raise AnalysisError(
-            "run: engine has an effect only in a simulation; give start, "
-            "or leave engine out"
+            "run: engine applies only to a simulation; give start, or leave engine out"
         )
     timer = Timer()
     whole_mechanism = study.mechanism

@@ -37,6 +37,9 @@ Rates are proportional to it, accelerations to its square. The value is that of 
 example.
 """
 
+DURATION_ADVICE = "give one with --duration T or duration = T"
+"""Advice of messages about a duration that is missing."""
+
 MAX_SUMMARIZED_EVENTS = 100
 """Number of events of a simulation in the summary; the table of events has all."""
 
@@ -617,7 +620,7 @@ def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, st
     for pair in study.laws:
         law_key = ("inputs", pair, "law")
         if pair not in inputs:
-            yield law_key, f"pair {pair} is not an input; inputs: {', '.join(inputs)}"
+            yield law_key, f"pair {pair} is not an input. Inputs: {', '.join(inputs)}"
         if start is not None:
             yield (
                 law_key,
@@ -625,25 +628,28 @@ def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, st
                 "from the loads; give either a law or a start",
             )
         if duration is None:
-            yield law_key, "a time law needs a duration in s, --duration T or duration = T"
+            yield law_key, f"a time law needs a duration in s; {DURATION_ADVICE}"
 
     # The start of a simulation, and its driving torques.
     if start is not None:
         if duration is None:
-            yield ("start",), "a start needs a duration in s, --duration T or duration = T"
+            yield ("start",), f"a start needs a duration in s; {DURATION_ADVICE}"
         try:
             start.each(inputs)
         except ModelError as problem:
             yield ("start",), str(problem).removeprefix("start: ")
     elif torque is not None:
-        yield ("start",), "a driving torque needs a start"
+        yield (
+            ("start",),
+            "a driving torque needs a start; give one, or leave the torque out",
+        )
     if torque is not None:
         torques: Iterable[Any] = [study.torque]
         if isinstance(study.torque, Mapping):
             torques = study.torque.values()
         for value in torques:
             if isinstance(value, int | float) and not np.isfinite(value):
-                yield ("start", "torque"), f"{value} is not finite"
+                yield ("start", "torque"), f"found {value}, needs a finite number"
         try:
             mechanism.with_loads(*make_input_torques(mechanism, torque))
         except (ModelError, SolveError) as problem:
@@ -664,7 +670,8 @@ def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, st
     if study.path is not None:
         yield (
             ("inputs", inputs[0], "values"),
-            "cannot be given together with a duration, because the samples are then times",
+            "cannot be given together with a duration, because the samples are then times; "
+            "leave out the values or the duration",
         )
     if study.grid or not isinstance(study.samples, int):
         yield (

@@ -31,7 +31,7 @@ _FILE_WORDING = TypeWording(
     },
     lambda choices: f"one of {listing(map(shown, choices))}",
     lambda items: f"an array of {len(items)} values: {listing(items)}",
-    "an array [...] in which each item is {}",
+    lambda item: f"an array [...] in which each item is {item}",
 )
 """Words for the types of parameters in a file."""
 

@@ -95,7 +95,8 @@ def read_trade(path: AnyPath) -> Trade:
         raise AnalysisError(f"{file}: contains no trade; {advice}") from None
     except (OSError, KeyError, TypeError, ValueError) as problem:
         raise AnalysisError(
-            f"{file}: is not a trade that this version can read ({problem!r}); {advice}"
+            f"{file}: this is not a trade that this version can read ({problem!r}); "
+            f"{advice}"
         ) from None
 
 

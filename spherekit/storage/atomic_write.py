@@ -30,9 +30,9 @@ _REASONS = {
     errno.EROFS: "the folder is on a read-only disk; choose another one",
     errno.ENOENT: "the folder does not exist; create it first",
     errno.ENOTDIR: "a part of the path is a file, not a folder",
-    errno.EISDIR: "is a folder; give the name of a file in it",
-    errno.EEXIST: "is a file, not a folder; choose another name",
-    errno.ENAMETOOLONG: "the name is too long",
+    errno.EISDIR: "it is a folder; give the name of a file in it",
+    errno.EEXIST: "it is a file, not a folder; choose another name",
+    errno.ENAMETOOLONG: "the name is too long; choose a shorter one",
 }
 """What to tell the user, by the error number of the operating system."""
 
@@ -115,9 +115,9 @@ def _check_writable(folder: Path, error_if_no_folder: int) -> None:
 def _check_name(path: AnyPath) -> None:
     """Raise `ValueError` if a path is empty or contains a null character."""
     if not os.fspath(path).strip():
-        raise ValueError("the name is empty (an unset variable?)")
+        raise ValueError("the name is empty; perhaps a variable of the shell is not set")
     if "\0" in os.fspath(path):
-        raise ValueError("a null character is in the name")
+        raise ValueError("the name has a null character; choose another name")
 
 
 def _check_replaceable(target: Path) -> None:
@@ -125,7 +125,7 @@ def _check_replaceable(target: Path) -> None:
     if target.is_dir():
         raise IsADirectoryError(errno.EISDIR, "is a folder")
     if target.exists() and not target.is_file():
-        raise ValueError("is a device or a pipe; give the name of a file")
+        raise ValueError("it is a device or a pipe; give the name of a file")
 
 
 def check_made_by_spherekit(path: Path, mark: bytes) -> None:

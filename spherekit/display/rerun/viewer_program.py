@@ -32,7 +32,7 @@ def recording_at(file: AnyPath) -> Path:
         If there is no such file, or it is no recording.
     """
     path = Path(file)
-    hint = "make one: run FILE --save X.rrd"
+    hint = "make a recording with: spherekit run FILE --save X.rrd"
     try:
         with path.open("rb") as stream:
             start = stream.read(len(RECORDING_HEADER))
@@ -40,7 +40,7 @@ def recording_at(file: AnyPath) -> Path:
         reason = getattr(error, "strerror", None) or error
         raise OutputError(f"{path}: cannot be read: {reason}; {hint}") from None
     if start != RECORDING_HEADER:
-        raise OutputError(f"{path}: is not a recording; {hint}")
+        raise OutputError(f"{path}: this is not a recording; {hint}")
     return path
 
 
