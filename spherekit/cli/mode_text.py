@@ -66,7 +66,10 @@ def describe_modes(summary: Any) -> Lines:
     """
     modes = summary["assembly_modes"]
     if "simulation" in summary:
-        return [f"The simulation starts in assembly mode {mode_name(modes[0])}."]
+        return [
+            f"Only assembly mode {mode_name(modes[0])} is simulated; --assembly-mode N "
+            "starts in another one."
+        ]
     overview = summary["overview"]
     entries = [overview["modes"].get(str(mode["number"])) for mode in modes]
     count = counted(len(modes), "assembly mode")

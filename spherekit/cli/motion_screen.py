@@ -122,6 +122,9 @@ def output_table(summary: Any) -> ScreenTable | None:
             verb = "turns back"
         columns.append(ScreenColumn(f"{verb} near {place_text.heading}"))
 
+    # Times (s) at which all links stop in a simulation, which the events have exactly.
+    events = summary["simulation"]["event_list"] if is_simulation else []
+    stop_times = [event["t"] for event in events if event["kind"] == "rest"]
     names = {str(mode["number"]): mode_name(mode) for mode in summary["assembly_modes"]}
     # Rows with the same cells share a row, with all their modes.
     modes_by_cells: dict[tuple[str, ...], list[str]] = {}
@@ -141,7 +144,7 @@ def output_table(summary: Any) -> ScreenTable | None:
             if has_measure:
                 cells += _measure_cells(motion, place_text)
             if has_rests:
-                cells.append(_rest_cell(output, motion, place_text))
+                cells.append(_rest_cell(output, motion, place_text, stop_times))
             modes_by_cells.setdefault(tuple(cells), []).append(number)
     if not modes_by_cells:
         return None
@@ -297,7 +300,9 @@ def _place_cell(place: float, entry: Any, place_text: PlaceText) -> str:
     return place_text.value(place)
 
 
-def _rest_cell(output: Any, motion: Any, place_text: PlaceText) -> str:
+def _rest_cell(
+    output: Any, motion: Any, place_text: PlaceText, stop_times: Sequence[float]
+) -> str:
     """Return the first places at which an output comes to rest, and how many follow.
 
     Parameters
@@ -308,6 +313,9 @@ def _rest_cell(output: Any, motion: Any, place_text: PlaceText) -> str:
         Its entry in ``outputs`` of an assembly mode.
     place_text
         Texts of the places of this overview.
+    stop_times
+        Times (s) of a simulation at which all links stop. They take the place of those that
+        are interpolated between samples, so that both are printed alike.
     """
     # An output without a fixed axis has no signed rate, whose change of sign shows a rest.
     if not output["fixed_axis"]:
@@ -316,9 +324,12 @@ def _rest_cell(output: Any, motion: Any, place_text: PlaceText) -> str:
     swing_rad = motion["highest_rad"] - motion["lowest_rad"]
     if swing_rad < ANGLE_ERROR_RAD:
         return "everywhere"
-    text_by_place = {
-        place: place_text.value(place, between_samples=True) for place in motion["rests"]
-    }
+    text_by_place = {}
+    for place in motion["rests"]:
+        text_by_place[place] = place_text.value(place, between_samples=True)
+        for stop_time in stop_times:
+            if abs(stop_time - place) <= place_text.sample_step:
+                text_by_place[place] = place_text.value(stop_time)
     # A rest is uncertain if the samples before and after it are too far apart to
     # interpolate. The text then names the places of both samples.
     for first, last in motion["uncertain_rests"]:

@@ -8,10 +8,11 @@ from typing import Any
 
 from spherekit.cli.mode_text import describe_modes, number_list
 from spherekit.cli.motion_screen import link_text, output_table, table_notes
-from spherekit.cli.place_text import PlaceText
+from spherekit.cli.place_text import PlaceText, angle_text
 from spherekit.cli.screen_report import ScreenReport
 from spherekit.cli.singularity_text import describe_singularities
 from spherekit.conventions import Lines
+from spherekit.mechanism.load_kinds import DRIVE_LOAD_NAME
 from spherekit.number_text import degree_range_text, degrees_text, number_text
 from spherekit.tables.screen_table import ScreenTable
 from spherekit.wording import counted, listing, numbered, size_text
@@ -28,6 +29,9 @@ LEAST_SWING_RAD = math.radians(1e-5)
 The table of outputs leaves out reversals at similarly small speeds. Larger: more stops of a
 damped motion are only counted; smaller: stops appear that no other result shows.
 """
+
+MAX_LISTED_LOADS = 6
+"""Number of loads of a simulation that are printed; the mechanism file has all."""
 
 MAX_LISTED_LIMITS = 4
 """Number of joint limits that are printed; the mechanism file has all."""
@@ -146,7 +150,10 @@ def _question(summary: Any) -> str:
         ``361``, or ``41x21`` on a grid of two inputs.
     """
     analyses = [analysis["name"] for analysis in summary["analyses"]]
-    analyses_text = "" if analyses == DEFAULT_ANALYSES else f"; {', '.join(analyses)}"
+    analyses_text = ""
+    if analyses != DEFAULT_ANALYSES:
+        noun = "analysis" if len(analyses) == 1 else "analyses"
+        analyses_text = f"; {noun}: {', '.join(analyses) or 'none'}"
     mechanism = summary["mechanism"]
     samples = counted(summary["sampling"], "sample")
     if "simulation" in summary:
@@ -212,6 +219,7 @@ def _results(summary: Any) -> list[str | ScreenTable]:
     if summary["assembly_modes"]:
         results += describe_modes(summary)
         if "simulation" in summary:
+            results += _describe_drive(summary)
             results += _describe_simulation(summary["simulation"])
         else:
             results.append(summary["completeness"])
@@ -354,6 +362,46 @@ def _describe_meetings(summary: Any) -> Lines:
     if unlisted > 0:
         lines.append(f"Modes meet at {counted(unlisted, 'other input')}: see summary.json.")
     return lines
+
+
+def _describe_drive(summary: Any) -> Lines:
+    """Return lines on what moves the mechanism in a simulation, and how far inputs move.
+
+    Parameters
+    ----------
+    summary
+        The content of ``summary.json``.
+    """
+    inputs = summary["inputs"]
+    loads = summary["simulation"]["loads"]
+    # The torques of the option --torque are loads, too: one for each driven input.
+    is_drive = [load["name"].startswith(DRIVE_LOAD_NAME) for load in loads]
+    texts = [
+        load["name"] if load["name"] == load["kind"] else f"{load['name']} ({load['kind']})"
+        for load, drives in zip(loads, is_drive, strict=True)
+        if not drives
+    ]
+    causes = [] if loads else ["its inertia alone"]
+    if any(is_drive):
+        causes.append("the driving torque of --torque")
+    if texts:
+        noun = "load" if len(texts) == 1 else "loads"
+        causes.append(f"the {noun} {listing(texts, MAX_LISTED_LOADS)}")
+    drive = ""
+    if not any(is_drive):
+        free = "The input is" if len(inputs) == 1 else "The inputs are"
+        drive = (
+            f" {free} not driven, so the driving torque is 0; --torque adds one, and --law "
+            "in place of --start gives the torque of a prescribed motion."
+        )
+    ranges = [
+        f"{pair} moves between {angle_text(low)} and {angle_text(high)} deg"
+        for pair, (low, high) in inputs.items()
+    ]
+    return [
+        f"The mechanism is moved by {' and '.join(causes)}.{drive}",
+        f"Input {', input '.join(ranges)}.",
+    ]
 
 
 def _describe_simulation(simulation: Any) -> Lines:
@@ -688,7 +736,13 @@ def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
     steps.append(
         (f"spherekit page {same_mechanism}", "a page on which the mechanism moves")
     )
-    return steps[:MAX_NEXT_STEPS]
+    steps = steps[:MAX_NEXT_STEPS]
+    # The proof is for the inputs of a mechanism, and no study is its argument.
+    if summary["can_prove_modes"] and not output.file.endswith(".study.toml"):
+        steps.append(
+            (f"spherekit certify {same_mechanism}", "prove that no assembly mode is missed")
+        )
+    return steps
 
 
 def _details(summary: Any) -> Lines:

@@ -1,6 +1,7 @@
 """One plain sentence on whether assembly modes may have been missed."""
 
 from spherekit.completeness import Guarantee
+from spherekit.errors import PlanError
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.wording import listing
 
@@ -36,3 +37,28 @@ def describe_completeness(position_analysis: PositionAnalysis) -> str:
     if claim.guarantee in (Guarantee.CERTIFIED, Guarantee.COMPLETE):
         return f"All assembly modes were found{how}."
     return f"Assembly modes could be missed: {claim.reason}."
+
+
+def can_prove_modes(position_analysis: PositionAnalysis) -> bool:
+    """Return whether modes could be missed and ``spherekit certify`` can exclude this.
+
+    It proves the modes of mechanisms with one input that can be constructed link by link,
+    and whose contacts have circles as profiles.
+
+    Parameters
+    ----------
+    position_analysis
+        The assembly modes, and how they were searched.
+    """
+    if not position_analysis.assembly_modes or len(position_analysis.inputs) != 1:
+        return False
+    if position_analysis.claim.guarantee in (Guarantee.CERTIFIED, Guarantee.COMPLETE):
+        return False
+    from spherekit.proof.construction import find_construction
+    from spherekit.proof.structure import extract_structure
+
+    try:
+        find_construction(extract_structure(position_analysis.mechanism))
+    except PlanError:
+        return False
+    return True

@@ -155,6 +155,9 @@ class ExaminedRows:
         """
         input_count, component_count = jacobian.shape[1:]
         is_known = self.is_ok[rows] & np.all(np.isfinite(jacobian), axis=(1, 2))
+        # Over time, the ranges are those of the speed, to which all inputs contribute.
+        if self.plan.is_path and output.variable is None and not self.plan.moves_over_time:
+            overview.add_reversals(np.where(is_known[:, None, None], jacobian, np.nan))
         if not np.any(is_known):
             overview.last_determinant = None
             return

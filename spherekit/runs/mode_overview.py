@@ -22,6 +22,14 @@ the uncertain ones, and the places of type I singularities. Further entries are 
 only. Larger: more of them are listed, and the state of a run is larger.
 """
 
+REVERSAL_SHARE = 0.02
+"""Share of the change of a velocity within which its line from row to row meets zero.
+
+The curvature of the velocity between two rows moves the line by a similar share. Larger:
+velocities that only come close to zero count as zero; smaller: zeros between distant rows
+are not noticed, and the least velocity ratio is that of a row.
+"""
+
 EQUAL_MINIMA_TOLERANCE = 1e-9
 """Minima that differ by less are equal, and the first of them is reported.
 
@@ -79,6 +87,10 @@ class OutputOverview:
     last_determinant
         The place, the determinant and the sense (see `add_determinants`) of the last
         examined row, None if it has no determinant. The next block needs it.
+    last_velocities
+        The velocity of the output per rate of each input in the last examined row of a
+        path, (inputs, 3). None if it is unknown or signed ratios are used instead. The next
+        block needs it.
     first_pose
         The first rotation (9,), direction (3,) or angle (1,), from which the following
         rows are measured. None for an angle along a path.
@@ -111,6 +123,7 @@ class OutputOverview:
     type_1_places: list[float] = field(default_factory=list)
     further_type_1_places: int = 0
     last_determinant: list[float] | None = None
+    last_velocities: list[list[float]] | None = None
     first_pose: list[float] | None = None
     last_row: list[float | None] | None = None
     turning_error_rad: float = 0.0
@@ -203,6 +216,36 @@ class OutputOverview:
         if least < self.gain[0]:
             self.gain[:2] = [least, float(places[row])]
         self.gain[2] = max(self.gain[2], largest)
+
+    def add_reversals(self, velocities: Floats) -> None:
+        """Set least velocity ratios to 0 where velocities reverse between two rows.
+
+        The velocity ratio of an output without a fixed axis is the magnitude of a vector.
+        If this vector passes through zero between two rows of a path, both magnitudes are
+        positive, and the least of all rows is too large. The vector is nearly linear
+        between neighbouring rows, so the least distance of the straight line between both
+        vectors from zero shows whether it passes through zero.
+
+        Parameters
+        ----------
+        velocities
+            (m, inputs, 3) velocity of the output per rate of each input, NaN in rows
+            without one.
+        """
+        if self.last_velocities is not None:
+            velocities = np.concatenate([[self.last_velocities], velocities])
+        before = velocities[:-1]
+        change = velocities[1:] - before
+        with np.errstate(invalid="ignore", divide="ignore"):
+            # The point of the line that is nearest to zero, as a share of the change.
+            share = -np.sum(before * change, axis=2) / np.sum(change**2, axis=2)
+            nearest = np.linalg.norm(before + share[:, :, None] * change, axis=2)
+            limit = REVERSAL_SHARE * np.linalg.norm(change, axis=2)
+            passes_zero = (share > 0.0) & (share < 1.0) & (nearest <= limit)
+        for number in np.flatnonzero(np.any(passes_zero, axis=0)).tolist():
+            self.lowest_ratio[number] = 0.0
+        is_known = len(velocities) > 0 and bool(np.all(np.isfinite(velocities[-1])))
+        self.last_velocities = velocities[-1].tolist() if is_known else None
 
     def add_determinants(
         self, determinants: Floats, senses: Floats, places: Floats

@@ -335,6 +335,10 @@ class Sampling:
             "engine": {"name": simulation.engine.name, "steps": simulation.engine.steps},
             "events": len(simulation.events),
             "event_list": self._summarize_events(simulation.events),
+            "loads": [
+                {"name": load.name, "kind": load.kind}
+                for load in simulation.mechanism.loads
+            ],
             "start": {
                 pair: {"q_rad": float(q), "dq_rad_per_s": float(dq)}
                 for pair, q, dq in zip(input_names, start_inputs, start_rates, strict=True)

@@ -11,7 +11,7 @@ from spherekit.conventions import Facts
 from spherekit.files.mechanism_writer import mechanism_hash
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.mobility import graph_mobility
-from spherekit.runs.completeness_text import describe_completeness
+from spherekit.runs.completeness_text import can_prove_modes, describe_completeness
 from spherekit.runs.contract import Findings
 from spherekit.runs.overview_summary import summarize_overview
 from spherekit.runs.run_cost import RECORDING, Timer, count_evaluations
@@ -110,6 +110,7 @@ def summarize_run(run_plan: RunPlan, run_state: RunState) -> Facts:
         "assembly_modes": assembly_modes,
         "search": position_analysis.search,
         "completeness": describe_completeness(position_analysis),
+        "can_prove_modes": can_prove_modes(position_analysis),
         "overview": summarize_overview(run_state.overview, run_plan.overview_plan),
         "crossings": position_analysis.crossings,
         "mode_meetings": _mode_meetings(sampling),
