@@ -157,7 +157,8 @@ class ReactionAnalysis(AbstractAnalysis):
         ),
         Table(
             "bearings",
-            "one row per sample, assembly mode and bearing whose position the file gives",
+            "one row per sample, assembly mode and bearing with a position in the "
+            "mechanism file",
             (
                 SAMPLE,
                 ASSEMBLY_MODE,

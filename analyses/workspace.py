@@ -130,8 +130,8 @@ class WorkspaceAnalysis(AbstractAnalysis):
         ),
         Table(
             "boundary",
-            "one row per point of the border of a workspace of directions, which is to the "
-            "left of the border",
+            "one row per point of the border of a workspace of directions; along the "
+            "border, the workspace is on the left",
             (
                 WORKING_MODE,
                 Column(

@@ -172,8 +172,8 @@ class EquivalentRotation(AbstractAnalysis):
         ),
         Table(
             "schedule",
-            "the rotation as a function of time, for a controller; empty without limits of "
-            "speed or acceleration",
+            "the rotation as a function of time, for a controller: one row per time; the "
+            "table is empty if no limits of speed or acceleration are given",
             (
                 TIME,
                 Column(

@@ -114,7 +114,7 @@ SINGULARITIES = Table(
         Column(
             "guarantee",
             "",
-            "statement about singularities that the table may lack: certified, "
+            "how certain it is that no singularity is missing from the table: certified, "
             "complete, complete to a box size, component only or sampled",
             "text",
         ),

@@ -84,7 +84,8 @@ COPIED_COLUMNS = (
 
 PROVEN_TABLE = Table(
     "proven_poles",
-    "proven enclosures of the poles of the run: one row per row of the table poles",
+    "pole axes and velocity coefficients with proven bounds of their errors: one row per "
+    "row of the table poles",
     (
         SAMPLE,
         ASSEMBLY_MODE,
