@@ -210,7 +210,8 @@ def export(
         if kind not in KINDS_OF_ARGUMENT[name]:
             raise OutputError(
                 f"export: {name} does not apply to an export of the kind {kind}, only to "
-                f"the kinds {listing(KINDS_OF_ARGUMENT[name])}; leave {name} out"
+                f"{'the kinds' if len(KINDS_OF_ARGUMENT[name]) > 1 else 'the kind'} "
+                f"{listing(KINDS_OF_ARGUMENT[name])}; leave {name} out"
             )
     if kind in SOURCES:
         return _export_source(mechanism, target, kind, input_pair, assembly_mode, options)

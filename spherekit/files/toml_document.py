@@ -57,10 +57,8 @@ _SYNTAX_HINTS = (
         "; a number needs digits after its decimal point: write 5.0 or 5, not 5.",
     ),
     (r"=\s*(True|False)\b", "; true and false are written in small letters"),
-    (
-        r"^Illegal character '\\n'",
-        '; a text ends in the line in which it begins: add the "',
-    ),
+    # The unclosed text remains after texts in quotes have been removed.
+    (r"^Illegal character \n[^\n]*=\s*[\"']", "; a text must end on its line: add a quote"),
     (r"=\s*[A-Za-z_]", '; text needs quotes: write "R", not R'),
 )
 """Patterns of the parser's message followed by the faulty line, and a hint for each."""

@@ -112,7 +112,7 @@ def extract_structure(mechanism: Mechanism) -> Structure:
         ]
         if links_with_other_profiles:
             raise PlanError(
-                f"{mechanism.name}: the profile of the contact pair {pair.name} on "
+                f"{mechanism.name}: contact pair {pair.name}: the profile on "
                 f"{listing(links_with_other_profiles)} is not a circle; proofs are "
                 "possible for R and P pairs and for contacts of circles"
             )
