@@ -450,7 +450,7 @@ def test_a_simulation_says_events_end_error_and_energy(capsys):
         "moved by the loads on_crank (torque), on_rocker (torque). The input is not driven"
     )
     assert cause in printed
-    assert "Only assembly mode 0 (p1) is simulated" in printed
+    assert "starts in assembly mode 0 (p1). Mode 1 (p0) is not simulated" in printed
     (low, high), *_ = (
         sk.run("four_bar", "eksergian", start={"q": 0.3, "dq": 1.0}, duration=2)
         .summary["inputs"]

@@ -66,14 +66,21 @@ def describe_modes(summary: Any) -> Lines:
     """
     modes = summary["assembly_modes"]
     if "simulation" in summary:
+        simulated = f"assembly mode {mode_name(modes[0])}"
+        others = summary["other_modes"]
+        if not others:
+            return [f"The simulation starts in {simulated}, the only one that was found."]
+        noun = "Mode" if len(others) == 1 else "Modes"
         return [
-            f"Only assembly mode {mode_name(modes[0])} is simulated; --assembly-mode N "
+            f"The simulation starts in {simulated}. {noun} {_mode_titles(others)} "
+            f"{'is' if len(others) == 1 else 'are'} not simulated; --assembly-mode N "
             "starts in another one."
         ]
     overview = summary["overview"]
     entries = [overview["modes"].get(str(mode["number"])) for mode in modes]
     count = counted(len(modes), "assembly mode")
-    titles = _mode_titles(modes)
+    # The number 0 of a single mode without name and signs tells nothing.
+    titles = "" if mode_name(modes[0]) == "0" and len(modes) == 1 else _mode_titles(modes)
     ending = f": {titles}" if titles else ""
 
     if all(entry is not None and entry["closes_everywhere"] for entry in entries):
@@ -103,19 +110,16 @@ def describe_modes(summary: Any) -> Lines:
 def _mode_titles(modes: Sequence[Any]) -> str:
     """Return the names of modes in one text, such as ``0 (+), 1 (-)``.
 
-    Modes that have neither names nor signs are listed by number, such as ``0-5``. The text
-    is empty for a single mode of this kind, because its number 0 tells nothing.
+    Modes that have neither names nor signs are listed by number, such as ``0-5``.
 
     Parameters
     ----------
     modes
-        The entries of ``assembly_modes`` of the summary.
+        The entries of ``assembly_modes`` or ``other_modes`` of the summary.
     """
     names = [mode_name(mode) for mode in modes]
     if not all(name.isdigit() for name in names):
         return listing(names, 16)
-    if len(modes) == 1:
-        return ""
     return number_list([mode["number"] for mode in modes])
 
 

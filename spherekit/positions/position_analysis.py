@@ -101,6 +101,8 @@ class PositionAnalysis:
         How the modes of each group were found, None if they were not searched.
     unused_mode_names
         A sentence for each name in the file that no mode has.
+    other_modes
+        The modes that were found beside the wanted one; empty if all are wanted.
     numbering_input
         With "pass": the input (rad) at which each smooth curve has the number and the
         signs of the mode there.
@@ -168,10 +170,13 @@ class PositionAnalysis:
         named_modes = assign_mode_names(self.solver, self.assembly_modes)
         self.assembly_modes = named_modes.assembly_modes
         self.unused_mode_names = named_modes.unused_names
+        self.other_modes: tuple[AssemblyMode, ...] = ()
         if assembly_mode is not None:
-            self.assembly_modes = (
-                self.assembly_modes[self.find_mode_index(assembly_mode)],
+            wanted_mode = self.assembly_modes[self.find_mode_index(assembly_mode)]
+            self.other_modes = tuple(
+                mode for mode in self.assembly_modes if mode is not wanted_mode
             )
+            self.assembly_modes = (wanted_mode,)
 
     def find_mode_index(self, assembly_mode: int | str) -> int:
         """Return the position in `assembly_modes` of a mode, by its number or name.

@@ -11,6 +11,7 @@ from spherekit.conventions import Facts
 from spherekit.files.mechanism_writer import mechanism_hash
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.mobility import graph_mobility
+from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.runs.completeness_text import can_prove_modes, describe_completeness
 from spherekit.runs.contract import Findings
 from spherekit.runs.overview_summary import summarize_overview
@@ -53,12 +54,7 @@ def summarize_run(run_plan: RunPlan, run_state: RunState) -> Facts:
         for plan in run_plan.plans
     }
     assembly_modes = [
-        {
-            "number": mode.number,
-            "mode": mode.label,
-            **({"name": mode.name} if mode.name else {}),
-            "status": run_state.status_counts(MODE, str(mode.number)),
-        }
+        _mode_names(mode) | {"status": run_state.status_counts(MODE, str(mode.number))}
         for mode in position_analysis.assembly_modes
     ]
     analyses = [
@@ -108,6 +104,7 @@ def summarize_run(run_plan: RunPlan, run_state: RunState) -> Facts:
         "groups": [group.kind for group in position_analysis.assembly.groups],
         "plans": plans,
         "assembly_modes": assembly_modes,
+        "other_modes": [_mode_names(mode) for mode in position_analysis.other_modes],
         "search": position_analysis.search,
         "completeness": describe_completeness(position_analysis),
         "can_prove_modes": can_prove_modes(position_analysis),
@@ -124,6 +121,14 @@ def summarize_run(run_plan: RunPlan, run_state: RunState) -> Facts:
         "has_masses": bool(mechanism.masses),
         "unapplied_joint_limits_rad": _unapplied_joint_limits(mechanism, sampling),
     }
+
+
+def _mode_names(mode: AssemblyMode) -> Facts:
+    """Return the number of a mode, its signs and, if it has one, its name in the file."""
+    names: Facts = {"number": mode.number, "mode": mode.label}
+    if mode.name:
+        names["name"] = mode.name
+    return names
 
 
 def _unapplied_joint_limits(
