@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import spherekit as sk
+from spherekit.designs.design_revolutions import unwrap_along_one_input
 from spherekit.exchange.formula_maker import formulas
 from spherekit.exchange.source_languages import source
 
@@ -111,3 +112,23 @@ def test_varying_the_stiffness_of_a_spring_adds_no_count_of_turns():
     exported_formulas = formulas(mechanism, ["torque"], vary=["loads.wound.stiffness"])
     argument_names = [argument.name for argument in exported_formulas.motion]
     assert "turns_of_41" not in argument_names
+
+
+def test_revolutions_of_designs_are_whole_where_angles_cannot_be_followed():
+    """An angle that is lost near the start of a mode differs by whole revolutions only.
+
+    The angle turns 40 times as fast as the input. The mode starts at 1 rad and does not
+    close between 1.008 and 1.02 rad, so the angle cannot be followed across this gap from
+    some of the anchors.
+    """
+
+    def angles_at(designs, inputs):
+        q = inputs[:, 0]
+        is_open = (q < 1.0) | ((q > 1.008) & (q < 1.02))
+        return np.where(is_open, np.nan, np.angle(np.exp(40j * q)))[None]
+
+    q = np.linspace(1.1, 3.0, 41)
+    for anchor in np.linspace(0.0, 0.9, 41):
+        offsets = unwrap_along_one_input(angles_at, 1, anchor, q, repeats=False)
+        revolutions = offsets / (2.0 * np.pi)
+        np.testing.assert_allclose(revolutions, np.round(revolutions), atol=1e-12)

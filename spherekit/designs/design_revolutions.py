@@ -299,8 +299,7 @@ def _unwrap_from_mode_end(
     input is found by bisection. The angles are in (-pi, pi] at the start. They are followed
     from there to the second input, where they may be outside of (-pi, pi].
 
-    An angle that cannot be followed gets its value at the start. This value differs from
-    the angle at the second input, and not only by whole revolutions.
+    Angles that cannot be followed are in (-pi, pi] at the second input.
 
     Parameters
     ----------
@@ -345,8 +344,9 @@ def _unwrap_from_mode_end(
     # The angles are in (-pi, pi] already. Only those that are -pi up to rounding change
     # here: they become pi, so that rounding does not decide about a revolution.
     start_angles = inside_angles - TURN * count_revolutions(inside_angles)
+    reduced_angles = closed_angles - TURN * count_revolutions(closed_angles)
     # `growth` is NaN where the angles cannot be followed.
-    return start_angles + np.nan_to_num(growth)
+    return np.where(np.isnan(growth), reduced_angles, start_angles + growth)
 
 
 def unwrap_along_several_inputs(
