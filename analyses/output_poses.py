@@ -271,7 +271,7 @@ def read_interference_limit(text: str, angle_unit: AngleUnit) -> InterferenceLim
     """Return limits of the angle between the axes of two pairs, the option ``apart``.
 
     Links at these pairs would collide (interfere) if their axes came nearer. `text` is
-    ``PAIR/PAIR:LEAST`` or ``PAIR/PAIR:LEAST:GREATEST``, two angles. The greatest angle is
+    ``PAIR/PAIR:MIN`` or ``PAIR/PAIR:MIN:MAX``, two angles. The greatest angle is
     180 degrees if it is left out.
     """
     axes, *limits = text.split(":")
@@ -283,8 +283,8 @@ def read_interference_limit(text: str, angle_unit: AngleUnit) -> InterferenceLim
         low, high = _read_angles(limits, angle_unit)
     except ValueError as problem:
         raise AnalysisError(
-            f'workspace: apart: "{text}" is not PAIR/PAIR:LEAST or '
-            "PAIR/PAIR:LEAST:GREATEST with angles, such as 21/51:20deg"
+            f'workspace: apart: "{text}" has to be PAIR/PAIR:MIN or PAIR/PAIR:MIN:MAX, '
+            "where MIN and MAX are angles, such as 21/51:20deg"
             f"{_reason(problem)}"
         ) from None
     return InterferenceLimit(first_pair, second_pair, low, high)

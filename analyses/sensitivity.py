@@ -169,7 +169,7 @@ class SensitivityAnalysis(AbstractAnalysis):
                 Column(
                     "size",
                     "",
-                    "key of the size (such as the arc of a link) in the mechanism file",
+                    "key in the mechanism file of the dimension, such as the arc of a link",
                     "text",
                     turns="otherwise",
                 ),

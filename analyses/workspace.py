@@ -53,8 +53,8 @@ class WorkspaceAnalysis(AbstractAnalysis):
         Ranges of pair variables, ``PAIR:LOW:HIGH``, in addition to the joint limits of the
         mechanism.
     apart
-        Ranges of the angle between the axes of two pairs, ``PAIR/PAIR:LEAST`` or
-        ``PAIR/PAIR:LEAST:GREATEST``.
+        Ranges of the angle between the axes of two pairs, ``PAIR/PAIR:MIN`` or
+        ``PAIR/PAIR:MIN:MAX``.
     near
         Least distance of the poses of the workspace from singularities of types I and II,
         as an angle (in Python in degrees).

@@ -61,7 +61,7 @@ def _python_sequence(item: str) -> str:
 
 
 def _python_alternatives(alternatives: Iterable[str]) -> str:
-    """Return words for a union of Python types, such as ``a number, text or None``.
+    """Return words for a union of Python types, such as ``a number, a string or None``.
 
     A comma precedes ``or`` if words of a member contain one themselves.
     """
@@ -78,7 +78,7 @@ PYTHON_WORDING = TypeWording(
         bool: "True or False",
         int: "a whole number",
         float: "a number",
-        str: "text",
+        str: "a string",
         NoneType: "None",
     },
     write_choices=lambda choices: _python_alternatives(map(_quoted, choices)),
@@ -113,7 +113,7 @@ def describe_type(annotation: Any, wording: TypeWording = PYTHON_WORDING) -> str
         return describe_type(get_args(annotation)[0], wording)
     arguments = get_args(annotation)
     if annotation is ArrayLike or origin is np.ndarray:
-        return f"an array of {'texts' if is_text_array(annotation) else 'numbers'}"
+        return f"an array of {'strings' if is_text_array(annotation) else 'numbers'}"
     if annotation in wording.simple_types:
         return wording.simple_types[annotation]
     if origin is Literal:
@@ -138,7 +138,10 @@ def describe_type(annotation: Any, wording: TypeWording = PYTHON_WORDING) -> str
     if origin in (Sequence, Iterable, tuple):
         return wording.write_sequence(descriptions[0])
     if origin in (Mapping, dict):
-        return f"a mapping from {' to '.join(descriptions)}"
+        key_words, value_words = descriptions
+        if value_words == "anything":
+            return "a dict"
+        return f"a mapping from {key_words} to {value_words}"
     if origin in (list, set, frozenset):
         return f"a {origin.__name__} in which each item is {descriptions[0]}"
     if origin is type:

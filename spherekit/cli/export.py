@@ -99,8 +99,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         choices=("end", "pass"),
         help=(
             "for source code: what a mode does where two curves of configurations "
-            "cross: end = it keeps the signs of its dyads (default); pass = it follows "
-            "its smooth curve through the crossing"
+            "cross: end = the mode ends there, as the signs of its dyads must not change "
+            "(default); pass = it continues along its smooth curve"
         ),
     )
     parser.add_argument(

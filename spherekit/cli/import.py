@@ -25,7 +25,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "-o",
         "--output",
         metavar="X",
-        help="file to write (default: the name of the model, with the ending .toml)",
+        help="file to write (default: the name of the model, with the extension .toml)",
     )
     parser.add_argument(
         "--within",

@@ -37,8 +37,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="KEY",
         help=(
             "numbers of the mechanism file that the page lets you change with a slider, "
-            "such as links.2.arc (default: all arcs and angles of links, or the axes of "
-            "the reference pose)"
+            "such as links.2.arc (default: all arcs and angles of links; if the file has "
+            "a reference pose instead, its axes)"
         ),
     )
     parser.add_argument(

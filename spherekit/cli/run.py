@@ -170,7 +170,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--save",
         metavar="X.rrd",
         type=Path,
-        help="write a recording for the viewer Rerun",
+        help="write a recording to this file, for the Rerun viewer",
     )
     parser.add_argument(
         "--log-every",

@@ -113,8 +113,8 @@ def add_time_arguments(parser: ArgumentParser) -> None:
         metavar="[PAIR=]EXPR",
         action="append",
         help=(
-            "driving torque at an input in N m, for a simulation (--start); inputs "
-            "without one turn freely"
+            "driving torque in N m at an input, for a simulation (--start); an input "
+            "without a torque turns freely"
         ),
     )
     # The samples divide the duration into equal time steps.
@@ -123,8 +123,8 @@ def add_time_arguments(parser: ArgumentParser) -> None:
         metavar="T",
         type=seconds,
         help=(
-            "duration of the motion in s, divided into equal time steps by the "
-            "samples. Without --law and --start, the input turns at 1 rad/s"
+            "duration of the motion in s; samples are equally spaced in time. If neither "
+            "--law nor --start is given, the input turns at 1 rad/s"
         ),
     )
     parser.add_argument(

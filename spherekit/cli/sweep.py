@@ -105,7 +105,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="K",
         type=whole_number,
         default=0,
-        help="seed of the random numbers of --scheme (default: 0)",
+        help="seed of the random numbers that --scheme uses (default: 0)",
     )
     parser.add_argument(
         "-o",

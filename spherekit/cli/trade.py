@@ -75,7 +75,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--save",
         metavar="X.rrd",
         type=Path,
-        help="write a recording of the chart, for the viewer Rerun",
+        help="write a recording of the chart to this file, for the Rerun viewer",
     )
     parser.add_argument(
         "--json",

@@ -32,7 +32,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="FILE|DIR",
         help=(
             "what to show: a recording (X.rrd), the folder of a run, or a mechanism "
-            "(X.toml or a shipped name)"
+            "(X.toml, or the name of a shipped one)"
         ),
     )
     set_completer(file_argument, complete_recordings)

@@ -216,7 +216,8 @@ def _not_found_message(path: Path, packs: tuple[Pack, ...]) -> str:
     hint = nearest(path.name, nearby_files) or nearest(path.stem, [*names, *studies])
     message = f"{path}: not found{hint or '.'}"
     if nearby_files:
-        message += f" Files in {folder}: {listing(nearby_files)}."
+        folder_words = "the current folder" if folder == Path() else folder
+        message += f" Files in {folder_words}: {listing(nearby_files)}."
     if names:
         message += f" Shipped mechanisms: {listing(names)}."
     if not nearby_files and not names:

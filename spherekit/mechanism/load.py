@@ -516,7 +516,9 @@ def check_not_negative(key: str, number: float, unit: str) -> None:
     check_finite(key, [number])
     if number < 0:
         is_torque = unit.startswith("N m")
-        hint = "; for a load that drives, use kind torque with an expression"
+        hint = (
+            '; for a load that drives the mechanism, use kind = "torque" with an expression'
+        )
         raise ModelError(
             f"{key}: found {number:g} {unit}, needs at least 0{hint if is_torque else ''}"
         )

@@ -103,7 +103,7 @@ def _pole_of_bodies(whole_plan: Plan, pole: Pole | str) -> Pole:
     if not 0 <= min(i, j) <= max(i, j) < len(names):
         raise PlanError(
             f"{mechanism.name}: pole ({i}, {j}): links are numbered from 0 to "
-            f"{len(names) - 1}; give two of these numbers, or a text with two names, "
+            f"{len(names) - 1}; give two of these numbers, or a string with two names, "
             f'such as "{names[-1]}/{names[0]}"'
         )
     pole_of_bodies = whole_plan.pole(i, j)

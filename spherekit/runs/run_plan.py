@@ -425,9 +425,9 @@ def collect_needs(analyses: Analyses, mechanism: Mechanism) -> DeclaredNeeds:
     for name, count in Counter(analysis.name for analysis in analyses).items():
         if count > 1:
             raise AnalysisError(
-                f"{name}: is requested {count} times in one run, but a run can have the "
-                "tables of an analysis only once; request it once, with lists joined by + "
-                "(poles:only=31+42), or run twice"
+                f"{name}: the analysis is requested {count} times in one run, but a run "
+                "can have its tables only once; request it once, with values joined by + "
+                "(poles:only=31+42), or use two runs"
             )
     needs = []
     reason_by_refused_analysis = {}

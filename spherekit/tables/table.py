@@ -332,7 +332,7 @@ def input_columns(mechanism: Mechanism, values: Floats, name: str = "q") -> dict
 SAMPLE = Column(
     "sample",
     "",
-    "number of the sample (one set of values of all inputs), from 0",
+    "number of the sample, counted from 0 (a sample is one set of input values)",
     "integer",
 )
 ASSEMBLY_MODE = Column(
