@@ -43,6 +43,7 @@ _PLURALS = {
     "a whole number": "whole numbers",
     "a number": "numbers",
     "text": "texts",
+    "a string": "strings",
     "a path": "paths",
 }
 """Plurals of the words for simple types of Python."""
