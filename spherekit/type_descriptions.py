@@ -42,7 +42,6 @@ class TypeWording:
 _PLURALS = {
     "a whole number": "whole numbers",
     "a number": "numbers",
-    "text": "texts",
     "a string": "strings",
     "a path": "paths",
 }
