@@ -575,7 +575,7 @@ def test_a_compiled_equation_is_used_again():
     assert compiled.name == automatic.name == "compiled"
     assert compiled.compile_seconds > 0.0
     assert automatic.compile_seconds == 0.0
-    assert automatic.reason == "it was compiled before"
+    assert automatic.reason == "its code was compiled before"
 
 
 @pytest.mark.slow

@@ -12,7 +12,6 @@ from spherekit.cli.place_text import PlaceText, angle_text
 from spherekit.cli.screen_report import ScreenReport
 from spherekit.cli.singularity_text import describe_singularities
 from spherekit.conventions import Lines
-from spherekit.mechanism.load_kinds import DRIVE_LOAD_NAME
 from spherekit.number_text import degree_range_text, degrees_text, number_text
 from spherekit.tables.screen_table import ScreenTable
 from spherekit.wording import counted, listing, numbered, size_text
@@ -372,6 +371,9 @@ def _describe_drive(summary: Any) -> Lines:
     summary
         The content of ``summary.json``.
     """
+    # The module imports NumPy, which `spherekit run --help` does not need.
+    from spherekit.mechanism.load_kinds import DRIVE_LOAD_NAME
+
     inputs = summary["inputs"]
     loads = summary["simulation"]["loads"]
     # The torques of the option --torque are loads, too: one for each driven input.
