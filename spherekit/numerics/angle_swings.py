@@ -32,15 +32,15 @@ class AngleSwings:
 def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
     """Find how far angles swing over successive samples, with full revolutions counted.
 
-    Samples at which a mode does not close divide the samples into pieces. The change of an
-    angle from sample to sample is taken in (-pi, pi] and added up within a piece. The piece
-    with the widest swing counts.
+    Samples at which a mode cannot be assembled divide the other samples into pieces. The
+    change of an angle from sample to sample is taken in (-pi, pi] and added up within a
+    piece. The piece with the widest swing counts.
 
     Parameters
     ----------
     angles
         (k, n) angles (rad) at k samples of n assembly modes (ways to assemble the
-        mechanism), NaN where a mode does not close.
+        mechanism), NaN where a mode cannot be assembled.
     is_closed_path
         Whether the last sample is the first one after full revolutions of the inputs. The
         first piece then continues the last one if the angle is the same at both samples.

@@ -45,7 +45,8 @@ def find_bracketed_zeros(
     low, high
         (n,) ends of the brackets.
     values_at_low, values_at_high
-        (n,) values there. One of the two is negative, and the other one is not.
+        (n,) values of the functions at `low` and at `high`. One of the two is negative, and
+        the other one is not.
     tolerance
         Width, or (n,) widths, at which a bracket is narrow enough. A bracket is also narrow
         enough if its width is the rounding error of its ends.
@@ -53,7 +54,8 @@ def find_bracketed_zeros(
     Returns
     -------
     zero
-        (n,) the end of the last bracket with the smaller absolute value.
+        (n,) the end of the last bracket at which the function has the smaller absolute
+        value.
     negative_side
         (n,) the end of the last bracket where the function is negative.
 

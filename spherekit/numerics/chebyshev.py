@@ -96,8 +96,8 @@ class PiecewiseChebyshev:
         max_cells
             If halving would lead to more cells, the cells stay as they are.
         rounding_tolerance
-            A cell is not halved either if its error is below this limit and is more than
-            half of the error before the last halving. Such an error is caused by rounding.
+            A cell is also not halved if its error is below this limit and the last halving
+            reduced the error to no less than half. Such an error is caused by rounding.
         """
         if isinstance(first_cells, int):
             edges = np.linspace(low, high, first_cells + 1)

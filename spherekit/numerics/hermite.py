@@ -29,7 +29,7 @@ def cubic_hermite(
 
     Returns
     -------
-    Values of the shape to which all arrays broadcast.
+    Values of the functions. Their shape is that to which all arrays broadcast.
     """
     start_value, start_slope = start
     stop_value, stop_slope = stop

@@ -1,7 +1,7 @@
 """Table columns that are computed only when they are read.
 
 One pass over a source computes several of its columns at less cost than one pass for each.
-The functions here therefore collect all columns of a source before they read it.
+The functions of this module therefore collect all columns of a source before they read it.
 """
 
 from collections import defaultdict

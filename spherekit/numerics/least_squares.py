@@ -64,7 +64,7 @@ def minimize_squares(
     values
         (n, variables) values at the end of each descent.
     squares
-        (n,) sums of squared residuals there.
+        (n,) sums of squared residuals at these values.
     """
     count, variables = start.shape
     values = start.copy()

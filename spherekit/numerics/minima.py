@@ -46,17 +46,18 @@ def find_local_minima(
     Parameters
     ----------
     function
-        Smooth and not negative; NaN where it has no value.
+        A smooth function that is never negative; NaN where it has no value.
     grid
         (n,) rising positions. The cells between them must be so small that the function
         has a simple shape in each.
     limit
-        Minima with samples above this value are left out.
+        A minimum is left out if the smallest sample near it is above this value.
 
     Returns
     -------
     positions, values
-        (k,) positions of the minima in rising order, and the values there.
+        (k,) positions of the minima in rising order, and the values of the function at
+        them.
     """
     # All cells are sampled at `FRACTIONS` of their width, from 0 to 1. The end of a cell is
     # the start of the next one, so the last fraction is left out.

@@ -154,10 +154,11 @@ class TensorChebyshev:
     def find_cell(self, x: Sequence[float]) -> int:
         """Return the index of the cell that contains a position (m,), -1 if none does.
 
-        The position must be in the box. The cells are the leaves of a binary tree, whose
-        rows are splits. A row has the axis along which a cell is halved, the coordinate at
-        which it is halved, and the links to its lower and upper half. A positive link is
-        the row of a further split, a link of -1 - k is cell k, and 0 is no cell.
+        The position must be in the box. The cells are the leaves of a binary tree. Each row
+        of `splits` is an inner node. It has the axis along which a cell is halved, the
+        coordinate at which it is halved, and the links to its lower and upper half. A
+        positive link is the row of a further split, a link of -1 - k is cell k, and 0 is no
+        cell.
         """
         # Without a split, the box is the only cell (0), or there is none (-1).
         if not self._python_splits:

@@ -52,8 +52,9 @@ class Zeros:
     def merge(places: Floats, double: Bools, gap: float) -> "Zeros":
         """Return zeros in rising order, each only once.
 
-        A zero that is closer than `gap` to the one before it is left out. This also applies
-        if the one before it is itself left out, and whether or not they are double.
+        A zero is left out if its distance to the zero before it is less than `gap`. This
+        applies to simple and to double zeros. It also applies if the zero before it is left
+        out itself.
         """
         order = np.argsort(places, kind="stable")
         places = places[order]

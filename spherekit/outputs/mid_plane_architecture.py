@@ -439,8 +439,9 @@ class MidPlaneArchitecture:
         values
             (n, pairs) pair variables (rad).
         residuals
-            (n, pairs) angle (rad) between the axes of each pair in both links. It is zero,
-            up to rounding, if the mechanism has this architecture, which `proof` tests.
+            (n, pairs) angle (rad) between two directions of each pair axis: as carried by
+            the pair's first link, and as carried by its second. It is zero, up to rounding,
+            if the mechanism has the mid-plane symmetric architecture; `proof` tests this.
         """
         joints = revolutes(self.joints)
         return measure_pair_angles(self.mechanism.ends, joints, placed)
@@ -458,8 +459,8 @@ class MidPlaneArchitecture:
         Returns
         -------
         gap
-            Largest angle (rad) between the axes of a pair in its two links. It has to be a
-            rounding error.
+            Largest angle (rad) between the axis of a pair as carried by its first link and
+            as carried by its second. It has to be a rounding error.
         freedoms
             Least mobility by rank of the velocity equations, which has to be 2. It is
             computed with the last combination of signs only.

@@ -532,13 +532,16 @@ def _make_construction(
 ) -> Construction | None:
     """Return the steps and variables that place bodies in an order, None if impossible.
 
-    A body consists of links that pairs with given angles join. A body with one pair to
-    bodies before it rotates by the unknown angle of this pair. A body with two such pairs
-    is put on both axes, which gives one equation. The order is not possible in three cases:
+    A body is a group of links that are joined by pairs with given angles, so it is rigid.
+    If one pair joins a body to bodies that are placed already, the body rotates by the
+    unknown angle of this pair. If two pairs do, the body is put on both axes. The angle
+    between the axes must then be that on the body, which is one equation. The order is
+    refused in three cases:
 
-    - The two pairs by which a body is placed are on different links of the body.
-    - These two pairs join the body to the same link.
-    - There are not as many equations as unknowns.
+    - The two pairs by which a body is placed are on different links of the body. The steps
+      of a construction cannot express this.
+    - The two pairs join the body to the same link.
+    - The number of equations differs from the number of unknowns.
 
     Parameters
     ----------

@@ -2,8 +2,8 @@
 
 Configurations over an input grid are connected if verified steps lead from one of them to
 its neighbour. Verified steps never pass a singularity of type II. Connected configurations
-are one aspect. Two aspects of the same sign of a determinant may be one aspect, which the
-samples do not connect.
+are one aspect. Two reported aspects with the same signs of their determinants may in truth
+be one aspect: a connection between them can exist that these samples miss.
 """
 
 from collections.abc import Sequence
@@ -59,7 +59,7 @@ class Aspects:
     input_grid
         The grid of samples of the inputs.
     row
-        (n,) number of the sample of the grid at which each configuration is.
+        (n,) number of the grid sample to which each configuration belongs.
     values, inputs
         The variables (n, V) and inputs (n, g), rad.
     label
@@ -76,13 +76,13 @@ class Aspects:
         aspects.
     modes
         (aspects,) largest number of configurations of the aspect at one sample. These are
-        different assembly modes (ways to assemble the mechanism at the same inputs). If it
-        exceeds one, the mechanism can change its assembly mode within the aspect, without a
-        singularity.
+        different assembly modes (ways to assemble the mechanism at the same inputs). If the
+        number exceeds one, the mechanism can change its assembly mode within the aspect,
+        without a singularity.
     free_of
         The types of singularity that divide aspects, so that no aspect contains them.
     singular
-        Number of configurations that are singular themselves, and so in no aspect.
+        Number of configurations that are singular themselves. They belong to no aspect.
     note
         The part of the work that was left out because the time limit was reached, or empty.
     """
@@ -127,7 +127,7 @@ def aspects(
     Parameters
     ----------
     mechanism
-        A mechanism with a freedom for each of its inputs.
+        A mechanism with as many degrees of freedom as inputs.
     samples
         Number of values of each input.
     free_of
@@ -135,7 +135,8 @@ def aspects(
         inputs rest) always does; type I (inputs can move while the output rests) does if it
         is named.
     output, pointing
-        Which output type I is about; see `spherekit.singularities.stationarity.output_of`.
+        The output that rests at type I: its name, and the direction of it that has to rest;
+        see `spherekit.singularities.stationarity.output_of`.
     budget
         Time after which no more configurations are joined, unlimited by default.
 
@@ -146,10 +147,10 @@ def aspects(
     Raises
     ------
     AnalysisError
-        If a type is unknown, or there is no such output, or it has fewer freedoms than
-        there are inputs.
+        If a type is unknown, if the mechanism has no such output, or if the output has
+        fewer degrees of freedom than there are inputs.
     PlanError
-        If the mechanism has not one freedom for each input.
+        If the mechanism does not have as many degrees of freedom as inputs.
     """
     for kind in free_of:
         if kind not in ("I", "II"):
@@ -275,12 +276,13 @@ class _AspectGraph:
     ----------
     neighbours
         (directions, samples) number of the neighbouring sample in each direction of the
-        grid, -1 without one. Direction 2 k leads upwards along input k, 2 k + 1 downwards.
+        grid, -1 if there is none. Direction 2 k leads upwards along input k, 2 k + 1
+        downwards.
     nodes
         The configurations.
     numbers_at_sample
-        (samples, k) numbers of the configurations at each sample, `NO_CONFIGURATION` where
-        there are no more.
+        (samples, k) numbers of the configurations at each sample. A sample with fewer than
+        k configurations has `NO_CONFIGURATION` in its last columns.
     is_path_known
         (n, directions) whether the path from a configuration in a direction was followed
         from its other end, so that it need not be followed again.
@@ -343,10 +345,10 @@ class _AspectGraph:
         A node is a configuration at a sample of the grid of inputs. An aspect is a part of
         the configurations that is connected without a singularity. A determinant vanishes
         at singularities of its type, and generally changes its sign there. At type II (two)
-        the output can move while the inputs rest, at type I (one) the reverse. Type II
-        always divides aspects, and type I if the caller asks for it. A node is regular if
-        no singular value of the closure equations, or of the conditions that divide
-        aspects, is small.
+        the output can move while the inputs rest. At type I (one) inputs can move while the
+        output rests. Type II always divides aspects, and type I if the caller asks for it.
+        A node is regular if no singular value of the closure equations, or of the
+        conditions that divide aspects, is small.
 
         Parameters
         ----------

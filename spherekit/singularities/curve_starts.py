@@ -53,10 +53,10 @@ TIME_SHARE_OF_SLICES = 0.6
 class LocusPointSearch:
     """A search that yields singular configurations of one type in batches.
 
-    They come from slices, which are curves of configurations with all inputs but one
-    locked, or from random starts. The caller reports by `record_new_result` that the last
-    batch gave a new curve or surface. Random starts end after some rounds without a new
-    result.
+    The singular configurations come from slices or from random starts. A slice has the
+    configurations in which all inputs but one are locked at given values. The caller
+    reports by `record_new_result` that the last batch gave a new curve or surface. Random
+    starts end after some rounds without a new result.
 
     Parameters
     ----------
@@ -70,15 +70,16 @@ class LocusPointSearch:
     section
         Slices that were followed before, or None.
     slices_of_each
-        Number of values at which each input is locked, if there are no slices yet. With 0
-        random starts are used.
+        Number of values at which each input is locked, if `section` is None. With 0, random
+        starts are used.
     time_limit
         Processor time to spend; None for unlimited.
 
     Attributes
     ----------
     report
-        The locus, and what is reported of its points.
+        The locus (all singular configurations of the type), and the methods that compute
+        inputs, poses and types of its points.
     section
         The slices, or None with random starts.
     is_everywhere
@@ -299,9 +300,10 @@ def closed_configurations(
 
 
 def is_singular_everywhere(report: SingularityReport) -> bool:
-    """Return whether every configuration that random starts lead to is of the type.
+    """Return whether all configurations that are reached from random starts are singular.
 
-    The configurations of the type are then no curves or surfaces.
+    They are tested for the type of singularity of the report. If all have this type, its
+    configurations are not curves or surfaces.
     """
     values = closed_configurations(
         report.solver, STARTS_OF_EVERYWHERE_TEST, np.random.default_rng(RANDOM_SEED)
@@ -315,9 +317,9 @@ def points_from(
 ) -> LocusPoints:
     """Return the singular configurations that Newton's method reaches from given ones.
 
-    In most rows all inputs but one keep their values, so that they stay in their ranges.
-    The rows take turns in which input is free. In some rows no input keeps its value, and
-    Newton's method takes the shortest steps to a singular configuration.
+    In most rows Newton's method changes only one of the inputs, so that the others stay in
+    their ranges. This free input differs from row to row, in turn. In some rows all inputs
+    are free, and Newton's method takes the shortest steps to a singular configuration.
 
     Parameters
     ----------

@@ -256,10 +256,10 @@ def singular_points_on_slice(curve: ArcCurve, locus: SingularityLocus) -> LocusP
     """
 
     def measure_along_curve(points: CurvePoints) -> tuple[Floats, Floats]:
-        """Return the measure of the locus, and its derivative by the arc length.
+        """Return a determinant that is zero in singular configurations, at curve points.
 
-        The measure (n,) is a determinant that is zero in singular configurations. The
-        derivative (n,) is that along the curve.
+        The second array is the derivative of the determinant by the arc length of the
+        curve. Both arrays are (n,).
         """
         space = locus.tangent_space(points.values)
         measure = locus.measure(space)

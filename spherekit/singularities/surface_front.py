@@ -122,17 +122,16 @@ class SurfaceFront:
         return np.flatnonzero(is_near & is_same_sheet)
 
     def mesh_all_surfaces(self) -> int:
-        """Mesh the surfaces through all singular configurations that the search yields.
+        """Mesh the surfaces through all singular configurations that `search` finds.
 
         Configurations with an input outside its range are left out. The mesh is stored as
-        `vertices` and `triangles`. It is not complete if the time limit is reached. Where
-        surfaces cross, the equations of a singular configuration are singular themselves,
-        and their reciprocal condition is nearly zero.
+        `vertices` and `triangles`. It is not complete if the time limit is reached.
 
         Returns
         -------
-        Number of the configurations within the ranges at which surfaces cross. No mesh can
-        start from them.
+        Number of configurations that have all inputs within their ranges and in which
+        surfaces cross. No mesh can start from such a configuration, because the matrix of
+        the equations that Newton's method solves is nearly singular.
         """
         crossings = 0
         for points in self.search.batches():
