@@ -272,10 +272,13 @@ class ImportedDynamics:
         """Yield the name and table of each load that comes from an actuator.
 
         An actuator without control is a load: a torque at a pair, or a constant force or
-        moment. An actuator with control is an input if it drives a hinge. Notes are added
-        on all other actuators, and on feedback (a force that depends on angle or rate),
-        which inputs do not have. When spherekit exports a mechanism without masses, it
-        makes up masses and adds servos with feedback. There is no note on these.
+        moment. An actuator with control that drives a hinge is no load but an input. Any
+        other actuator is left out, and a note on it is added to the imported linkage.
+
+        An actuator of an input may have feedback: a force that depends on angle or rate.
+        The feedback is left out with a note, because inputs have none. There is no note if
+        spherekit exported the model with made-up masses, because it then added the
+        feedback itself.
         """
         mj_model = self._mj_model
         kinds = self._linkage.foreign_model.mujoco.mjtTrn

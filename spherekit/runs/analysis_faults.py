@@ -29,8 +29,9 @@ INSTALLED_PACKAGES_FOLDER = sysconfig.get_path("purelib")
 def describe_failed_rows(summary: Facts) -> list[str]:
     """Return a sentence for each table with failed rows, with their number and status.
 
-    The numbers are those of ``failed_rows`` in the summary. The run has counted there only
-    rows whose configuration was computed, so that the failure is one of the analysis.
+    The numbers are those of ``failed_rows`` in the summary. A row counts as failed only if
+    the configuration of its sample was computed. Other rows without numbers are no fault of
+    the analysis.
 
     Parameters
     ----------

@@ -19,10 +19,11 @@ def unite_needs(mechanism: Mechanism, analyses: Analyses) -> Needs:
 def plan_requests(
     mechanism: Mechanism, needs: Needs, by_rank: bool = False
 ) -> tuple[Request, ...]:
-    """Return what has to be evaluated, for each input that moves while others are locked.
+    """Return the poles and links to evaluate, as one request for each input.
 
-    A pole is the axis about which one link rotates relative to another. A request lists the
-    poles and links to evaluate. `Needs` has four sets of poles, by what is read of them:
+    A request is about the motion in which this input moves and all others are locked. A
+    pole is the axis about which one link rotates relative to another. `Needs` has four sets
+    of poles. Each set is for one quantity that analyses read:
 
     - `directions`: their directions,
     - `rates`: their velocity coefficients (angular velocity per unit rate of the input),

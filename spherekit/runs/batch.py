@@ -349,9 +349,10 @@ class Batch:
     def has_continuous_sign(self, i: int, j: int, moved: int = 0) -> bool:
         """Return whether the direction of a pole is continuous over the rows.
 
-        The axis of a pair always is. Other directions are continuous along a path of
-        samples. Over a grid of several inputs they point to one side of a fixed plane, so
-        direction and coefficients can change sign between neighbours.
+        The direction is always continuous if the pole is the axis of a pair. Other poles
+        have continuous directions along a path of samples. Over a grid of several inputs,
+        all directions point to one side of a fixed plane. Direction and coefficients of a
+        pole can therefore change their sign between neighbouring samples.
         """
         plan = self.plans[moved]
         return self._motion.is_path or plan.pole(i, j) in {None, *axis_pairs(plan)}
@@ -359,7 +360,8 @@ class Batch:
     def conditioning(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) the ratio ``|w_j - w_i| / (|w_i| + |w_j|)`` of angular velocities.
 
-        A small ratio means that digits cancel in the pole. It is 1 for the axis of a pair.
+        Here w_i and w_j are the angular velocities of the links i and j. If the ratio is
+        small, digits cancel when the pole is computed. It is 1 for the axis of a pair.
         """
         return self._pole(i, j, "conditioning", moved)
 
@@ -385,7 +387,8 @@ class Batch:
     def direction_dq(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n, 3) the derivative of the pole axis by the input, 1/rad.
 
-        NaN where the velocity coefficient is too small to know it.
+        It is NaN in rows in which the velocity coefficient is too small to compute the
+        derivative.
         """
         return self._pole(i, j, "direction_dq", moved)
 
@@ -409,8 +412,8 @@ class Batch:
     def rates_loss(self, moved: int = 0) -> Floats:
         """Return (n,) the relative error bound of angular velocities and derivatives.
 
-        It is relative to the largest of all links, or to 1 if that is smaller. Values below
-        about 1e-10 are given as 0.
+        The error is relative to the largest value of all links, or to 1 if that value is
+        smaller than 1. Error bounds below about 1e-10 are given as 0.
         """
         return _read_only(self._pole_field(moved).relative_error_bound)
 

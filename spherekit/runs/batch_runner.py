@@ -4,9 +4,9 @@ The kernel evaluates all columns of many rows at once. For each row it also give
 bounds, by which rows are certified. Rows that are not certified are computed by
 `PositionAnalysis` and `evaluate`, as in a run without a kernel.
 
-A block is evaluated slice by slice, so that the arrays of a slice stay in the cache. While
-they are there, the rows are noted between which a pole direction may reverse, since signs
-of directions continue from row to row.
+A block is evaluated slice by slice, so that the arrays of a slice stay in the cache. Signs
+of pole directions continue from row to row. While a slice is in the cache, the runner
+therefore also notes between which rows a pole direction may reverse.
 """
 
 from collections import defaultdict
@@ -94,7 +94,9 @@ MAX_BLOCK_FACTOR = 32
 class BlockRows:
     """The rows of a block while they are computed, slice by slice.
 
-    Rows run mode after mode, in each mode sample after sample.
+    The block first has the rows of all samples in the first assembly mode, then those in
+    the second mode, and so on. The kernel is a set of compiled functions that evaluate many
+    rows at once. It certifies a row if the error bounds of the row are small enough.
 
     Parameters
     ----------
@@ -404,8 +406,8 @@ class SliceReversals:
     its direction is known up to a sign, which is chosen continuously from row to row. Rows
     between which no direction can reverse have equal signs and are not compared later.
 
-    These numbers are few. They are computed together with the slice, because its columns
-    need not be read from memory again then.
+    The attributes are computed together with the slice, while its columns are in the cache.
+    The columns need not be read from memory again later.
 
     Attributes
     ----------

@@ -201,12 +201,13 @@ class AbstractAnalysis(ABC):
         return ()
 
     def joined(self, before: Findings, now: Findings) -> Findings:
-        """Return the findings of all blocks before and of the next block together.
+        """Return the findings of all earlier blocks and of the next block together.
 
         Raises
         ------
         AnalysisError
-            By default, if these differ.
+            If the findings of the next block differ from those before, unless a subclass
+            joins them.
         """
         if before != now:
             raise AnalysisError(

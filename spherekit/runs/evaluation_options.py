@@ -30,7 +30,7 @@ class Setting:
         Name of the engine that evaluates the velocity equations at the samples.
     route
         How the engine "numpy" computes poles (axes of relative rotation of two links). One
-        way is by the velocity equations of the whole mechanism. The other is to intersect
+        route solves the velocity equations of the whole mechanism. The other intersects
         great circles, each of which goes through two poles that are already computed.
     integrator
         Name of the engine that solves a simulation.

@@ -52,7 +52,8 @@ class FigureOfMerit:
     expression
         An expression of quantities of a row (rad, SI), or of the columns of a `table`.
     point
-        The input (rad) of ``at``, one number for each of several inputs.
+        The input (rad) at which the reduction ``at`` takes the expression: one number for
+        each input.
     table
         ``ANALYSIS.TABLE`` whose rows are reduced; None for quantities that kernels compute.
     meaning
@@ -61,7 +62,8 @@ class FigureOfMerit:
     only
         Names and texts of columns of the table. Only rows with these texts are reduced.
     place
-        The pair of several inputs whose value ``argmin`` and ``argmax`` give.
+        With several inputs, the driven pair whose variable the reductions ``argmin`` and
+        ``argmax`` return.
     """
 
     name: str
@@ -139,21 +141,24 @@ class FigureOfMerit:
 
 
 def parse_merit(text: str, angle_unit: AngleUnit) -> FigureOfMerit:
-    """Return the figure of merit of ``NAME=REDUCTION(EXPRESSION)``, the name optional.
+    """Return the figure of merit of a text ``NAME=REDUCTION(EXPRESSION)``.
+
+    The name is optional.
 
     Parameters
     ----------
     text
-        Such as ``least=min(transmission_angle_43)`` or ``at(theta_41, 30)``; of the rows
-        of a table ``max(workspace.areas: size)``, of some of them
+        For example ``least=min(transmission_angle_43)`` or ``at(theta_41, 30)``. The rows
+        of a table are reduced by ``max(workspace.areas: size)``, and some of its rows by
         ``max(workspace.areas part=whole: size)``.
     angle_unit
-        Unit of angles of the mechanism file: that of an input of ``at`` without a unit.
+        Unit of angles in the mechanism file. An input of ``at`` has this unit if the text
+        states none.
 
     Raises
     ------
     AnalysisError
-        If it has not that form.
+        If the text does not have this form.
     """
     merit_match = _MERIT_PATTERN.fullmatch(text.strip())
     if merit_match is None:

@@ -96,9 +96,11 @@ def split_rows(mode_count: int, sample_count: int, size: int) -> list[RowSlice]:
 
 
 class KernelColumns:
-    """The columns of a block that a kernel computes from the values of its motion.
+    """The columns of a block, which a kernel computes from the configurations of the block.
 
-    Directions follow their angular velocity until `set_signs` is called.
+    A kernel is a set of compiled functions that evaluate many rows at once. The direction
+    of a pole is that of the relative angular velocity, until `set_signs` chooses directions
+    that are continuous from row to row.
 
     Parameters
     ----------
@@ -114,7 +116,8 @@ class KernelColumns:
     Attributes
     ----------
     uncertified_fields
-        The poles in these rows for each input; empty without such rows.
+        The poles in the rows that are not certified, for each input. Empty if there are no
+        such rows.
     was_read
         Whether a column was read. Later blocks may be longer if it is False.
     """

@@ -64,9 +64,10 @@ class Needs:
     links: frozenset[int] = frozenset()
 
     def union(self, other: "Needs") -> "Needs":
-        """Return the needs of two analyses together.
+        """Return what two analyses need together.
 
-        Its `links` have no meaning, since an empty set stands for the whole mechanism.
+        Do not read `links` of the result. An empty set stands for all links, so the union
+        of two sets can be too small.
         """
         # The operator | is the union of two sets, and "or" of two booleans.
         return Needs(

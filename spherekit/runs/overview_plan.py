@@ -60,9 +60,10 @@ class ExaminedOutput:
 def examined_outputs(mechanism: Mechanism) -> tuple[ExaminedOutput, ...]:
     """Return the outputs whose motion is examined.
 
-    They are the outputs that the file declares. Without any they are the links that a pair
-    joins to the ground, otherwise all links, seen from the ground. The relative motion of
-    the two links of an input pair is left out.
+    They are the outputs that the mechanism file declares. If there are none, they are the
+    links that a pair joins to the ground. If there are no such links either, they are all
+    links. The motion of these links is seen from the ground. The relative motion of the two
+    links of an input pair is left out in all three cases.
     """
     input_ends = [
         set(mechanism.ends[mechanism.pair_number[pair]]) for pair in mechanism.input_pairs
@@ -176,7 +177,7 @@ class OverviewPlan:
     def transmissions(self) -> list[Transmission] | None:
         """The transmission measure of each output, None if all groups are dyads.
 
-        The transmission angle takes its place for dyads, since designers know it.
+        For dyads the transmission angle is used instead, because designers know it.
         """
         groups = self.sampling.position_analysis.assembly.groups
         if all(group.is_dyad for group in groups):
@@ -209,7 +210,8 @@ class OverviewPlan:
     def place_kind(self) -> str:
         """What the place of a sample is: ``time``, ``input`` (the first) or ``sample``.
 
-        It is the first input if this rises or falls along all samples of a path.
+        The kind is ``input`` if the first input rises, or falls, along all samples of a
+        path.
         """
         if self.sampling.is_over_time:
             return "time"

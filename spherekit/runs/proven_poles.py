@@ -434,10 +434,10 @@ def _compare_row(run_row: Facts, pole: EnclosedPole) -> Facts:
 
     Returns
     -------
-    The further columns of the row, and its status if a bound is exceeded. The distance of
-    the run's value from the centre of the enclosure is the error, up to an uncertainty. A
-    bound holds if the distance plus the uncertainty is within it, and is exceeded if the
-    distance less the uncertainty is not.
+    The further columns of the row, and its status if an error bound is exceeded. The error
+    of the run is the distance of its value from the centre of the enclosure, up to an
+    uncertainty. An error bound holds if distance plus uncertainty is not larger than the
+    bound. It is exceeded if distance minus uncertainty is larger than the bound.
     """
     assert pole.direction is not None
     run_axis = np.array([run_row[f"u{component}"] for component in "xyz"])

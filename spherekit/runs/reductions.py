@@ -28,8 +28,8 @@ class SampledValues:
     Attributes
     ----------
     q
-        (k,) the input (rad) at each sample. Of several inputs it is the one that the user
-        names if the figure of merit is an input, and otherwise the first.
+        (k,) the input (rad) at each sample. With several inputs it is the first one. If the
+        figure of merit is itself an input, it is the input that the user names.
     values
         (k, n) the values in n assembly modes, NaN where a mode cannot be assembled.
     is_closed_path

@@ -90,7 +90,8 @@ class RunState:
     mobility_by_rank
         Mobility by the rank of the closure Jacobian, at the first valid configuration.
     redundant_constraints
-        Number of redundant constraints there, and the pairs that have them.
+        Number of redundant constraints at the same configuration, and the pairs that have
+        them.
     overview
         Where assembly modes close, and how far outputs move.
     """

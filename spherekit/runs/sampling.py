@@ -280,9 +280,9 @@ class Sampling:
     def _summarize_events(self, events: Sequence[Event]) -> list[dict[str, Any]]:
         """Return the first events of a simulation for the summary.
 
-        An event at which all links stop has the swing that ends there: the change of the
-        input since the previous stop, or since the start. Swings that a damper has made
-        invisibly small can thus be told from others.
+        An event at which all links stop has an entry for the swing that it ends. The swing
+        is the change of the input since the previous stop, or since the start. It shows
+        whether a damper has made the swings invisibly small.
         """
         entries: list[dict[str, Any]] = []
         q_at_last_stop = float(self.inputs[0, 0])

@@ -136,9 +136,9 @@ def _unapplied_joint_limits(
 ) -> dict[str, list[float]]:
     """Return the joint limits (rad), by pair, that the motion of a run can exceed.
 
-    Only a simulation ends at joint limits. Another run can exceed the limits of an input if
-    its range is wider, and those of every other pair, whose angles are not compared with
-    them.
+    Only a simulation ends at joint limits. Any other run can exceed them. The limits of an
+    input are exceeded if its range is wider than they are. The angles of all other pairs
+    are not compared with their limits.
     """
     if sampling.simulation is not None:
         return {}

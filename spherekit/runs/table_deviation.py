@@ -77,10 +77,11 @@ def compute_deviations(
 ) -> list[Deviation]:
     """Return the largest deviation of every column of numbers from reference values.
 
-    Some errors are absolute, such as those of angles. The others are relative to the
-    largest reference value of all columns of the table with the same unit. One column alone
-    would be no good scale: its values may all be rounding errors, as those of a torque that
-    is zero in theory. `_find_scale` has an exception for derivatives by an angle.
+    Some errors are absolute, such as errors of angles. The others are relative to the
+    largest reference value of all columns of the table with the same unit. A single column
+    is no good scale, because all its values may be rounding errors. An example is a torque
+    that is zero in theory. Derivatives by an angle may have another scale, see
+    `_find_scale`.
 
     Parameters
     ----------

@@ -91,9 +91,9 @@ def choose_check_samples(sampling: Sampling, even_count: int, request: Request) 
     peaks of the error bounds of poles. A pole is the axis about which one link rotates
     relative to another.
 
-    Between the highest peaks (`MAX_REFINED_PEAKS`) and the next chosen samples on both
-    sides, samples of the run may have been skipped. Those in the middle of these gaps are
-    added. This is repeated until no sample is skipped there.
+    Samples of the run may have been skipped between a peak and the next chosen sample on
+    either side. At the `MAX_REFINED_PEAKS` highest peaks, the sample in the middle of each
+    such gap is added. This is repeated until no sample is skipped beside these peaks.
 
     Parameters
     ----------

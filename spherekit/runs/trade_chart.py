@@ -32,8 +32,8 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
     """Return the work-precision chart of a trade: error against time, with its table.
 
     A trade consists of the settings of a run (ways to compute it) with their times and
-    errors. Each setting is a mark with a number, which the legend explains. A curve joins
-    the settings than which no other is quicker and as accurate (the front).
+    errors. Each setting is a mark with a number, which the legend explains. A curve, the
+    front, joins the best settings: no other setting is quicker and as accurate.
 
     Parameters
     ----------

@@ -61,9 +61,11 @@ def choose(
 ) -> tuple[Setting, Facts]:
     """Return the cheapest setting with errors within a tolerance, and what it reaches.
 
-    Trades that are `stored` decide, if there are any. Otherwise a short trade decides for
-    `MIN_SAMPLES_FOR_TRADE` samples or more, and the ordinary setting is used for fewer. If
-    no setting meets the tolerance, the most accurate is used, and the result is not `met`.
+    A trade is a measurement: the time and the error of each setting (way to compute the
+    run). If there are stored trades, the setting is chosen from them. Otherwise a short
+    trade is made if the run has at least `MIN_SAMPLES_FOR_TRADE` samples, and a run with
+    fewer samples has the ordinary setting. If no setting meets the tolerance, the most
+    accurate one is used, and the entry ``met`` of the record is false.
 
     Parameters
     ----------

@@ -27,9 +27,9 @@ Larger: the measurement takes longer; smaller: rows with large errors are missed
 def reads_motion_quantities(run_plan: RunPlan) -> bool:
     """Return whether the analysis of a run reads poles, rates or positions of samples.
 
-    Only the errors of these depend on settings of the run, such as its engine. The links of
-    an analysis that uses the position analysis (`Needs.links`) do not count, because the
-    analysis computes their configurations itself.
+    Settings of the run, such as its engine, change only the errors of these quantities.
+    Links in `Needs.links` do not count. They are the links of an analysis that computes
+    configurations itself, by the position analysis of the run.
     """
     needs = replace(run_plan.needs[0], links=frozenset())
     return bool(links_of(run_plan.mechanism, needs))
@@ -83,7 +83,7 @@ def measure_run(run_plan: RunPlan) -> tuple[list[Deviation], int]:
 class ReferenceTables:
     """The tables of an analysis, computed from configurations and rates in many digits.
 
-    The errors of the same tables of an ordinary run are measured by them.
+    The tables of an ordinary run are compared with these, which gives their errors.
 
     Attributes
     ----------

@@ -86,7 +86,7 @@ class Measured:
 
     @property
     def counts(self) -> bool:
-        """Whether it can be chosen: it applies, and gives all numbers of the reference."""
+        """Whether the setting applies and gives all numbers, so that it can be chosen."""
         return not self.reason and not self.missing and bool(np.isfinite(self.error))
 
 

@@ -31,7 +31,10 @@ The limit is located to 1/128 of the interval. The result is always an accepted 
 
 @dataclass(frozen=True)
 class SliderRange:
-    """The ranges of a slider and of its text field, in the unit of the file.
+    """The ranges of a slider and of its text field.
+
+    All numbers are in the unit (deg, rad or none) that the mechanism file uses for the
+    number of the slider.
 
     Attributes
     ----------

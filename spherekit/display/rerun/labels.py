@@ -318,11 +318,12 @@ def _name_half_size(text: str) -> Floats:
 def _picture_rotations(bodies: Sequence[Body]) -> list[Floats]:
     """Return the rotations (pictures, 3, 3) of each link in the same few configurations.
 
-    In pictures of these configurations it is judged whether names cover each other. They
-    are `MAX_PICTURES` configurations, evenly spaced among the rows in which all links have
-    an orientation. If there are fewer such rows, some of them occur several times. A link
-    at rest has one picture. If no configuration exists, every link has one picture, in
-    which it is not rotated.
+    The caller projects these configurations onto the screen, to test whether the names of
+    links and pairs cover each other. The configurations are `MAX_PICTURES` rows of the
+    motion. They are evenly spaced among the rows in which all links have an orientation. If
+    there are fewer such rows, some of them occur several times. The array of a link at rest
+    has only one rotation, which is the identity. If no such row exists, all links have this
+    array.
     """
     at_rest = np.eye(3)[None]
     moving = [body.quaternions for body in bodies if body.quaternions is not None]
