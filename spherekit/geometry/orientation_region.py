@@ -242,12 +242,15 @@ class _Boxes(ArrayRows):
 
 
 class _OrientationCells:
-    """Cells of the space of orientations, with the volume of the set in each of them.
+    """Cells of the space of orientations, each with the volume of its part of a set.
 
-    The set has the orientations at which all margins are at least 0. An orientation is a
-    unit quaternion up to its sign, divided by its largest component. The other three
-    components, from -1 to 1, are its coordinates in one of four cubes: one cube for each
-    component that is the largest. The cells are cubic boxes in these cubes.
+    A margin is a function of the orientation that is negative where, for example, a limit
+    is exceeded. The set consists of the orientations at which all margins are at least 0.
+    All orientations together have the volume 8 pi^2.
+
+    An orientation is a unit quaternion up to its sign, divided by its largest component.
+    The other three components, from -1 to 1, are its coordinates in one of four cubes: one
+    cube for each component that is the largest. The cells are cubic boxes in these cubes.
 
     Attributes
     ----------

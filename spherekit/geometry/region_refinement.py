@@ -232,11 +232,12 @@ class RegionRefinement:
     def surface(self) -> tuple[Floats, Indices]:
         """Return a triangulation of the region alone, up to its border.
 
-        Triangles of the mesh with all vertices inside are taken as they are. In a triangle
-        that the border crosses, the border is a segment: a curve with several nodes. A
-        vertex inside, the apex, is joined to all nodes, which makes a fan of triangles. If
-        two vertices are inside, the part of the region beside the fan is an extra triangle
-        with both vertices and the first node.
+        Triangles of the mesh with all vertices inside the region are taken as they are. In
+        a triangle that the border crosses, the border is a curve given by several nodes.
+        One vertex inside the region, the apex, is joined to all nodes of the curve, which
+        makes a fan of triangles. If a second vertex is inside, an extra triangle fills the
+        rest of the region. Its corners are the apex, the second vertex, and the node on the
+        edge that begins at the second vertex.
 
         Returns
         -------

@@ -3,9 +3,8 @@
 With all inputs locked, a mechanism is a structure without degrees of freedom. Its smallest
 rigid part is a group that can be placed on its own: a dyad, a triad, or a larger
 irreducible group. The group is then one body, and the next group follows, until a single
-body remains.
-No frame is singled out (theory of Assur groups), so an input between two floating links
-needs no special treatment.
+body remains. No link is treated as a fixed frame (theory of Assur groups). An input between
+two links that both move therefore needs no special treatment.
 """
 
 from collections import Counter
@@ -84,14 +83,14 @@ def driven_at(mechanism: Mechanism, names: str | Sequence[str] | None = None) ->
 class Group(NamedTuple):
     """Bodies that become one body when all their pairs are closed together.
 
-    Three numbers occur here: numbers of links and of pairs of the mechanism, and positions
-    in `bodies` and in `pairs`.
+    Three kinds of numbers occur here: numbers of links of the mechanism, numbers of its
+    pairs, and positions in the lists `bodies` and `pairs`.
 
     Attributes
     ----------
     bodies
         For each body the numbers of its links, which are already rigid relative to each
-        other. The others are placed in the first body.
+        other. Positions of the other bodies are computed relative to the first body.
     pairs
         Numbers of the pairs between these bodies.
     ends
@@ -100,7 +99,8 @@ class Group(NamedTuple):
     revolute
         Whether all pairs are R pairs whose equations are independent.
     redundant
-        Whether there are more equations than unknowns. They agree for the given geometry.
+        Whether there are more equations than unknowns. For the given geometry, the surplus
+        equations follow from the others.
     """
 
     bodies: tuple[tuple[int, ...], ...]
@@ -222,7 +222,7 @@ class Assembly(NamedTuple):
 
         Returns
         -------
-        None if locked inputs join the two links already.
+        The group. None if locked inputs join the two links already.
         """
         for group in self.groups:
             joined_bodies = [
@@ -247,7 +247,7 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
     by_rank
         Whether the rank of the velocity equations has shown that there is one degree of
         freedom for each input. Counting links and pairs may then give fewer degrees of
-        freedom, because constraints repeat each other.
+        freedom, because some constraints are redundant.
 
     Raises
     ------
@@ -306,11 +306,12 @@ def split_into_groups(
     body_of_link
         For each link the smallest number of a link of its body.
     pairs
-        Numbers of the pairs that join the bodies. Links to which no pair leads are left
+        Numbers of the pairs that join the bodies. Links without any of these pairs are left
         out.
     carried_contacts
-        Numbers of rolling contacts of which one constraint is counted. The other repeats
-        what a carrier already ensures.
+        Numbers of rolling contacts of two wheels that one link, the carrier, carries. Only
+        one of the two constraints of such a contact is counted, because the carrier already
+        keeps the wheels in touch.
 
     Raises
     ------
@@ -413,10 +414,10 @@ def _find_smallest_part(
     open_pairs: dict[int, tuple[int, int]],
     body_of_link: Sequence[int],
 ) -> set[int]:
-    """Return the smallest rigid part that contains both bodies of any open pair.
+    """Return the smallest rigid part that contains both bodies of an open pair.
 
-    A part is a set of bodies. Among parts of equal size the first one is returned, in the
-    order of the numbers of the two bodies.
+    A part is a set of bodies, and a pair is open if it belongs to no group yet. Among parts
+    of equal size the first one is returned, in the order of the numbers of the two bodies.
 
     Parameters
     ----------

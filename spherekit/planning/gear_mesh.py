@@ -4,11 +4,11 @@ A link is the carrier of a contact if both wheels rotate relative to it, each ab
 centre of its circle. Rolling keeps sin(r) f - sin(s) g constant, with the angles f and g of
 the two rotations and the radii r and s of the circles (rad on the unit sphere). A circle
 has two opposite centres. For both circles the centre on the same side of their common
-tangent is taken, so that equal signs of f and g belong together. Each angle is a sum of
+tangent is taken. With this choice, f and g change in the same sense. Each angle is a sum of
 pair variables with signs, so the contact is one linear relation of pair variables.
 
-The contact and the carrier both state that the wheels touch. Of the two constraints of the
-contact only one is therefore independent: that the wheels roll.
+A rolling contact has two constraints: the wheels touch, and they roll. The carrier already
+ensures that they touch. Only the second constraint is therefore independent.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -148,10 +148,10 @@ def find_carried_contact(
     cosine_tolerance: float = np.inf,
     pairs: Iterable[int] | None = None,
 ) -> CarriedContact | None:
-    """Find the carrier of a rolling contact that is reached by the fewest pairs.
+    """Find the link that carries both wheels of a rolling contact.
 
-    A carrier is a link relative to which both wheels rotate, each about the centre of its
-    circle.
+    Both wheels rotate relative to this carrier, each about the centre of its circle. If
+    there are several carriers, the one that is reached by the fewest pairs is chosen.
 
     Parameters
     ----------
@@ -162,8 +162,9 @@ def find_carried_contact(
     number
         Number of the contact.
     cosine_tolerance
-        Largest deviation of the cosine of the arc between the centres, on the carrier, from
-        that of circles that touch.
+        Tolerance of the arc between the centres of the two circles, measured on the
+        carrier. It is the largest deviation of the cosine of this arc from its value for
+        circles that touch.
     pairs
         Numbers of the pairs that may lead to the carrier; by default all.
 

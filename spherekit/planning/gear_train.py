@@ -83,7 +83,7 @@ class GearTrain(NamedTuple):
     def numbers(self) -> list[float]:
         """The ratios and the offset of each follower, one after the other.
 
-        They are all numbers on which the angles of the train depend.
+        These are all the numbers on which the angles of the train depend.
         """
         return list(np.column_stack([self.ratios, self.offsets]).ravel().tolist())
 
@@ -157,7 +157,7 @@ def find_gear_train(
 
 
 class _Relations(NamedTuple):
-    """The linear relations of pair variables by several contacts.
+    """The linear relations between pair variables that several rolling contacts impose.
 
     Two wheels turn by f and g relative to their carrier. Their circles have the radii r and
     s, so the point of contact moves by -sin(r) f along the first circle and by -sin(s) g
@@ -312,9 +312,10 @@ def _find_fitting_lengths(
 ) -> Floats:
     """Return the arc lengths along two circles in contact, including whole turns.
 
-    The angles of both wheels are known from other contacts. They require a difference of
-    the two lengths. Each length is known up to whole circumferences. All combinations of up
-    to `MAX_REPEATED_CONTACT_TURNS` turns are tried, since wheels may have rolled far.
+    The angles of both wheels are known from other contacts. These angles determine the
+    difference of the two lengths. Each length is known up to whole circumferences. All
+    combinations of up to `MAX_REPEATED_CONTACT_TURNS` turns are tried, since wheels may
+    have rolled far.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The assembly of wheels in which they have rolled least.
+"""Chooses the assembly of a gear train in which the wheels have rolled least.
 
 Arcs and angles of links do not state which teeth of two wheels touch. An assembly differs
 from another one by whole turns of wheels. The one with the smallest rolled lengths is
@@ -30,7 +30,7 @@ Larger: more time and memory. Smaller: fewer turns are tried if there are many w
 def find_least_rolled_turns(
     lengths: Floats, circumferences: Floats, first_slopes: Floats, matrix: Floats
 ) -> Integers | None:
-    """Return the whole turns of contact circles with which wheels have rolled least.
+    """Return the whole turns of wheels in the assembly in which they have rolled least.
 
     The point of contact of two wheels is known along each circle up to whole
     circumferences, the turns. Each choice of turns is another assembly of the same wheels.

@@ -123,14 +123,15 @@ class PebbleGame:
     def add_pair(self, body_a: int, body_b: int, constraint_count: int) -> bool:
         """Add the constraints of a pair; return False if one of them is redundant.
 
-        It ends with the first redundant constraint. A pair within one body is redundant.
+        After a redundant constraint, the remaining ones are not added. A pair within one
+        body is redundant.
         """
         if body_a == body_b:
             return False
         return all(self.add_constraint(body_a, body_b) for _ in range(constraint_count))
 
     def reachable_bodies(self, bodies: Iterable[int]) -> set[int]:
-        """Return the bodies to which constraints lead from some bodies, with these."""
+        """Return some bodies, and all bodies to which constraints lead from them."""
         reached = set[int]()
         stack = list(bodies)
         while stack:
@@ -376,7 +377,7 @@ def _play_with_locked_inputs(
         For each link the smallest link of its rigid body while the locked inputs stand
         still.
     pebble_game
-        The game on these bodies, which can be asked for the freedoms of sets of them.
+        The game on these bodies, which counts the degrees of freedom of any set of them.
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """The pole table and the steps of a plan as text, Markdown and data for JSON.
 
-In the table a primary pole is an x, and a secondary one the Roman number of the pass that
-finds it. A star marks poles that follow from the equations of an irreducible part
-(Di Gregorio 2019, lecture 2).
+In the table, an x is a primary pole: the axis or contact line of a pair. A Roman number is
+a secondary pole, found in the pass of this number. A star marks poles that follow from the
+equations of an irreducible part (Di Gregorio 2019, lecture 2).
 """
 
 from typing import Any
@@ -53,7 +53,8 @@ def pole_name(plan: Plan, pole: Pole) -> str:
 def describe(plan: Plan, step: Step) -> str:
     """Return one line that tells how a step finds its poles.
 
-    An irreducible part has one more line for each step of its passes.
+    An irreducible part, whose poles are solved together, has one more line for each step of
+    its passes.
     """
     if isinstance(step, PrimaryPole):
         return _describe_primary_pole(plan, step)

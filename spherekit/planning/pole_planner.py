@@ -134,8 +134,8 @@ def prune_plan(whole_plan: Plan, requested: Sequence[Pole]) -> Plan:
     A pole P_ij (the axis of the relative rotation of two bodies) lies on lines: the great
     circles through P_ik and P_jk for third bodies k, and contact planes of sliding pairs.
     Two lines determine it. `_choose_sources` chooses two that need the fewest other poles.
-    Further lines of a step are kept if all their poles are in the new plan anyway. The pair
-    of lines with the best-conditioned intersection can then be chosen.
+    Further lines of a step are kept if all their poles are in the new plan anyway. At each
+    configuration, the two lines with the best-conditioned intersection can then be chosen.
 
     Parameters
     ----------

@@ -3,8 +3,9 @@
 A mechanism with one degree of freedom can have configurations in which it has several, and
 keeps them while it moves. An example is a sheet of paper whose straight creases are folded
 by 180 deg: the zigzag creases then turn independently of each other. Such configurations
-form surfaces, or sets of more dimensions, and not curves. A locked input does not lock the
-links there, so that these configurations are no assembly modes of the motion.
+form surfaces, or sets of more dimensions, and not curves. In such a configuration some
+links can move although the input is locked. These configurations are therefore no assembly
+modes of the motion.
 """
 
 import numpy as np
@@ -23,9 +24,10 @@ rounding errors hide additional freedoms.
 TRIED_STEP_RAD = 0.01
 """Length of the steps in which a configuration is moved.
 
-If two curves cross at the configuration, the loops cannot be closed after a step between
-them. They are open by about the square of the step. Larger: steps may leave a small
-surface. Smaller: curves that touch each other in higher order count as a surface.
+If two curves cross at the configuration, the loops cannot be closed after a step in a
+direction between the curves. They stay open by about the square of the step. Larger: steps
+may leave a small surface. Smaller: curves that touch each other in higher order count as a
+surface.
 """
 TRIED_DIRECTIONS = 8
 """Number of directions in which a configuration is moved. Larger: slower and safer."""
@@ -54,8 +56,8 @@ def has_additional_freedoms(closure: Closure, values: Floats) -> bool:
     Returns
     -------
     Whether the mechanism has several degrees of freedom at the configuration, and at all
-    tried configurations around it. It is false at a crossing of curves, at which there are
-    several only to first order.
+    tried configurations around it. It is false at a crossing of curves, where the mechanism
+    has several degrees of freedom only to first order.
     """
     _, singular_values, right_vectors = np.linalg.svd(
         closure.linearise(values[None]).jacobian[0]

@@ -35,12 +35,12 @@ The comparison is between verified configurations at equal inputs. Larger: neigh
 modes are confused. Smaller: interpolated angles are no longer recognised.
 """
 DEAD_CENTRE_SLACK_RAD = 1e-4
-"""An input so little beyond the end of a followed curve counts as at its end.
+"""An input that exceeds the end of a followed curve by less is taken to be at the end.
 
 The curve ends at a dead centre, a little before the inputs of the last samples.
 """
 CROSSING_DISTANCE_RAD = 1e-4
-"""Angles on both sides of a crossing of curves are compared so far from it."""
+"""Distance from a crossing of curves at which angles on both sides are compared."""
 LARGEST_REDUCED_ANGLE = np.pi + 1e-3
 """Upper end (rad) of the interval into which angles at the anchor are reduced.
 
@@ -51,8 +51,8 @@ of rounding, also if the anchor is a dead centre, where rounding errors are larg
 LastAngles = dict[str, list[float]]
 """The last configuration of each mode, with its revolutions, by the number of the mode.
 
-The next block of samples continues from it. It is empty for mechanisms with one input,
-whose value alone determines all revolutions.
+The next block of samples continues from these configurations. The mapping is empty for
+mechanisms with one input: the value of this input alone determines all revolutions.
 """
 
 
@@ -62,14 +62,15 @@ def count_revolutions(angles: Floats) -> Floats:
 
 
 class RevolutionSteps(NamedTuple):
-    """Revolutions gained between configurations.
+    """Whole revolutions that angles gain from one configuration to another.
 
     Attributes
     ----------
     revolutions
         (n, angles) whole revolutions.
     is_connected
-        (n,) whether a straight path of the inputs connects the configurations.
+        (n,) whether a straight path of the inputs leads from one configuration to the
+        other.
     """
 
     revolutions: Floats
@@ -194,8 +195,8 @@ class AngleUnwrapping:
             (n, inputs) inputs (rad) over full revolutions. They may differ from those of
             the configurations by whole periods, after which configurations repeat.
         requested
-            Numbers of the variables whose revolutions are needed. Those of others may be
-            returned as zero, which saves time.
+            Numbers of the variables whose revolutions are needed. The revolutions of other
+            variables may be returned as zero, which saves time.
         last
             (variables,) the configuration before `values[0]`, such as the last one of the
             previous block. Its angles include the revolutions that were counted so far,

@@ -49,7 +49,7 @@ from spherekit.positions.random_search import (
 from spherekit.tolerances import CLOSURE_TOLERANCE
 
 SIGN_RECIPROCAL_CONDITION = 1e-8
-"""Groups of a smaller reciprocal condition number have no sign.
+"""A group with a smaller reciprocal condition number has no sign.
 
 Larger: more configurations near dead centres have no sign. Smaller: signs can be rounding.
 """
@@ -118,10 +118,10 @@ def enumerate_assemblies(solver: PositionSolver, q: Floats) -> ConfigurationsAtI
     Usually the mechanism is placed group by group, and each mode of a group is combined
     with all modes of the groups after it.
 
-    The exception are mechanisms with contacts of wheels or profiles in a group that is not
-    placed by gear ratios alone. Wheels look the same after each revolution, so the search
-    of one group alone cannot tell how far they have rolled. If the inputs determine all
-    rolled lengths, these are prescribed, and all groups are searched together.
+    There is one exception: a group has contacts of wheels or profiles, and gear ratios
+    alone do not place it. Wheels look the same after each revolution, so the search of one
+    group alone cannot tell how far they have rolled. If the inputs determine all rolled
+    lengths, these are prescribed, and all groups are searched together.
     """
     groups = solver.assembly.groups
     # How far wheels have rolled at given inputs; None without rolling contacts.
@@ -230,10 +230,11 @@ def enumerate_modes(
     def place_next_groups(
         state: AssemblyState, signs: tuple[int, ...]
     ) -> Iterator[tuple[tuple[int, ...], AssemblyState]]:
-        """Yield all modes in which the first groups have these signs and this state.
+        """Yield all modes of the mechanism with given modes of the first groups.
 
-        A group is a set of bodies that are placed together. The next group is placed in
-        each of its modes, and then the groups after it.
+        A group is a set of bodies that are placed together. The given modes are described
+        by their signs and by a state with the bodies placed so far. The next group is
+        placed in each of its modes, and then the groups after it.
         """
         position = len(signs)
         if position == group_count:
@@ -314,7 +315,7 @@ def _place_group_modes(
 def signs_at(solver: PositionSolver, values: Floats) -> tuple[int, ...]:
     """Return the sign of each group in a closed configuration (variables,).
 
-    It is 1 or -1 for dyads, and 0 for other groups.
+    The sign of a dyad is 1 or -1. Other groups have the sign 0.
     """
     determinant_signs = group_signs(solver, values[None], 0.0)[0]
     signs = []
@@ -407,7 +408,7 @@ def random_starts(
     samples: Floats | None = None,
     seed: int = SEED,
 ) -> Iterator[tuple[int, Floats, Indices]]:
-    """Yield closed configurations that random starts over a range of inputs lead to.
+    """Yield closed configurations, found from random starts over a range of inputs.
 
     The first `RANGE_ROUNDS` rounds are yielded together, then one round after another. They
     are the same in every run. Configurations whose contacts do not exist, or that are near

@@ -82,7 +82,8 @@ class ChordProjections:
         (m, variables) configurations minus starts of the chords (rad). Whole periods of the
         variables are subtracted, so that the differences are small.
     distances
-        (m,) lengths of their projections on the chords (rad), from 0 to the chord length.
+        (m,) distances (rad) from the starts of the chords to the projected configurations,
+        from 0 to the chord length.
     """
 
     configurations: Indices
@@ -128,7 +129,7 @@ class Chords:
         return interpolate_between(starts, stops, fractions)
 
     def project(self, values: Floats, periods: Floats) -> ChordProjections:
-        """Return the chords near which configurations are, with projections on these.
+        """Return the chords that are near configurations, with the projections on them.
 
         A chord is the straight line between two successive nodes of the curve, in the space
         of the variables. It is near if the distance of the configuration from its line is
@@ -226,7 +227,11 @@ class ArcCurve(Chords):
         return np.concatenate([[0.0], np.cumsum(self.chord_lengths)])
 
     def _evaluate_parameter(self, u: Floats) -> tuple[CurvePoints, Indices]:
-        """Return the points of the curve at parameters u (n,), and their chords (n,)."""
+        """Return the points of the curve at parameters u (n,), and their chords (n,).
+
+        The parameter u is the length along the chords, which are the straight lines between
+        successive nodes.
+        """
         which = np.clip(np.searchsorted(self.starts, u) - 1, 0, len(self.chord_lengths) - 1)
         return self._evaluate_on_chords(which, u - self.starts[which]), which
 

@@ -45,10 +45,12 @@ SAME_CONFIGURATION_RAD = 1e-6
 different modes near a meeting are taken for one; smaller: one configuration can become two
 nodes."""
 SINGULAR_NODE_RATIO = 1e-8
-"""A configuration is singular if its smallest singular value, relative to the largest, is
-smaller. These are of the closure Jacobian without the inputs. No path starts from a
+"""Largest reciprocal condition number of a singular configuration.
+
+It is that of the closure Jacobian without the columns of the inputs. No path starts from a
 singular node. Larger: more nodes remain alone; smaller: signs of determinants can be
-rounding."""
+rounding.
+"""
 SMALLEST_STEP_RAD = 1e-7
 """A path between two samples that needs a smaller step of the inputs fails. It passes so
 near to a singular configuration that smaller steps cost time and join hardly any more
@@ -678,10 +680,11 @@ def _put_into_first_mode(
 ) -> None:
     """Put the nodes of a piece into the first mode that has no node at their samples.
 
-    A node is one configuration at one sample of the inputs, and a piece is a set of joined
-    nodes. An assembly mode has at most one node at each sample. All pieces and modes here
-    are of one component, which means that paths through the nodes connect them. Pieces may
-    therefore share a mode. The caller passes the largest piece first.
+    A node is one configuration at one sample of the inputs. A piece is a set of nodes with
+    at most one node at each sample. An assembly mode is such a set, too. Paths of inputs
+    lead from this piece to the pieces that are in `modes` already, if necessary through
+    others. Pieces that are connected in this way become one mode if they have no sample in
+    common. The function is called once for each piece, the largest one first.
 
     Parameters
     ----------

@@ -35,11 +35,14 @@ where Z is a rotation about z by the pair variable.
 
 
 def decimal_frames(mechanism: Mechanism) -> dict[int, Frames]:
-    """Return the frames of all pairs of a mechanism of R pairs, from its decimal numbers.
+    """Return the frames of all pairs of a mechanism of R pairs in quad precision.
+
+    They are computed from the decimal numbers of the mechanism file. The nearest float64
+    numbers would already have errors of 1e-16.
 
     Returns
     -------
-    The two frames of each pair, by the number of the pair.
+    For the number of each pair, its frames (3, 3) in its first and in its second link.
     """
     document = parse(canonical_text(mechanism, "deg"), mechanism.name)
     geometry = mechanism.geometry

@@ -150,14 +150,14 @@ class Closure:
         max_steps: int = 12,
         longest_step: float = 0.5,
     ) -> Linearisation:
-        """Close the loops by Newton's method, each sample on its own.
+        """Close the loops by Newton's method, independently for each sample.
 
         Parameters
         ----------
         values
             (n, variables) start values (rad).
         fixed
-            Numbers of the variables that are not changed, as those of inputs.
+            Numbers of the variables that stay constant, for example those of the inputs.
         max_steps
             Largest number of steps.
         longest_step
@@ -165,7 +165,8 @@ class Closure:
 
         Returns
         -------
-        The closure at the last values. The caller checks whether the loops are closed.
+        The errors of the loops at the last values, and their derivatives by the variables.
+        The loops may still be open, so the caller checks these errors.
         """
         linearisation, _ = self.solve_with_step_sizes(
             values, fixed, max_steps=max_steps, longest_step=longest_step
