@@ -1,8 +1,8 @@
 """Friction that depends on the reactions which it changes.
 
 A pair k with friction carries loads at one or two places j: the forces on its bearings, or
-the push of a contact. Each is affine in the friction torques f of all such pairs,
-a_kj + sum_l b_kjl f_l, so the friction solves
+the push of a contact. Each load is a_kj + sum_l b_kjl f_l, where f_l are the friction
+torques of all such pairs. So the friction torques satisfy
 
     f_k = r_k sum_j |a_kj + sum_l b_kjl f_l|,   r_k = -mu_k tanh(v_k / v0_k)
 
@@ -42,8 +42,9 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.wording import listing
 
 CARRIED_LOAD_TOLERANCE = 1e-14
-"""Largest change of carried loads in the last iteration, relative to the largest load.
+"""Relative change of the carried loads at which the iteration for friction has converged.
 
+The change is relative to the largest carried load.
 Larger: friction is less accurate. Smaller: rounding keeps the iteration from ending.
 """
 
@@ -216,11 +217,11 @@ def solve_bearing_friction(
     loads
         The loads of the mechanism.
     is_finite
-        (n,) rows to be solved.
+        (n,) whether a row is solved. The carried loads of other rows are NaN.
     inverse_inertia
-        (n, m, m) inverse of the inertia matrix, by which friction changes the
-        accelerations. Without it the accelerations are given, and friction changes the
-        torques at the inputs.
+        (n, m, m) inverse of the inertia matrix, from which the change of the accelerations
+        by friction follows. If it is None, the accelerations are given, and friction
+        changes the torques at the inputs.
 
     Raises
     ------
@@ -374,7 +375,8 @@ def _solve_friction(
     without_friction
         (n, k, 2, 3) loads a at each place without friction, N or N m.
     per_friction
-        (n, k, 2, 3, k) changes b of these by the friction of each pair, per N m.
+        (n, k, 2, 3, k) changes b of these loads by 1 N m of friction at each pair. The last
+        axis is the pair at which this friction acts.
     factors
         (n, k) factors r of the friction.
 

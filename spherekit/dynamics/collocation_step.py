@@ -58,10 +58,11 @@ class CollocationStep:
     series
         (N, states) Legendre coefficients of the rate of the state over the step.
     frames
-        (k, m, variables) frames at k times of the step, in their order: the coefficients of
-        the pair variables in the m coordinates to which the momenta belong. With one degree
-        of freedom these are the unit tangents of the configuration curve at the nodes, with
-        several there is a single frame for the whole step.
+        (k, m, variables) frames at k times of the step in rising order. Each momentum
+        belongs to one of m coordinates, which are weighted sums of the pair variables. The
+        weights are the rows of a frame. With one degree of freedom, there is a frame at
+        each node: the unit tangent of the configuration curve. With several, there is a
+        single frame for the whole step.
     """
 
     start: float
@@ -113,13 +114,13 @@ class CollocationStep:
         return self.start + 0.5 * self.length * (nodes + 1.0)
 
     def state_series(self, index: int, level: float = 0.0) -> Floats:
-        """Return the series (N + 1,) of one number of the state, minus a level."""
+        """Return the series (N + 1,) of element `index` of the state, minus `level`."""
         series = self.change_series[:, index].copy()
         series[0] += self.state[index] - level
         return series
 
     def _function(self, series: Floats) -> DifferentiableFunction:
-        """Return the function of time that a Legendre series (k,) is, with its slope."""
+        """Return a function that computes value and slope of a Legendre series (k,)."""
         slope = legendre.legder(series) * 2.0 / self.length
         columns = np.stack([series, np.append(slope, 0.0)], axis=1)
         return lambda t: tuple(self.evaluate_series(columns, t).T)
@@ -145,7 +146,8 @@ class CollocationStep:
             The mechanism with its joint limits.
         turn_angles
             (variables,) whole revolutions (rad, multiples of 2 pi) that are left out of the
-            variables in the state. Joint limits count them.
+            variables in the state. They are added before a variable is compared with its
+            joint limits.
         """
         for joint_limit in mechanism.joint_limits:
             variable = variable_of(mechanism, joint_limit.pair)
@@ -168,11 +170,11 @@ class CollocationStep:
                     yield first_time, joint_limit.pair
 
     def closure_determinants(self, closure: Closure, rates: Floats) -> Floats:
-        """Return the determinants (N,) of closure equations and rates, at the nodes.
+        """Return a determinant at each node that changes its sign where curves cross.
 
-        The matrix is the Jacobian of the loop-closure equations with the rates of the
-        variables as further rows. On a smooth curve of configurations its determinant keeps
-        its sign. It passes through zero where curves cross.
+        Its matrix is the Jacobian of the loop-closure equations with the rates of the
+        variables as further rows. On a smooth curve of configurations the determinant keeps
+        its sign. It passes through zero where two such curves cross.
 
         Parameters
         ----------
@@ -183,8 +185,8 @@ class CollocationStep:
 
         Returns
         -------
-        The determinants. If constraints are redundant, the matrix is not square, and the
-        result is 1 at all nodes. Since it never vanishes, no crossing is then reported.
+        (N,) the determinants. If constraints are redundant, the matrix is not square. The
+        result is then 1 at all nodes, so that no crossing is reported.
         """
         # `times` has the start of the step, the N nodes and the end.
         values = self.evaluate_state(self.times[1:-1])[:, : rates.shape[2]]

@@ -1,7 +1,7 @@
 """Simulates the motion of a mechanism by Taylor series of its compiled equation.
 
-With several degrees of freedom the equation is that of some coordinates. If these cease to
-determine the motion, the simulation continues with an equation of other coordinates.
+With several degrees of freedom, some pair variables are the coordinates of the equation. If
+they cease to determine the motion, the simulation continues with other coordinates.
 """
 
 import time
@@ -62,22 +62,24 @@ from spherekit.geometry.vectors import all_finite
 from spherekit.status import STATUS_MEANING, Status
 
 MAX_RECIPROCAL_CONDITION_AT_CROSSING = 1e-3
-"""Largest `reciprocal_condition` of a configuration in which curves cross.
+"""Largest `reciprocal_condition` at the end of a run that counts as a crossing of curves.
 
-Larger: failures of chosen redundant equations are reported as singularities. Smaller:
+If closure equations are redundant, only some of them are compiled, and a run can also end
+because these become dependent. Larger: such ends are reported as crossings. Smaller:
 crossings are reported as failures of the equations.
 """
 
 NEAR_CROSSING_RATIO = 1e-3
-"""Ratio in place of `CROSSING_RATIO` for steps of `MAX_COARSE_STEP_TOLERANCE`.
+"""Replaces `CROSSING_RATIO` in runs whose steps have a coarse tolerance.
 
-A configuration off its curve by that tolerance misses a crossing by 3e-4. The run continues
-from there in steps that are fine enough to see a crossing. Larger: more of the run consists
-of fine steps. Smaller: a crossing can be missed.
+Steps of `MAX_COARSE_STEP_TOLERANCE` leave their curve of configurations by up to this
+tolerance, and then miss a crossing by 3e-4. Such a run ends where this larger ratio is
+reached, and another one with finer steps continues. Larger: more of the motion consists of
+fine steps. Smaller: a crossing can be missed.
 """
 
 MAX_START_RATE_RATIO = 0.5
-"""Largest part of `MAX_RATE_SQUARES` at which coordinates are chosen.
+"""Largest sum of squared rates of new coordinates, relative to `MAX_RATE_SQUARES`.
 
 Larger: coordinates are changed again soon. Smaller: more configurations have no
 coordinates.
@@ -120,11 +122,11 @@ class CompiledRuns:
     runs
         One run for each choice of coordinates, in order of time.
     momentum_conversions
-        For each run a function that converts the momenta in an array of states to those
-        that all simulations use, in place. With one degree of freedom the compiled equation
-        may have chosen the opposite direction of the curve, so the sign can differ. With
-        several, its states have scaled rates instead of momenta. The function also returns
-        the frame of each state.
+        A function for each run. In an array of states of the compiled equation, it replaces
+        the momenta by those of `PathStates`, and it returns the frame of each state. With
+        one degree of freedom the compiled equation may have chosen the opposite direction
+        of the curve, so that momenta have the opposite sign. With several, its states have
+        scaled rates instead of momenta.
     compile_seconds
         Time that compiling took, s.
     """
@@ -139,8 +141,8 @@ def by_taylor_series(
 ) -> Simulation:
     """Simulate a motion by Taylor series of the compiled equation of motion.
 
-    The simulation consists of one or more runs. A new run begins when other coordinates are
-    chosen for the equation of motion, or a smaller tolerance.
+    The simulation consists of one or more runs. A new run begins when the equation of
+    motion gets other coordinates or the steps get a smaller tolerance.
 
     Parameters
     ----------
@@ -148,14 +150,17 @@ def by_taylor_series(
         The mechanism with its loads, and the start of the motion.
     tolerance
         Error of each step, relative to the largest element of the state.
-    reason, forecast
-        The reason for this engine, and the times that were expected for each engine.
+    reason
+        The reason why this engine was chosen, in words.
+    forecast
+        The computing times (s) that were expected of each engine. None if no choice was
+        made.
 
     Raises
     ------
     EngineError
-        If the mechanism cannot be compiled, the equation fails on the way, or a load has no
-        series at the start.
+        If the mechanism cannot be compiled, the equation fails during the motion, or a load
+        has no Taylor series at the start.
     """
     started = time.perf_counter()
     # The rates of all pair variables at the start, per unit rate of each coordinate.
@@ -192,19 +197,20 @@ def by_taylor_series(
 def _integrate(
     problem: Problem, motion: CoordinateMotion, tolerance: float
 ) -> CompiledRuns:
-    """Return the runs of a problem, with other coordinates where they become necessary.
+    """Integrate the compiled equation of motion in one or more runs.
 
-    With several degrees of freedom, a compiled equation is that of some pair variables as
-    coordinates. Where they cease to determine the motion well, a new run begins with other
-    coordinates. A run with a coarse tolerance also ends near a crossing of sets of
-    configurations, and continues with a finer one.
+    With several degrees of freedom, some pair variables are the coordinates of the compiled
+    equation. Where they cease to determine the motion well, a new run begins with other
+    coordinates. A run with a coarse tolerance also ends near a crossing of curves or
+    surfaces of configurations. A new run with a finer tolerance begins there.
 
     Parameters
     ----------
     problem
         The mechanism with its loads, and the start of the motion.
     motion
-        The motion at the start by the coordinates of the problem, 1 row.
+        The configuration at the start (1 row), with its derivatives by the coordinates of
+        the problem.
     tolerance
         Error of each step, relative to the largest element of the state.
     """

@@ -106,7 +106,7 @@ class CompiledEquation:
     tolerance
         Tolerance of a step, relative to the largest element of the state.
     arguments
-        Arguments of `compile_equation`, as which the equation is pickled.
+        Arguments of `compile_equation`. They are pickled in place of the equation.
     """
 
     layout: EquationLayout

@@ -1,9 +1,9 @@
 """Configurations of assembly modes at input angles with any number of whole turns.
 
-A position analysis covers the range of its input. Angles outside are shifted into it by
-whole turns. If a gear pair makes the configuration depend on the number of turns, only
-periods of the whole mechanism are taken off, or a position analysis over a longer range is
-made.
+A position analysis covers the range of its input. Angles outside of this range are shifted
+into it by whole turns. If gear wheels make the configuration depend on the number of turns,
+angles are shifted only by periods, after which all links are in the same position again. If
+this is not enough, a position analysis over a longer range is made.
 """
 
 from dataclasses import replace
@@ -19,7 +19,7 @@ from spherekit.positions.position_analysis import PositionAnalysis
 
 
 def wrap_to_pi(angles: Floats) -> Floats:
-    """Return angles (rad) less whole turns, between -pi and pi, to the last digit."""
+    """Return angles (rad) reduced by whole turns to -pi ... pi, to the last digit."""
     # Sine and cosine reduce large angles by more digits of pi than a float64 has.
     wrapped = np.arctan2(np.sin(angles), np.cos(angles))
     return np.where(np.abs(angles) <= np.pi, angles, wrapped)
@@ -83,10 +83,11 @@ def analysis_covering(
         A position analysis of a mechanism with one input.
     q
         (n,) angles of the input, rad.
-    assembly_mode, search
-        Arguments of a new `PositionAnalysis`: the assembly mode (way to assemble the
-        mechanism) to compute, or None for all of them, and whether modes other than that
-        of the reference pose are searched for.
+    assembly_mode
+        The assembly mode (way to assemble the mechanism) that a new analysis computes, or
+        None for all of them.
+    search
+        Whether a new analysis searches for modes other than that of the reference pose.
     """
     # The ends of the smallest range that contains the present range and all shifted inputs.
     angles = np.append(shift_into_range(position_analysis, q), position_analysis.range)
@@ -112,12 +113,12 @@ def compute_modes_at_inputs(
     assembly_mode: int | None = None,
     search: bool = True,
 ) -> tuple[PositionAnalysis, Motion]:
-    """Return all assembly modes, or one, at given inputs, and their position analysis.
+    """Return the configurations of one or all assembly modes at given inputs.
 
     An assembly mode is one of the ways to assemble the mechanism at given inputs. With one
     input, modes are computed by a position analysis over the range of the input. Angles
-    outside of it are shifted into it by whole turns. If gear wheels make the configuration
-    depend on the number of turns, the range is extended where necessary.
+    outside of this range are shifted into it by whole turns. If gear wheels make the
+    configuration depend on the number of turns, the range is extended where necessary.
 
     Parameters
     ----------
@@ -125,14 +126,18 @@ def compute_modes_at_inputs(
         A mechanism, or with one input its position analysis over the range of the input.
     q
         (n, inputs) angles of the inputs with any number of whole turns, rad.
-    assembly_mode, search
-        The assembly mode to compute, or None for all of them, and whether modes other than
-        that of the reference pose are searched for. A position analysis that is given and
-        whose range suffices is returned with its own modes, whatever these arguments are.
+    assembly_mode
+        The assembly mode to compute, or None for all of them. It has no effect if a
+        position analysis is passed whose range is long enough: the modes are then those of
+        this analysis.
+    search
+        Whether modes other than that of the reference pose are searched for. It has no
+        effect in the same case.
 
     Returns
     -------
-    The position analysis, and the motion: the inputs `q` in each mode, mode after mode.
+    The position analysis, and the motion. The rows of the motion are the configurations at
+    all n inputs in the first mode, then those in the second mode, and so on.
     """
     if q.shape[1] > 1:
         assert isinstance(mechanism_or_analysis, Mechanism)

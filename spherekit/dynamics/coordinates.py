@@ -236,10 +236,10 @@ def _complete_motion(
 def determinacy(rates: Floats) -> Floats:
     """Return how well pair variables determine the motion as coordinates.
 
-    The measure is 1 / N. N is the greatest length of the vector of the rates of all
-    variables, if the vector of the rates of the coordinates has length 1. It is the 2-norm
-    of the matrix of rates. With one degree of freedom, 1 / N is the derivative of the
-    variable by the arc length of the configuration curve (in the space of all variables).
+    The measure is 1 / N, where N is the 2-norm of the matrix of rates. If the vector of the
+    coordinates' rates has length 1, the vector of the rates of all variables has at most
+    the length N. With one degree of freedom, 1 / N is the size of the derivative of the
+    coordinate by the arc length of the configuration curve (in the space of all variables).
 
     Parameters
     ----------
@@ -284,15 +284,17 @@ def reciprocal_condition(closure: Closure, values: Floats, freedoms: int = 1) ->
 
 
 def continuous_signs(vectors: Floats, start: Floats) -> Floats:
-    """Return the signs (n,) with which vectors of successive rows keep their side.
+    """Return the signs (n,) that turn a sequence of axes into a continuous direction.
+
+    The result has 1 for vectors that keep their direction, and -1 for those to be reversed.
+    Each vector, multiplied by its sign, then makes an acute angle with the one before.
 
     Parameters
     ----------
     vectors
-        (n, k) vectors, such as tangents of a curve.
+        (n, k) vectors of arbitrary sense, such as tangents of a curve at successive points.
     start
-        (k,) vector to whose side the first one points. Each further one points to the side
-        of the one before.
+        (k,) vector with which the first one makes an acute angle.
     """
     previous = np.concatenate([start[None], vectors[:-1]])
     cosines = np.vecdot(previous, vectors)

@@ -34,17 +34,17 @@ MAX_TOLERANCE_RAD = 1e-2
 """Largest tolerance of a simulation."""
 
 CHECK_MIN_TOLERANCE_RATIO = 0.1
-"""Smallest tolerance of a simulation that checks another one, relative to that of its
-engine. Steps are made for it, even though rounding errors are larger."""
+"""Smallest tolerance of a simulation that checks another one, relative to the smallest one
+that users can choose (`MIN_TOLERANCE_BY_ENGINE`). Rounding errors may be larger than it."""
 
 CHECK_TOLERANCE_RATIO = 1e-2
-"""Tolerance of the simulation that checks another one, relative to the tolerance of that.
+"""Tolerance of a simulation that checks another one, relative to that of the other one.
 
 Larger: the error is estimated less reliably. Smaller: checks take longer.
 """
 
 COMPILED_SPEEDUP = 200.0
-"""Ratio of the solving times of NumPy and the compiled engine, without compiling.
+"""Ratio of the solving time of NumPy to that of the compiled engine, without compiling.
 
 Larger: short simulations are compiled although NumPy would finish sooner. Smaller: long
 ones are compiled too late.
@@ -86,26 +86,31 @@ def simulate(
         such as ``"10*sin(2*t) - dtheta_21"``, or a function f(t, q, dq) of the time and of
         the variable and the rate of the input, which the NumPy engine calls. With several
         inputs a mapping from their names. An input without a torque turns freely.
-    input_pair, assembly_mode
-        The driven R pairs, by default the inputs; the assembly mode at the start.
+    input_pair
+        The driven R pairs, by default the inputs of the mechanism.
+    assembly_mode
+        Number of the assembly mode at the start.
     tolerance
         Error of the pair variables (rad) for which steps are made. Motions that depend
         strongly on their start multiply errors beyond it; see `check`.
     switches
-        Times (s) at which expressions have kinks. Knots of torque tables are known.
+        Times (s) at which expressions of loads have kinks. The kinks of torque tables need
+        not be given.
     crossings
-        Whether a simulation ends where sets of configurations cross, or continues straight
-        on, as rigid links without play do. Only the NumPy engine can continue.
+        Whether a simulation ends where curves or surfaces of configurations cross, or
+        continues straight on, as rigid links without play do. Only the NumPy engine can
+        continue.
     check
-        Whether to repeat the simulation with steps for a hundredth of the error, and to
-        compare both. If they differ by more than the tolerance, or if the power is not
-        balanced, the simulation with the smaller tolerance is kept and compared with
-        another one. `Simulation.missed` tells whether the tolerance is still missed.
+        Whether to repeat the simulation with a hundredth of the tolerance, and to compare
+        both. If they differ by more than the tolerance, or if the power is not balanced,
+        the more accurate simulation is kept and compared with a still more accurate one.
+        `Simulation.missed` tells whether the tolerance is still missed.
     engine
         ``"auto"`` takes the engine that is expected to finish first, or the one that
         supports all loads. The result says which one, and why.
     compact
-        False compiles longer, and then takes about two thirds of the time for solving.
+        Whether the compiled engine uses the compact mode of heyoka. Without this mode,
+        compiling takes longer, and solving takes about a third less time.
     seen
         Called with the simulation so far every few seconds while the NumPy engine solves
         it. It is not called if a one-sided contact may end the simulation earlier.
@@ -188,11 +193,11 @@ def check_engine_and_tolerance(mechanism: Mechanism, engine: str, tolerance: flo
 def _simulate_and_compare(
     problem: Problem, tolerance: float, engine: EngineChoice
 ) -> Simulation:
-    """Return a simulation, with its difference from a more accurate one as its error.
+    """Return a simulation whose error was measured against a more accurate simulation.
 
     If the error exceeds the tolerance, the more accurate simulation takes the place of the
-    first one, and is compared with another one of a still smaller tolerance. The search
-    ends when the tolerance can no longer be reduced: its smallest value is
+    first one, and is compared with another one of a still smaller tolerance. This ends when
+    the tolerance can no longer be reduced: its smallest value is
     `CHECK_MIN_TOLERANCE_RATIO` times the smallest tolerance that users can choose. The less
     accurate one of the last two simulations is returned, because its error is known.
 

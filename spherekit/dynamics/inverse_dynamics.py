@@ -45,7 +45,7 @@ Larger: small torques are reported as zero. Smaller: rounding errors are reporte
 
 
 def total(parts: Floats, status: SmallIntegers) -> Floats:
-    """Return sums (n, ...) of parts (n, k, ...), NaN in rows whose status is not OK."""
+    """Return the sums (n, ...) of k parts (n, k, ...). They are NaN if a row is not OK."""
     with np.errstate(over="ignore"):
         sums: Floats = np.sum(parts, axis=1)
     sums[status != Status.OK] = np.nan
@@ -53,9 +53,9 @@ def total(parts: Floats, status: SmallIntegers) -> Floats:
 
 
 def of_parts(parts: Floats, status: SmallIntegers) -> SmallIntegers:
-    """Return the status (n, k) of single parts (n, k) of a sum.
+    """Return the status (n, k) of each part (n, k) of a sum.
 
-    It is OK if the part is finite, and otherwise the status (n,) of the row.
+    The status is OK if the part is finite, and otherwise the `status` (n,) of its row.
     """
     return np.where(np.isfinite(parts), np.int8(Status.OK), status[:, None])
 
@@ -155,10 +155,10 @@ class InverseSolution(InputMotion):
     status, rate_status
         (n,) status of the torques, and of the rates on which inertia depends.
     carried
-        (n, k) for each of the k loads that are friction of bearings, the sum of the bearing
-        forces (N) to which this friction is proportional. None without such loads.
+        (n, k) sums of the bearing forces (N) for each of the k loads that are friction of
+        bearings. The friction is proportional to them. None without such loads.
     rounds
-        Number of iterations by which these forces were computed.
+        Number of iterations by which `carried` was computed.
     """
 
     mechanism: Mechanism
@@ -308,10 +308,14 @@ def inverse_dynamics(
         in time (`spherekit.time_optimal`), which has its own assembly mode.
     times
         (k,) increasing times, s.
-    input_pair, assembly_mode, search
-        Name of the driven pair, number of the assembly mode (None for all), and whether all
-        modes are searched for, as in `spherekit.trace`. They have no effect if `law` is a
-        rotation of an output, which has its own inputs and mode.
+    input_pair
+        Name of the driven pair. This and the following parameters are those of
+        `spherekit.trace`. They have no effect if `law` is a rotation of an output, which
+        has its own inputs and assembly mode.
+    assembly_mode
+        Number of the assembly mode, or None for all modes.
+    search
+        Whether modes other than that of the reference pose are searched for.
 
     Raises
     ------

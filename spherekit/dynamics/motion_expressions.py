@@ -51,10 +51,13 @@ class EquationLayout:
         Symbols of the parts of the state, and of all of it.
     momentum_slice, work_slice
         Positions of momenta and works in a state.
-    unit_parameter, min_independence_parameter, limit_parameters, table_parameters,
-    switch_parameters
-        Number of the (first) parameter of the unit, the limit of the measure of
-        independence, the joint limits, the torque tables (their time) and the switches.
+    unit_parameter
+        Number of the parameter that is the unit of momentum.
+    min_independence_parameter
+        Number of the parameter that is the limit of the measure of independence.
+    limit_parameters, table_parameters, switch_parameters
+        Numbers of the first parameters of the joint limits, of the torque tables (the
+        time) and of the switch conditions.
     table_names
         Names of the loads given by torque tables.
     switch_conditions
@@ -210,7 +213,7 @@ class EquationExpressions:
 def make_joint_limit_events(
     mechanism: Mechanism, layout: EquationLayout
 ) -> Iterator[EventFunction]:
-    """Yield two events for each joint limit: a pair leaves its range below, or above.
+    """Yield two events for each joint limit: the pair falls below or exceeds its range.
 
     An event occurs where its expression passes through zero, downwards (-1) or upwards (1).
 

@@ -14,9 +14,9 @@ Euler's equations of the links along the velocities that remain free. The loop c
 an invariant of them. The momenta in the state are sqrt(m) u, where m is the sum of the
 links' largest moments of inertia.
 
-The coordinates are the inputs of the mechanism that is passed. They are chosen for
-configurations in which they determine the rates of all variables. An event ends an
-integration before they no longer do.
+The coordinates are the inputs of the mechanism that is passed. The caller chooses them so
+that they determine the rates of all variables. An event ends an integration before they
+cease to do so.
 """
 
 from collections.abc import Sequence
@@ -37,8 +37,8 @@ from spherekit.velocities.kinematic_structure import KinematicStructure
 from spherekit.velocities.load_expressions import generalised_forces
 
 MAX_RATE_SQUARES = 400.0
-"""Sum of the squares of all variables' rates per unit rates of the coordinates at which
-other coordinates are chosen.
+"""Largest sum of the squares of the rates of all variables, per unit rates of the
+coordinates. Other coordinates are chosen when it is exceeded.
 
 Larger: coordinates are used nearer to their singularities, where steps are short. Smaller:
 coordinates are changed, and equations compiled, more often.

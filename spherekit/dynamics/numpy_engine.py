@@ -85,19 +85,19 @@ kept. Smaller: more steps.
 """
 
 SLOPE_ITERATIONS = (1, 4, 9)
-"""Iterations in which Newton's method for a stiff momentum computes its slope.
+"""Iterations of a step in which Newton's method for a stiff momentum computes its slope.
 
 More: each step takes longer. Fewer: it converges more slowly if the slope changes.
 """
 
 MOMENTUM_DIFFERENCE = 1e-7
-"""Difference for that slope, relative to the size of the momentum.
+"""Step of the difference quotient for the slope of a stiff momentum, relative to its size.
 
 Larger: the slope has a larger truncation error. Smaller: a larger rounding error.
 """
 
 CONTINUED_COEFFICIENTS = 12
-"""Coefficients of a step that are continued as the first guess of the next.
+"""Number of Legendre coefficients of a step that give the first guess of the next step.
 
 More: high orders grow beyond the step. Fewer: more iterations.
 """
@@ -115,7 +115,7 @@ MIN_STEP_SHRINKAGE = 0.35
 """Smallest ratio of a step to the one before or the one that it replaces."""
 
 NOISE_RATIO = 0.2
-"""Size of the last coefficients relative to the later ones from which they are noise.
+"""Ratio of the last coefficients to the largest later one from which they are noise.
 
 The coefficients of smooth rates fall. Larger: noise is not noticed, and steps become short.
 Smaller: slowly falling coefficients are taken for noise.
@@ -125,10 +125,10 @@ MAX_NOISY_STEPS = 50
 """Short noisy steps in a row after which a simulation ends."""
 
 NOISY_STEP_FRACTION = 1e-4
-"""Part of the whole time below which a noisy step counts as short."""
+"""Length of a step, relative to the whole time, below which a noisy step is short."""
 
 ERROR_DIVISOR = 4 * NODE_COUNT - 2
-"""The error of a step is its length times its last coefficients over this number.
+"""Divisor in the error of a step: its length times its last coefficients, over this.
 
 The integral of the Legendre polynomial of order k is the difference of two others over
 2 k + 1. The last coefficient has k = N - 1, and a step has half its length for each unit.
@@ -147,7 +147,7 @@ More: errors are overestimated. Fewer: coefficients that vanish by symmetry hide
 """
 
 FINAL_STEP_RATIO = 1.05
-"""Rest of an interval, relative to the next step, that is done in one step.
+"""Longest rest of an interval, relative to the next step, that is done in one step.
 
 Larger: last steps are rejected more often. Smaller: very short last steps.
 """
@@ -184,14 +184,15 @@ often.
 """
 
 FORECAST_STEPS = 4
-"""Last steps from whose computing time that of the remaining ones is estimated."""
+"""Number of last steps whose computing time gives an estimate for the remaining ones."""
 
 END_BY_STATUS: dict[Status, tuple[EndKind, str]] = {
     Status.OFF_PROFILE: ("off_profile", STATUS_MEANING[Status.OFF_PROFILE]),
     Status.CURVATURE: ("curvature", STATUS_MEANING[Status.CURVATURE]),
     Status.NOT_CONVERGED: ("locking", LOCKING_MESSAGE),
 }
-"""Ends of a simulation at configurations in which there are no rates, by their status."""
+"""Kind and message of the end of a simulation, by the status of a configuration that has
+no rates."""
 
 
 class Collocation:
@@ -201,12 +202,17 @@ class Collocation:
 
     Attributes
     ----------
-    problem, equation, tolerance
-        The problem, its equation of motion, and the tolerance of the pair variables (rad).
+    problem
+        The mechanism with its loads, and the start of the motion.
+    equation
+        The equation of motion.
+    tolerance
+        The tolerance of the pair variables, rad.
     frame
-        (m, variables) the coefficients of the pair variables in the m coordinates to which
-        the momenta belong, at the end of the last step. With one degree of freedom it is
-        the tangent of the configuration curve.
+        (m, variables) the frame at the end of the last step. Each momentum belongs to one
+        of m coordinates, which are weighted sums of the pair variables. The weights are the
+        rows of the frame. With one degree of freedom it is the tangent of the configuration
+        curve.
     steps
         The accepted steps.
     events
@@ -233,7 +239,7 @@ class Collocation:
     """
 
     def __init__(self, problem: Problem, tolerance: float) -> None:
-        """Prepare the first step; `tolerance` is that of the pair variables (rad)."""
+        """Prepare the first step. The `tolerance` (rad) applies to the pair variables."""
         self.problem = problem
         self.equation = equation = problem.equation
         self.tolerance = tolerance
@@ -374,10 +380,10 @@ class Collocation:
         )
 
     def _integrate(self) -> Generator[float, None, SimulationEnd]:
-        """Take one step after the other; yield the time (s) after each; return the end.
+        """Take all steps, yield the time (s) after each of them, and return the end.
 
-        A step is accepted if its error is at most 1 as a multiple of the tolerance.
-        Otherwise a shorter one is tried from the same state.
+        A step is accepted if its error is at most the tolerance. Otherwise a shorter step
+        from the same state is tried.
         """
         problem = self.problem
         equation = self.equation
@@ -510,8 +516,8 @@ class Collocation:
         state
             (states,) state at the start.
         previous
-            The step that ends there, whose series is continued as the first guess. None
-            after a kink of a load.
+            The step that ends at `start`. Its series is continued as the first guess of
+            the iteration. None after a kink of a load.
         """
         equation = self.equation
         t = start + 0.5 * length * (GAUSS_NODES + 1.0)
@@ -708,8 +714,8 @@ class Collocation:
     def _is_noisy(self, step: CollocationStep) -> bool:
         """Return whether the last Legendre coefficients of a step are noise.
 
-        They are noise if they are not much smaller than the largest of the last two thirds
-        of all coefficients: those of smooth rates fall with their order.
+        The coefficients of smooth rates fall with their order. The last ones are noise if
+        they are not much smaller than the largest of the last two thirds of all.
         """
         sizes = max_abs(step.series[NODE_COUNT // 3 :] / self.scales, axis=1)
         largest_last = np.max(sizes[-LAST_COEFFICIENTS:])
@@ -766,9 +772,9 @@ class Collocation:
         tolerance is too large to recognise the crossing. Also updates `is_near_crossing`,
         which makes the following steps use at most `MAX_CROSSING_TOLERANCE_RAD`.
 
-        If the simulation passes through crossings, the result is False: `_stays_on_set` has
-        tested then that the step does not lead to another curve. Otherwise the simulation
-        ends at a crossing.
+        If the simulation passes through crossings, the result is False, because
+        `_stays_on_set` tests that a step does not lead to another curve. Otherwise the
+        simulation ends at a crossing, which must be recognised.
 
         Parameters
         ----------

@@ -52,7 +52,7 @@ class Reactions(JointReactions):
     torques
         The driving torques of the motion, with its configurations.
     lacking
-        The information that would determine the forces if they are not determined.
+        The information that the mechanism file lacks, if the forces are not determined.
     status
         (n, pairs) status of the torques, and LIFT_OFF if a contact would have to pull.
     """
@@ -93,7 +93,8 @@ class Reactions(JointReactions):
 
         The key is the name of the load (`Bearings`) that describes the bearings of a pair.
         The component along the axis is NaN if the file does not say how the bearings share
-        it, and the other components are NaN if the force through O is undetermined.
+        the axial force. The other components are NaN if the force of the pair through the
+        centre O is undetermined.
         """
         forces: dict[str, Floats] = {}
         for load in self._bearing_loads:
@@ -105,7 +106,7 @@ class Reactions(JointReactions):
 
     @property
     def couples(self) -> Mapping[str, Floats]:
-        """The part of bearing forces that the moment of the pair causes: sizes, N.
+        """Sizes of the bearing forces that the moment of a pair causes, N.
 
         The key is the name of the load (`Bearings`) that describes the bearings of a pair.
         The sizes (n, bearings) are those of the forces if the pair transmits only its
@@ -187,9 +188,9 @@ def reactions(motion: Motion) -> Reactions:
 
     Notes
     -----
-    Because the torques at the inputs are known, the links have as many more equations than
-    unknown reactions as there are inputs. The residual of these equations, `unbalanced`,
-    checks torques and reactions.
+    Because the torques at the inputs are known, there are more equations than unknown
+    reactions: one more for each input. The residual of the equations, `unbalanced`, is
+    therefore a check of torques and reactions.
 
     A component of a moment or force is undetermined (`opened`) if reactions can balance
     each other without loads. `lacking` names what the file would have to state to determine

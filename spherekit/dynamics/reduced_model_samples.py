@@ -1,4 +1,4 @@
-"""Exact values of the functions that a reduced model stores, at any coordinates.
+"""Computes exact values of the functions that a reduced model stores.
 
 `CurveSampler` is for one input: the configuration curve is followed once, and its
 coordinate is the input variable q if the input turns fully on a closed curve without dead
@@ -49,7 +49,7 @@ from spherekit.velocities.pole_sequence import PlannedPoles
 from spherekit.version import __version__
 
 PROBED_INPUTS = 24
-"""Input values at which a configuration of the assembly mode is looked for.
+"""Number of input values at which a configuration of the assembly mode is searched for.
 
 Smaller: a mode that exists in a small part of the range is missed.
 """
@@ -67,13 +67,14 @@ Smaller: its starting points are farther apart. Larger: more memory.
 """
 
 SENSE_SAMPLES = 2**13
-"""Places along one lap of the curve at which the sense of each pole axis is stored.
+"""Points of one lap of the curve at which the sense of each pole axis is stored.
 
 Smaller: an axis that turns fast can be stored in the wrong sense.
 """
 
 MIN_AXIS_COSINE = 0.7
-"""Smallest cosine of the angle by which a pole axis may turn between two such places."""
+"""Smallest cosine of the angle by which a pole axis may turn between two of the points at
+which its sense is stored."""
 
 AXIS_ERROR_ROUNDINGS = 8.0
 """Error of a relative angular velocity, in roundings of the largest angular velocity of any
@@ -100,7 +101,7 @@ this mode are rejected between nodes that are far apart.
 """
 
 MIN_DETERMINACY = 0.02
-"""Smallest value of `coordinates.determined` at which inputs may be coordinates.
+"""Smallest value of `coordinates.determinacy` at which inputs may be coordinates.
 
 Smaller: the model reaches nearer to singularities, where its functions are steep.
 """
@@ -157,8 +158,8 @@ def load_velocity_names(loads: Loads) -> dict[int, str]:
 class Sampler:
     """Computes the functions of a mechanism that depend on the configuration alone.
 
-    A reduced model stores these functions as series. This base class has what samples along
-    a curve of one input and samples over a box of several inputs have in common.
+    A reduced model stores these functions as series. This base class has the common parts
+    of `CurveSampler` (one input) and `BoxSampler` (several inputs).
 
     Attributes
     ----------
@@ -167,10 +168,14 @@ class Sampler:
         others.
     driven
         Indices of the inputs among the pair variables.
-    by, low, high, rise, periodic
-        Names of the model's coordinates, their ranges (rad), growth of the pair variables
-        over one period of a curve (rad), and whether the model has a period. They are
-        stored in `StoredHeading`.
+    by
+        Names of the coordinates of the model.
+    low, high
+        (m,) range of each coordinate, rad.
+    rise
+        Growth of each pair variable over one period of a curve, rad.
+    periodic
+        Whether the model has a period.
     """
 
     nodes: CoordinateMotion
@@ -376,27 +381,29 @@ class Sampler:
 
 
 class CurveSampler(Sampler):
-    """Computes the stored functions along the whole configuration curve of one input.
+    """Computes the functions that a reduced model of one input stores.
 
-    The functions are in groups. Group 0 has those of the motion. Each further group has the
-    five functions of one pole, the axis of relative rotation of two links: three components
-    of its unit vector, the velocity coefficient and its derivative.
+    The functions depend on one coordinate of the configuration curve: the variable q of the
+    input, or the arc length s of the curve. They are in groups. Group 0 has the functions
+    of the motion. Each further group has the five functions of one pole, the axis of
+    relative rotation of two links: three components of its unit vector, the velocity
+    coefficient and the derivative of this coefficient.
 
     Attributes
     ----------
     curve
         The configuration curve by its arc length.
     is_by_input
-        Whether the coordinate is the variable q of the input. Otherwise it is the arc
-        length s of the curve.
+        Whether the coordinate of the functions is the variable q of the input. Otherwise it
+        is the arc length s of the curve.
     input_sense
-        1 or -1, the sign of the input's rate along the curve; 1 if the coordinate is s.
+        1 or -1: whether q grows or falls along the curve. It is 1 if the coordinate is s.
     lap_length
-        Growth of the coordinate (rad) over one lap of a closed curve, or over an open
-        curve.
+        Growth of the coordinate (rad) over one lap of a closed curve, or over the whole
+        length of an open curve.
     laps_per_period
-        Laps of the curve in one period of the model: 2 if a pole axis comes back reversed
-        after one lap.
+        Number of laps of a closed curve after which all functions repeat. It is 1, or 2 if
+        a pole axis comes back reversed after one lap.
     """
 
     def __init__(
@@ -632,7 +639,7 @@ class CurveSampler(Sampler):
         return axes
 
     def _convert_motion(self, motion: CoordinateMotion) -> Motion:
-        """Return the motion in the form that the plan of the poles reads."""
+        """Return the motion in the form that is needed to compute pole axes."""
         return replace(
             make_motion(self.position_analysis.solver, motion.values), status=motion.status
         )
@@ -685,7 +692,10 @@ class CurveSampler(Sampler):
 
 
 class BoxSampler(Sampler):
-    """Exact values of stored functions over the box of the ranges of several inputs."""
+    """Computes the functions that a reduced model of several inputs stores.
+
+    The ranges of the inputs form a box. The functions can be computed at any inputs in it.
+    """
 
     def __init__(
         self, position_analysis: PositionAnalysis, poles: tuple[Pole, ...]
@@ -789,7 +799,7 @@ class BoxSampler(Sampler):
         return functions
 
     def evaluate_motion(self, motion: CoordinateMotion) -> Floats:
-        """Return all functions (n, F) at n configurations by the inputs."""
+        """Return all functions (n, F), of the motion and of poles, at n configurations."""
         functions = [self._evaluate_motion(motion, christoffel_factor=1.0)]
         for first, second in self.poles:
             relative_w = motion.w[:, :, second] - motion.w[:, :, first]

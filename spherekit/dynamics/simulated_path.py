@@ -43,11 +43,11 @@ class PathStates(ArrayRows):
         coordinates, and R is the symmetric root of the inertia matrix. The variables are
         reduced by whole revolutions.
     frames
-        (n, m, variables) definition of the coordinates. With several degrees of freedom
-        each coordinate is a sum of pair variables, and a row of the frame has their
-        coefficients. With one, the coordinate is the arc length of the configuration curve.
-        The frame is then a tangent of this curve (of any length), which points to where
-        positive momenta lead.
+        (n, m, variables) definition of the coordinates. With several degrees of freedom,
+        each coordinate is a weighted sum of the pair variables, and the weights are a row
+        of the frame. With one, the coordinate is the arc length of the configuration curve.
+        The frame is then a tangent of this curve of any length. The mechanism moves along
+        it if the momentum is positive.
     turns
         (n, variables) numbers of the whole revolutions by which the variables are reduced.
     """
@@ -91,7 +91,8 @@ class StatePath:
     def checked_steps(self) -> Indices:
         """Numbers of the steps at which energy and power balances are checked.
 
-        They are evenly chosen, and at most `MAX_CHECKED_STEPS`, to limit computing time.
+        They are evenly distributed. To limit computing time, there are at most
+        `MAX_CHECKED_STEPS` of them.
         """
         count = len(self.starts)
         return np.linspace(0, count - 1, min(MAX_CHECKED_STEPS, count)).astype(np.intp)
@@ -161,13 +162,14 @@ def _evaluate_step(step: CollocationStep, turns: Floats, t: Floats) -> PathState
 
 
 MomentumConversion = Callable[[Floats, Floats], Floats]
-"""Converts the momenta in states and rates (n, states) of a compiled run to those of
-`PathStates`, in place. Returns the frames (n, m, variables) of their coordinates."""
+"""A function of the states and their rates (n, states) of a compiled equation. It replaces
+the momenta in both arrays by those of `PathStates`. It returns the frames
+(n, m, variables), which define the coordinates of the momenta."""
 
 
 @dataclass(frozen=True)
 class CurveMomentumConversion:
-    """Converts momenta of the compiled engine to those of a simulation, for one freedom.
+    """Converts momenta of the compiled engine if there is one degree of freedom.
 
     A momentum is positive if the mechanism moves along the configuration curve in its
     positive direction. The compiled engine may have chosen the opposite direction. Its
@@ -215,7 +217,7 @@ class CurveMomentumConversion:
 
 @dataclass(frozen=True)
 class CoordinateMomentumConversion:
-    """Converts rates of the compiled engine to momenta, for several degrees of freedom.
+    """Converts rates of the compiled engine to momenta if there are several freedoms.
 
     The m coordinates of a run are some of the pair variables. The states of the compiled
     engine contain scaled rates of the coordinates, those of a simulation contain momenta.

@@ -49,8 +49,9 @@ They are not at the ends of steps, where loads may jump.
 """
 
 TIME_SLACK_RATIO = 1e-12
-"""Part of the end time by which a requested time may be outside of the simulation, because
-of rounding. Larger: times outside are moved to the ends without a message."""
+"""Largest time by which a requested time may be outside of the simulation because of
+rounding, relative to the end time. Larger: times outside are moved to the ends without a
+message."""
 
 Forecast = Mapping[str, float]
 """Time (s) that each engine is expected to need for the rest, compiling included."""
@@ -254,8 +255,8 @@ class Simulation:
     def missed(self) -> str | None:
         """A message if the simulation misses its tolerance, otherwise None.
 
-        There are two kinds of evidence: the difference from a simulation with a smaller
-        tolerance, if there is one, and the error of the momenta in a step.
+        Two errors are compared with the tolerance: the difference from a simulation with a
+        smaller tolerance, if there is one, and the error of the momenta in a step.
         """
         if self.tolerance is None:
             return None
@@ -360,13 +361,13 @@ class Simulation:
         """Estimates of the errors of the simulation, see `Checks`.
 
         The states contain the momenta p = R u, with the rates u of the coordinates and the
-        symmetric root R of the inertia matrix. The kinetic energy is therefore p^2 / 2.
-        Three errors are computed at some times:
+        symmetric root R of the inertia matrix. The kinetic energy is therefore p^2 / 2, and
+        its rate is p dp/dt. The error of dp/dt is its value along the computed path less
+        its value by the equation of motion. Three errors are computed at some times:
 
         - Energy: the change of kinetic energy less the work of the loads.
-        - Momentum: the error of dp/dt, that of the computed path less that by the equation
-          of motion. It is multiplied by the length of the step.
-        - Power: p times the error of dp/dt, since the kinetic energy has the rate p dp/dt.
+        - Momentum: the error of dp/dt times the length of the step.
+        - Power: p times the error of dp/dt.
         """
         equation = self.equation
         t, step_lengths = self._choose_check_times()
@@ -407,9 +408,8 @@ class Simulation:
     def _choose_check_times(self) -> tuple[Floats, Floats]:
         """Return times (n,) at which errors are computed, and the lengths of their steps.
 
-        They are three times within each of some steps, and the end. The steps
-        (`checked_steps`) are evenly chosen, and limited in number to save computing time.
-        The end gets the step length 0.
+        They are three times within each step of a selection (`checked_steps`), and the end
+        of the simulation. The end gets the step length 0.
         """
         starts = self.path.starts[self.path.checked_steps]
         lengths = self.path.lengths[self.path.checked_steps]

@@ -32,7 +32,7 @@ from spherekit.status import STATUS_MEANING, Status
 from spherekit.wording import choices, counted, listing
 
 MAX_START_DISTANCE_RAD = 0.1
-"""Largest change of a variable that closes a given configuration.
+"""Largest change of a variable by which the loops of a given configuration are closed.
 
 Larger: the closed configuration can be one that was not meant. Smaller: configurations
 must be given with more digits.
@@ -88,7 +88,8 @@ class PoseStart:
         Angles may contain any number of whole turns. The values are changed by at most
         `MAX_START_DISTANCE_RAD` so that the loops close.
     pair
-        The R pair whose rate is given; with several degrees of freedom as many pairs.
+        The R pair whose rate is given. With several degrees of freedom, the pairs whose
+        rates are given, one for each degree of freedom.
     rate
         The rate of this pair, or of each of these pairs, rad/s.
     """
@@ -103,7 +104,8 @@ class Problem:
     """A simulation problem that has passed all checks.
 
     The start is given by the pair variables and their velocity. The velocity is a sum of m
-    orthonormal vectors, the *frame*, times m rates. m is the number of degrees of freedom.
+    orthonormal vectors, each times a rate. The m vectors are the *frame*, and m is the
+    number of degrees of freedom.
 
     Attributes
     ----------
@@ -438,7 +440,7 @@ def _check_angle_sizes(name: str, values: Floats) -> None:
 def _find_configuration(
     mechanism: Mechanism, q: Floats, assembly_mode: int
 ) -> tuple[Floats, Floats]:
-    """Return the configuration of an assembly mode at some inputs, and its whole turns.
+    """Return the configuration of an assembly mode at given inputs, and its whole turns.
 
     An assembly mode is one of the ways to assemble the links at the same inputs.
 
@@ -474,7 +476,7 @@ def _find_configuration(
 def _compute_configuration(
     mechanism: Mechanism, q: Floats, assembly_mode: int
 ) -> tuple[Floats, Floats]:
-    """Compute the configuration of an assembly mode at some inputs, and its whole turns.
+    """Compute the configuration of an assembly mode at given inputs, and its whole turns.
 
     An assembly mode is one of the ways to assemble the links at the same inputs.
 
@@ -547,7 +549,7 @@ def _check_joint_limits(mechanism: Mechanism, values: Floats) -> None:
 def _list_table_knots(mechanism: Mechanism, until: float) -> Iterable[float]:
     """Yield the times (s) at which torque tables have kinks.
 
-    A table that does not cover the simulated time raises its error here.
+    An error is raised if a table does not cover the simulated time.
     """
     for load in mechanism.loads:
         if isinstance(load, TorqueTable):

@@ -1,11 +1,11 @@
-"""Checks whether loads change within an integration step in a way its series misses.
+"""Checks whether an integration step has missed an abrupt change of a load.
 
-A Taylor series knows a load at one point of a step, and a collocation method at its nodes.
-Near a zero or an extremum of an argument of a steep function
-(`spherekit.mechanism.load_expression.Expression.steep_arguments`) the load may change
-within a time that contains no such point. Accepted steps are therefore compared with the
-equation of motion at evenly spaced places, and at the zeros and extrema of these arguments,
-which are computed on the dense output.
+A Taylor series uses a load at one point of a step, and a collocation method at the nodes of
+the step. A load with a steep function, such as tanh(1000 x), may change in a time that
+contains no such point. This happens near zeros and extrema of the argument x
+(`spherekit.mechanism.load_expression.Expression.steep_arguments`). Accepted steps are
+therefore compared with the equation of motion at evenly spaced places, and at the zeros and
+extrema of these arguments. The arguments are evaluated on the motion that the step gives.
 
 A place in a step is a fraction, 0 at its start and 1 at its end.
 """
@@ -26,18 +26,18 @@ Larger: more time.
 """
 
 END_DISTANCE = 1e-6
-"""Distance of two further probes from the ends, as a fraction of the step.
+"""Distance of two further probes from the ends of a step, as a fraction of the step.
 
-They show extrema beside an end. Larger: extrema nearer to the end are missed. Smaller:
-differences of arguments at the two probes are lost in rounding.
+They show extrema beside an end. Larger: extrema nearer to the end are missed. Smaller: the
+change of an argument over this distance is lost in rounding.
 """
 
 ProbeFunction = Callable[[Indices, Floats], tuple[Floats, Floats]]
-"""Compares steps of given index (n,) with the equation of motion at places (n,).
+"""A function of indices of steps (n,) and places (n,), which checks the steps there.
 
-A place is a fraction of its step, from 0 to 1. Returns the error (n,) of the step at each
-place, as a multiple of the allowed error, and the values (n, arguments) of the steep
-arguments.
+A place is a fraction of its step, from 0 to 1. The step is compared with the equation of
+motion. The function returns the error (n,) of the step at each place, as a multiple of the
+allowed error, and the values (n, arguments) of the steep arguments.
 """
 
 
@@ -50,7 +50,7 @@ class ProbePlaces:
 
 
 def find_first_errors(probe: ProbeFunction, step_count: int) -> Floats:
-    """Return the first probed place of each step at which its error is too large.
+    """Return the first place of each step at which the error of the step is too large.
 
     A place is a fraction of a step, from 0 to 1. A steep argument is the x of a function
     such as tanh(1000 x) or 1 / x in a load. The load may change abruptly near a zero of x.

@@ -50,23 +50,26 @@ continue take longer to end.
 """
 
 CROSSING_RATIO = 1e-5
-"""Value of |tau| relative to its largest below which curves cross, for either engine.
+"""Ratio below which a configuration counts as a crossing of curves, in both engines.
 
-A configuration at distance d from its curve misses a crossing by sqrt(d), so this belongs
-to `spherekit.dynamics.compiled_equation.MAX_STEP_TOLERANCE`. Larger: curves that pass each
-other closely are taken for crossing ones. Smaller: crossings are missed.
+The ratio is that of a measure, which is zero at a crossing, to its largest value so far.
+The NumPy engine measures by the determinants of `CollocationStep.closure_determinants`, the
+compiled engine by the square root of the independence of the closure equations. At the
+distance d from its curve, a configuration misses a crossing by sqrt(d). The ratio therefore
+has to fit `spherekit.dynamics.compiled_equation.MAX_STEP_TOLERANCE`. Larger: curves that
+pass each other closely are taken for crossing ones. Smaller: crossings are missed.
 """
 
 MAX_PROBE_ERROR = 100.0
-"""Largest error of the momentum change in a step, in tolerances of a step.
+"""Largest error of the momentum change in a step, as a multiple of the step's tolerance.
 
 Larger: abrupt changes of loads are missed. Smaller: accurate steps are repeated.
 """
 
 RETRY_FRACTION = 0.9
-"""Part of the interval before the first erroneous place that is tried next.
+"""Length of a repeated step, relative to the time to the first point with an error.
 
-Larger: the next step can contain that place again. Smaller: more steps.
+Larger: the next step can contain that point again. Smaller: more steps.
 """
 
 MIN_RETRY_FRACTION = 0.03
@@ -77,7 +80,7 @@ step need more steps.
 """
 
 MAX_TAYLOR_STEP_GROWTH = 4.0
-"""Factor by which a step after a shortened one may be longer than it."""
+"""Largest ratio of the length of a step to that of a shortened step before it."""
 
 TURN_ROUNDING = 2.4492935982947064e-16
 """2 pi less its nearest float64, rad."""
@@ -260,7 +263,8 @@ class RunStart:
     previous_run
         The run that is continued, with other coordinates or a smaller tolerance, if any.
     closure_residual
-        Closure residual at the end of the previous run, rad. `values` no longer have it.
+        Closure residual (rad) at the end of the previous run. It was removed before this
+        run: the loops are closed at `values`.
     """
 
     values: Floats
@@ -283,8 +287,8 @@ class TaylorIntegration:
     start
         The start of the integration.
     project
-        Puts a configuration (variables,) back onto its curve, and returns it with its
-        closure residual (rad) before.
+        A function that closes the loops of a configuration (variables,). It returns the
+        closed configuration, and the closure residual (rad) before.
     crossing_ratio
         The integration ends where the measure of independence of the loop-closure equations
         falls below the square of this ratio times the largest value of the measure. The

@@ -1,9 +1,10 @@
 """Moments and forces that pairs transmit, from the motion of the links and their loads.
 
 The Newton-Euler equations of all moving links about the centre O are solved for the
-reactions of the pairs. These are moments about directions about which the pair does not
-turn, and, if forces are asked for, forces through O. The force of a contact acts at its
-point. If its distance from O is known, its force follows from its moment.
+reactions of the pairs. A reaction is a moment about a direction about which the pair does
+not turn or, if forces are requested, a force through O. The force of a contact acts at the
+contact point. If the distance of this point from O is known, the force follows from the
+moment of the contact.
 
 O is at rest. A link with inertia tensor I about O, mass m and centre of mass c needs
 
@@ -38,14 +39,17 @@ they are computed with errors of up to the reciprocal of this number times round
 """
 
 MAX_TOOTH_SIDE_CHANGES = 6
-"""Solutions of the equilibrium, each after teeth were put on the side on which they press.
+"""Largest number of solutions of the equilibrium, by which the pressing side of gear teeth
+is found.
 
-If teeth still change sides in the last one, the reactions are reported as not determined.
+Each solution assumes the sides that the one before showed. If teeth still change sides in
+the last one, the reactions are reported as not determined.
 """
 
 MAX_UNDETERMINED_PART = 1e-7
-"""Squared part outside the span of the equations up to which a reaction is determined.
+"""Largest squared part outside the span of the equations of a reaction that is determined.
 
+The unit vector along the axis of a reaction has a part outside this span, the row space.
 Larger: reactions that are slightly indeterminate are reported as numbers. Smaller: rounding
 makes determined reactions indeterminate.
 """
@@ -80,11 +84,10 @@ class DrivenState(ArrayRows):
     torques
         (n, inputs) driving torques, N m.
     carried
-        (n, k) what k pairs carry, to which their friction is proportional. For an R pair it
-        is the sum of the forces (N) on its bearings. For a sliding contact it is the moment
-        (N m) of its normal force about the centre O, which needs no distance of the
-        contact from O. The order is that of `Loads.friction_components`. None without such
-        friction.
+        (n, k) loads that k pairs carry. Their friction is proportional to these loads. For
+        an R pair it is the sum of the forces (N) on its bearings. For a sliding contact it
+        is the moment (N m) of its normal force about the centre O. The order is that of
+        `Loads.friction_components`. None without such friction.
     """
 
     mechanism: Mechanism
@@ -492,7 +495,7 @@ def _list_force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
 
 
 def _outside_span(is_regular: Bools, vectors: Floats) -> Bools:
-    """Return which coordinate axes of a space are not in the span of some unit vectors.
+    """Return which coordinate axes are not in the subspace that some unit vectors span.
 
     The vectors are singular vectors of the equilibrium equations. If the axis of a reaction
     is outside the row space, the equations do not determine this reaction. If the axis of
@@ -507,7 +510,7 @@ def _outside_span(is_regular: Bools, vectors: Floats) -> Bools:
 
     Returns
     -------
-    (n, k) whether an axis is outside the subspace, but for rounding.
+    (n, k) whether an axis is outside the subspace by more than rounding.
     """
     # A unit vector along a coordinate axis is the sum of a part in the subspace and one
     # perpendicular to it. Their squared lengths add up to 1.
@@ -561,8 +564,8 @@ def compute_reactions(driven: DrivenState, *, forces: bool = False) -> JointReac
 class DrivenEquilibrium:
     """The equilibrium of a moving mechanism under its loads and driving torques.
 
-    `is_settled` (n,) says whether the side is known on which teeth press; elsewhere the
-    reactions are not determined.
+    `is_settled` (n,) says whether it is known on which of their two sides gear teeth press.
+    In other rows the reactions are not determined.
     """
 
     equations: NewtonEuler
@@ -621,8 +624,9 @@ def acceleration_wrenches(
 ) -> Floats:
     """Return the wrenches (n, links, 6) that links need to accelerate, in ground axes.
 
-    `accelerations` (n, m) are those of the coordinates of `motion`. Forces on links whose
-    centre of mass is not known are left out.
+    A wrench is a moment about the centre O followed by a force. `accelerations` (n, m) are
+    those of the coordinates of `motion`. The force on a link is 0 if the centre of mass of
+    the link is not known.
     """
     # n rows, i coordinates, l links, a components
     angular_accelerations = np.einsum("ni,nila->nla", accelerations, motion.w)
