@@ -51,10 +51,11 @@ def synthesize(
         Number and seed of the designs of a scrambled Sobol sequence that are evaluated
         first.
     starts
-        Number of the best designs from which one objective is minimised. With several
-        objectives, each assembly mode (way to assemble the mechanism) has a Pareto front:
-        designs than which no other one is better in all objectives. Then the minimisation
-        starts at five times as many points of each front.
+        With one objective: number of the best designs from which the objective is
+        minimised. With several objectives, each assembly mode (way to assemble the
+        mechanism) has a Pareto front: the designs for which no other design is better in
+        all objectives. The minimisation then starts at five times as many designs of each
+        front.
 
     Raises
     ------

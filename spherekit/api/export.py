@@ -119,7 +119,7 @@ def export(
     vary: Sequence[str] | None = None,
     crossings: Crossings | None = None,
 ) -> Exported:
-    """Write a mechanism for other programs, in the format of the ending of the file.
+    """Write a mechanism for other programs. The ending of the file states the format.
 
     Parameters
     ----------
@@ -180,9 +180,10 @@ def export(
     Raises
     ------
     OutputError
-        If the ending is unknown, an argument does nothing there, or nothing can be written.
+        If the ending is unknown, an argument has no effect in this format, or the file
+        cannot be written.
     SolveError, PlanError, EngineError
-        If the mechanism cannot be exported so, or has no such assembly mode.
+        If the mechanism cannot be exported in this format, or has no such assembly mode.
 
     Examples
     --------

@@ -206,12 +206,12 @@ class Kinematics:
 
     @checked(SolveError)
     def variable(self, name: str) -> Floats:
-        """Return (n,) a pair variable, by its own name or that of its pair.
+        """Return (n,) a pair variable, given by its own name or by the name of its pair.
 
         Raises
         ------
         SolveError
-            If there is none of this name, or the pair has two.
+            If there is no variable or pair of this name, or if the pair has two variables.
         """
         names = self.mechanism.variable_names
         if name in names:
@@ -239,7 +239,10 @@ class Kinematics:
 
     @checked(SolveError)
     def angular_velocity(self, link: str, moving: str | None = None) -> Floats:
-        """Return (n, 3) that of a link against the ground, per unit rate of the input."""
+        """Return (n, 3) the angular velocity of a link per unit rate of the input.
+
+        It is relative to the ground and in ground axes.
+        """
         velocity = self._batch.angular_velocity(self._link(link), self._moving(moving))
         return self._drop_axis_if_single(velocity)
 
@@ -260,8 +263,9 @@ class Kinematics:
     def velocity_coefficient(self, pole: str, moving: str | None = None) -> Floats:
         """Return (n,) the velocity coefficient of two links.
 
-        Times `direction` it is the angular velocity of the first link relative to the
-        second, per unit rate of the input: that of ``"1/4"`` is the opposite of ``"4/1"``.
+        The product of the coefficient and `direction` is the angular velocity of the first
+        link relative to the second, per unit rate of the input. The coefficient of
+        ``"1/4"`` is therefore the opposite of that of ``"4/1"``.
         """
         coefficient = self._batch.velocity_coefficient
         values = coefficient(*self._pole(pole), self._moving(moving))
@@ -278,7 +282,8 @@ class Kinematics:
     def direction_dq(self, pole: str, moving: str | None = None) -> Floats:
         """Return (n, 3) the derivative of `direction` by the input, 1/rad.
 
-        NaN where the velocity coefficient is so small that less than six digits are known.
+        It is NaN in rows in which the velocity coefficient is so small that fewer than six
+        digits of the derivative are known.
         """
         return self._drop_axis_if_single(
             self._batch.direction_dq(*self._pole(pole), self._moving(moving))
@@ -441,17 +446,17 @@ def evaluate(
     mechanism
         The mechanism, the name of a shipped one, or the path of a file.
     inputs
-        In `angle_unit`, by default rad: a number or (n,) of the only input, (inputs,) or
-        (n, inputs) of several.
+        Values of the inputs in `angle_unit`. With one input: a number, or an array (n,).
+        With several inputs: an array (inputs,) or (n, inputs).
     poles
-        The poles wanted, such as ``["3/1", "4/1"]``; by default all.
+        The poles to compute, such as ``["3/1", "4/1"]``; by default all.
     input_pair
         The driven pairs, by default the inputs of the mechanism.
     assembly_mode
-        The only assembly mode wanted, by the number that `run` gives it or its name in the
-        file; by default all. A mechanism with several inputs, and with an Assur group
-        larger than a dyad, is an exception: its modes are numbered along the inputs of this
-        call, and `run` may number them otherwise.
+        The only assembly mode to compute: the number that `run` gives it, or its name in
+        the file. By default all modes are computed. There is an exception: if the mechanism
+        has several inputs and an Assur group larger than a dyad, modes are numbered along
+        the inputs of this call. `run` may then number them in another way.
     crossings
         How an assembly mode continues where its curve of configurations crosses that of
         another mode. With ``"end"`` it keeps the signs of its dyads. A dyad is two links
@@ -463,8 +468,9 @@ def evaluate(
     Raises
     ------
     SolveError, PlanError, ModelError
-        If the mechanism has not one freedom for each input, a name is unknown, or inputs
-        are not finite numbers. Inputs that cannot be reached get a status instead.
+        If the number of degrees of freedom is not that of the inputs, a name is unknown, or
+        inputs are not finite numbers. Inputs that the mechanism cannot reach raise no
+        error. Their rows have a status instead.
 
     Examples
     --------

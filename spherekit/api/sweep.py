@@ -65,35 +65,42 @@ def sweep(
     subject
         A mechanism or a study, or the path or the shipped name of either.
     vary
-        By key of the file, such as ``"links.2.arc"`` or ``"pairs.41.zero"``, in the
-        file's units: a sequence of values, ``"10:40:31"`` for so many from 10 to 40, or
-        ``"10:40"`` for all between with `designs`.
+        The sizes that vary: for each key of the mechanism file, such as ``"links.2.arc"``,
+        its values in the units of the file. The values are a sequence of numbers, or a
+        text. The text ``"10:40:31"`` states 31 values from 10 to 40. The text ``"10:40"``
+        states all values from 10 to 40, of which `designs` chooses some.
     reduce
-        Figures of merit, ``"least=min(transmission_angle_43)"``: a name if wanted, a
-        reduction, an expression of what a configuration has (rad, SI).
+        Figures of merit, such as ``"least=min(transmission_angle_43)"``. A text has a name,
+        which may be left out, and a reduction such as ``min`` over the configurations of a
+        design. The argument of the reduction is an expression of quantities of a
+        configuration (rad, SI).
     analyses
-        Names of analyses whose own figures of merit are wanted too.
+        Names of analyses whose own figures of merit are computed too.
     tables
-        Whether the tables that runs of these analyses have are wanted, of every design;
+        Whether the tables of these analyses are computed for every design, as in a run.
         `SweepResult.table` reads them.
     where
-        Conditions, ``"links_2_arc < links_4_arc"`` or ``"least > 30"``: designs and rows
-        that do not meet them are left out.
+        Conditions, such as ``"links_2_arc < links_4_arc"`` or ``"least > 30"``. Designs and
+        rows that do not meet them are left out.
     samples
-        Samples of the inputs that each design goes through, on the straight way through
-        their ranges, or a number for each input of a grid; by default the study's.
+        Number of samples at which each design is computed. They are on a straight path
+        through the ranges of the inputs. A sequence of numbers, one for each input, states
+        a grid. By default the samples are those of the study.
     crossings
         How an assembly mode continues where its curve of configurations crosses that of
         another mode. With ``"end"`` it keeps the signs of its dyads. A dyad is two links
         with three R pairs, and its sign is one of two ways to assemble it. With ``"pass"``
-        the mode follows the smooth curve. By default the study's.
+        the mode follows the smooth curve. By default the study decides.
     designs, scheme, seed
-        How many designs, by ``"sobol"``, ``"latin"`` or ``"random"``; without them the
-        grid of all combinations.
+        Number of designs, the method that chooses them (``"sobol"``, ``"latin"`` or
+        ``"random"``), and the seed of its random numbers. By default the designs are all
+        combinations of the values.
     folder
-        Where parts are written, Parquet; a sweep that was stopped there goes on.
+        Folder in which the parts of the sweep are written as Parquet files. If a sweep was
+        stopped in this folder, it is continued.
     workers
-        Processes at work, by default one for each core; without a folder there is one.
+        Number of processes, by default one for each core. Without a folder there is one
+        process.
     dask
         Address of a Dask scheduler whose workers compute the parts. Those that do not see
         the folder send their parts through the scheduler.
@@ -101,18 +108,19 @@ def sweep(
     Returns
     -------
     SweepResult
-        A row for each design and assembly mode; designs that are impossible or never close
-        have one with the reason in `status`.
+        The result has a row for each design and assembly mode. A design that is impossible,
+        or that cannot be assembled at any sample, has one row. The column `status` of this
+        row has the reason.
 
     Raises
     ------
     DesignError, SolveError, FileError, AnalysisError
-        With what is asked for wrongly, before anything is computed.
+        If an argument is wrong. The error is raised before anything is computed.
     EngineError
         If the mechanism has pairs that no kernel knows.
     OutputError
-        If the folder holds another sweep, or cannot be written, or a part is missing in
-        the end.
+        If the folder contains another sweep or cannot be written, or if a part is missing
+        at the end.
 
     Examples
     --------

@@ -263,8 +263,9 @@ def _transmission_cells(
 ) -> Lines:
     """Return the least transmission angle of an output (deg) and its place as text.
 
-    The pair at which it is taken stands between them if it has a column. All cells are "-"
-    for an output without a transmission angle.
+    If the table has a column for the pair at which the angle is measured, the name of this
+    pair is the cell between them. All cells are "-" for an output without a transmission
+    angle.
     """
     if transmission is None:
         return ["-"] * (3 if has_pair_column else 2)
@@ -391,10 +392,10 @@ def table_notes(summary: Any, table: ScreenTable | None) -> Lines:
 def _describe_other_dyad(summary: Any) -> Lines:
     """Return a note if a dyad is nearer to a dead centre than those of the outputs.
 
-    The table has one transmission angle for each output, that of the dyad which determines
-    its motion. Such a dyad is joined to bodies that earlier groups determine. If an
-    earlier dyad has a smaller transmission angle, the mechanism is nearer to a dead centre
-    than the table says.
+    The table has one transmission angle for each output: the angle of the dyad that
+    determines the motion of this output. Other dyads may determine the bodies to which this
+    dyad is joined. If one of them has a smaller transmission angle, the mechanism is nearer
+    to a dead centre than the table says.
     """
     overview = summary["overview"]
     least_by_mode = {

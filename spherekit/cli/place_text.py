@@ -40,8 +40,8 @@ class PlaceText:
     step_words
         This distance as text, such as ``2 deg of input 21``; empty for numbers of samples.
     step_text
-        The same, such as ``10 deg``, if samples are so far apart that a place between two
-        of them is uncertain (`COARSE_STEP_DEG`). Otherwise empty.
+        The distance as text, such as ``10 deg``, if samples are so far apart that a place
+        between two of them is uncertain (`COARSE_STEP_DEG`). Otherwise empty.
     between_decimals
         Number of decimals (deg) of a place that is interpolated between samples.
     """

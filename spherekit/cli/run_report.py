@@ -91,8 +91,9 @@ class RunOutput:
     words
         The words of the command line after ``spherekit``.
     mechanism_options
-        Those of these words that choose the inputs and the treatment of crossings. Without
-        them, a suggested command would analyse another mechanism.
+        The words of the command line that choose the inputs and the treatment of crossings.
+        A suggested command repeats them, because it would otherwise analyse another
+        mechanism.
     folder
         The folder of the run, None if no tables were written.
     file_names

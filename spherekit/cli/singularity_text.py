@@ -36,9 +36,9 @@ modes that are mirror images.
 def describe_singularities(summary: Any) -> Lines:
     """Return sentences on how near the samples come to singularities of types I and II.
 
-    The screen also has a table of outputs. It states the singularities of an output with a
-    fixed axis, if the mechanism has one input and the run is no simulation. There are no
-    sentences about these. They are about
+    The screen also has a table of outputs. If the mechanism has one input and the run is no
+    simulation, this table states the singularities of outputs with a fixed axis. They are
+    not repeated here. The sentences are about
 
     - type II (locked inputs do not hold the output), if there are several inputs and the
       run is no simulation,

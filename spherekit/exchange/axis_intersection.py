@@ -26,7 +26,7 @@ def distances_to_lines(position: Floats, points: Floats, axes: Floats) -> Floats
 
 
 def find_common_point(points: Floats, axes: Floats, max_distance: float) -> Floats | None:
-    """Return the point that most of n lines pass within a distance.
+    """Return the point in which most of n lines meet, up to a distance.
 
     The point c has the least sum of squared distances from the lines. With the projection
     P = I - a a^T onto the plane at right angles to each line (point p, unit vector a), it

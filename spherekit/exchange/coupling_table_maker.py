@@ -81,9 +81,10 @@ def coupling_table(
 ) -> CouplingTable:
     """Return passive variables and coefficients on a grid of the inputs, for controllers.
 
-    Passive variables are those of pairs that are not driven, coefficients their rates per
-    unit rate of one input. The steps of the grid are halved until enough cells are *sure*:
-    interpolation in them is accurate to the tolerance, as measured at points between nodes.
+    Passive variables are the variables of pairs that are not driven. Coefficients are their
+    rates per unit rate of one input. A cell of the grid is *sure* if interpolation in it is
+    accurate to the tolerance. This is measured at points between the nodes. The steps of
+    the grid are halved until enough cells are sure.
 
     Parameters
     ----------
@@ -92,14 +93,15 @@ def coupling_table(
     input_pair
         The driven pairs, by default the inputs of the mechanism.
     assembly_mode
-        The only mode to compute; by default all.
+        The only assembly mode to compute; by default all.
     pairs
         The passive pairs to compute; by default all.
     poles
         Poles such as ``"4/1"`` whose angular velocities are computed too.
     samples
-        Nodes along each input, or one number for all; by default as many as make 98 % of
-        the cells sure, as far as 25 000 points in all suffice.
+        Number of nodes along each input, or one number for all inputs. By default the grid
+        is refined until 98 % of the cells are sure. The refinement ends earlier if a finer
+        grid would need more than 25 000 points.
     tolerance
         Error of angles (rad) up to which a cell is sure.
 

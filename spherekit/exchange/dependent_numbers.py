@@ -1,9 +1,9 @@
 """Numbers of formulas that follow from the numbers of the mechanism file.
 
 Formulas contain numbers of masses and loads, and angles of links that replace contacts. If
-numbers of the file are arguments, these follow them. They are expressions if the file
-states a mass by axes of pairs. Otherwise they are linear functions, whose slopes are found
-by trial.
+a number of the file is an argument of the formulas, some of these numbers depend on it. A
+mass that the file states by axes of pairs is then an expression of the argument. Any other
+number is a linear function of the argument, whose slope is found by trial.
 """
 
 from collections.abc import Sequence
@@ -40,9 +40,9 @@ def express_dependent_numbers(
 ) -> dict[ExpressionNode, Expr]:
     """Return the numbers that follow from the file as expressions of its numbers.
 
-    These are numbers of masses and loads, and of links that replace contacts. A mass given
-    by axes of pairs is an expression. Any other number is a linear function of the numbers
-    that vary, with slopes measured by trial.
+    They are numbers of masses and loads, and of links that replace contacts. The inertia of
+    a mass that is given by axes of pairs is an expression of the sizes. Any other number is
+    a linear function of the numbers that vary, and its slopes are measured by trial.
 
     Parameters
     ----------

@@ -99,15 +99,17 @@ def formulas(
     mechanism
         The mechanism, the name of a shipped one, or the path of a file.
     quantities
-        Names of `row_quantities`, or patterns of such (``"theta_*"``); by default angles,
-        coefficients of links relative to the ground, transmission angles, and with masses
-        the inertia, its derivative and the driving torque.
+        Names of quantities, as `row_quantities` lists them, or patterns such as
+        ``"theta_*"``. By default they are angles, coefficients of links relative to the
+        ground and transmission angles. If the mechanism has masses, the inertia, its
+        derivative and the driving torque are added.
     vary
-        Keys of the file, such as ``"links.2.arc"``, whose numbers are arguments.
+        Keys of the mechanism file, such as ``"links.2.arc"``. Their numbers become
+        arguments of the formulas.
     input_pair
         The driven pairs, by default those of the mechanism.
     assembly_mode
-        The only assembly mode to be named, by default all.
+        The only assembly mode of the formulas, by default all.
     crossings
         How an assembly mode continues where its curve of configurations crosses that of
         another mode. With "end" it keeps the signs of its dyads. A dyad is two links
@@ -120,7 +122,7 @@ def formulas(
     EngineError
         If there is no such quantity, or the engine does not know the mechanism's groups.
     DesignError
-        If a number cannot be varied so.
+        If a number cannot be an argument of the formulas.
     SolveError, PlanError
         If the mechanism cannot be assembled, or its mobility is not the number of inputs.
     """

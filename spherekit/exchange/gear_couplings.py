@@ -5,8 +5,9 @@ u x + v y = 0, where x is the rate at which their carrier turns about the axis A
 the first gear, and y that at which the second gear turns about the axis B relative to the
 carrier. The pitch cones touch along v A - u B.
 
-Couplings are judged together, because the equations of a bevel differential are usually
-written as sum and difference of its motors, and neither of these alone is a pair of gears.
+All couplings are examined together. A bevel differential is the reason: its couplings are
+usually the sum and the difference of two motor angles. Neither of them alone is the
+equation of two gears, but combinations of both are.
 
 Hinges are numbered by their position in the list of hinges, links by their numbers in the
 imported model.
@@ -257,12 +258,13 @@ class CoaxialEquation:
     idler_axis: Floats
 
     def construct_gears(self, idler_link: int) -> tuple[BevelGears, BevelGears]:
-        """Return the gears of first link and idler, and of idler and second link.
+        """Return the gears of first link and idler, and those of idler and second link.
 
         The equation of the links is u x + v y = 0, or y = ratio x with ratio = -u / v. Here
-        x and y are their angular velocities relative to the carrier. Let z be that of the
-        idler. Two meshes in series have the product of their ratios z / x and y / z. Both
-        ratios have the size sqrt(|ratio|) here, so that no wheel is very small.
+        x, z and y are the angular velocities of the first link, the idler and the second
+        link relative to the carrier. The product of the ratios z / x and y / z of both
+        meshes is the ratio of the links. Both have the size sqrt(abs(ratio)), so that no
+        wheel is very small.
 
         Parameters
         ----------
@@ -301,9 +303,9 @@ def find_gears(
 ) -> GearTrain:
     """Return bevel gears that have the same equations as couplings of hinges.
 
-    A coupling is a linear equation between the rates of hinges. Candidates are the
-    equations of gears between any two links that the couplings imply. As many independent
-    ones are chosen as there are independent couplings.
+    A coupling is a linear equation between the rates of hinges. For any two links, the
+    couplings may imply the equation of two gears. All such equations are candidates. As
+    many independent candidates are chosen as there are independent couplings.
 
     A coupling that is a pair of gears by itself keeps its name. The names of the others go
     to gears whose equations are combinations of couplings, in the order of the search.
@@ -408,15 +410,16 @@ def _write_equations(
 def construct_bevel_gears(
     links: tuple[int, int], axes: tuple[Floats, Floats], factors: tuple[float, float]
 ) -> BevelGears:
-    """Return the pitch circles of two links for which u x + v y = 0.
+    """Return the pitch circles of two gears with the equation u x + v y = 0.
 
     Parameters
     ----------
     links
         Numbers of the two links.
     axes
-        Unit vectors A and B (3,) of the carrier. The carrier turns by x about A relative to
-        the first link, and the second link by y about B relative to the carrier.
+        Unit vectors A and B (3,), which are fixed in the carrier. The carrier turns at the
+        rate x about A relative to the first link. The second link turns at the rate y about
+        B relative to the carrier.
     factors
         The factors u and v. Neither is zero.
 

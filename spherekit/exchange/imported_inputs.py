@@ -26,9 +26,10 @@ LEAST_RATE_RATIO = 1e-9
 def choose_inputs(linkage: ImportedLinkage) -> Table:
     """Choose the inputs of a mechanism, and return their table with the range of each.
 
-    Inputs are the pairs with actuators, and as many others as there are further degrees of
-    freedom; pairs at the ground are preferred. An actuator is left out if its pair is moved
-    by the inputs before it. Notes on both cases are added to the linkage.
+    Pairs with actuators are inputs. If there are more degrees of freedom than actuators,
+    other pairs become inputs too, preferably pairs at the ground. An actuator is left out
+    if the inputs before it already determine the rate of its pair. The linkage gets a note
+    on added inputs, and on actuators that are left out.
 
     Parameters
     ----------

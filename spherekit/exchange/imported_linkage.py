@@ -76,7 +76,7 @@ class ImportedLinkage:
     pair_comments
         Comments on pairs, by name.
     loop_points
-        By two links, the points at which they are held together.
+        For each two links that are held together at points, these points.
     centre
         (3,) centre of the sphere (m, world axes).
     centre_distance

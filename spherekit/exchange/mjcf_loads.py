@@ -35,7 +35,7 @@ ActuatorLoad = PairTorque | PointForce | Moment
 
 @dataclass(frozen=True)
 class MujocoLoads:
-    """The loads and joint limits of a mechanism that MuJoCo has too.
+    """The loads and joint limits of a mechanism, in the form in which MuJoCo states them.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class MujocoLoads:
         link. A force or moment acts at a site, a marked point of a body of MuJoCo. Sites
         get their names later. Until then the attributes have the name of the load instead.
     reason_by_omitted_load
-        For each load that MuJoCo does not have, by name, the reason.
+        For each load that MuJoCo cannot express, by name, the reason.
     approximations
         Sentences on loads that MuJoCo has in another form.
     """

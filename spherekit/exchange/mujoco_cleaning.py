@@ -1,7 +1,7 @@
-"""What an MJCF model is relieved of before MuJoCo compiles it for an import.
+"""Removal of parts of an MJCF model that an import does not need or cannot read.
 
-Pictures play no part in a mechanism, so files of meshes and textures may be missing. A ball
-joint becomes three hinges, since the import reads joints of one variable.
+A mechanism does not depend on appearance, so files of meshes and textures may be missing. A
+ball joint becomes three hinges, since the import reads joints of one variable.
 """
 
 from collections.abc import Mapping

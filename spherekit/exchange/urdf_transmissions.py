@@ -1,9 +1,9 @@
 """Transmissions of URDF files: what motors turn, and how far.
 
-Read are the elements of ros_control, with the role and the reduction as child elements, and
-of ros2_control, where the role is an attribute. The equations are those of the package
-transmission_interface of both, with the positions a of actuators, q of joints relative to
-their offsets, and the reductions n_a and n_j:
+The elements of two packages can be read. In ros_control, the role and the reduction are
+child elements. In ros2_control, the role is an attribute. Both packages have the same
+equations (in their part transmission_interface). The positions of actuators are a, and the
+positions of joints relative to their offsets are q. The reductions are n_a and n_j:
 
 - `SimpleTransmission`: a = n_a q;
 - `DifferentialTransmission`: a1 = n_a1 (n_j1 q1 + n_j2 q2), a2 = n_a2 (n_j1 q1 - n_j2 q2);
@@ -188,8 +188,9 @@ def _drive(
     """Return what an actuator drives: a single joint, or a wheel that stands for two.
 
     With the angles q_i and q_o of the inner and the outer joint, the angle of the actuator
-    is a = f_i q_i + f_o q_o. If one factor is zero, it turns the other joint alone.
-    Otherwise it turns a wheel, coaxial with the inner joint, whose angle is
+    is a = f_i q_i + f_o q_o. If one factor is zero, the actuator turns only the joint with
+    the other factor. Otherwise it turns a wheel, coaxial with the inner joint, whose angle
+    is
     q_i + ratio q_o with ratio = f_o / f_i. The angle of the actuator is f_i times that of
     the wheel.
 

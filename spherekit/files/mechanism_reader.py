@@ -85,7 +85,8 @@ def load(name_or_path: AnyPath) -> Mechanism:
     Raises
     ------
     FileError
-        If there is no such file, or with one line for each fault in it.
+        If there is no such file, or if it has faults. The message has one line for each
+        fault.
 
     Examples
     --------
@@ -152,7 +153,8 @@ def read(document: Document) -> Mechanism:
     Raises
     ------
     FileError
-        With one line for each fault. For data without a text it is a `ModelError`.
+        If the document has faults. The message has one line for each fault. For data
+        without a text the error is a `ModelError`.
     """
     check(document)
     return mechanism_from_document(document)
@@ -431,8 +433,9 @@ class _MechanismReader:
     def geometry(self) -> SizeGeometry | PoseGeometry:
         """The geometry in the file: sizes of links, or the axes of all pairs in one pose.
 
-        A file has keys of one of the two forms. Keys of both are refused. Keys of none are
-        refused if there are R pairs, whose axes would not be known.
+        A file has keys of one of these two forms. A file with keys of both forms is
+        refused. A file without any of these keys is refused if it has R pairs, because
+        their axes would not be known.
         """
         pairs = self.data["pairs"]
         links = self.data["links"]

@@ -71,7 +71,8 @@ def build(
     Raises
     ------
     ModelError
-        With one line for each fault, which names the key.
+        If the data have faults. The message has one line for each fault, which names the
+        key.
 
     Notes
     -----

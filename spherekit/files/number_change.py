@@ -56,7 +56,8 @@ def document_of(
     Raises
     ------
     FileError
-        If there is no such file, or with one line for each fault in it.
+        If there is no such file, or if it has faults. The message has one line for each
+        fault.
     """
     if isinstance(mechanism, Mechanism):
         return _with_lonlat(parse(canonical_text(mechanism, unit), mechanism.name))

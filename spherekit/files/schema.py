@@ -88,7 +88,8 @@ def check(document: Document, kind: Kind = "mechanism") -> None:
     Raises
     ------
     FileError
-        With one line for each fault, in the order of the file.
+        If the document has faults. The message has one line for each fault, in the order of
+        the file.
     """
     _check_format_version(document)
     # Infinite, NaN and huge numbers are reported alone. The rules of the schema compare

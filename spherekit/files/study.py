@@ -277,7 +277,7 @@ class Study:
         Folder and recording that a study file names, relative to the working folder. The
         command writes there; `spherekit.run` writes only to its own arguments.
     locate
-        Returns errors about a key with the file and line that state it.
+        Function that returns an error about a key, with the file and the line of the key.
     """
 
     name: str

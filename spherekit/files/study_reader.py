@@ -39,7 +39,8 @@ def load_study(name_or_path: AnyPath) -> Study:
     Raises
     ------
     FileError
-        If there is no such file, or with one line for each fault in it.
+        If there is no such file, or if it has faults. The message has one line for each
+        fault.
     """
     path = find(name_or_path)
     if not is_study(path):

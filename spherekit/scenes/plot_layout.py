@@ -220,10 +220,10 @@ def place_labels(
 ) -> Floats:
     """Return positions of labels near their points, where they hide nothing if possible.
 
-    A few positions around its point are tried for each label, the nearest first. Those that
-    overlap neither a point nor an earlier label, and are within the frame, are preferred.
-    Of these the one that covers the fewest points of curves is taken, and of several such
-    ones the nearest.
+    For each label a few positions around its point are tried, the nearest first. Positions
+    within the frame at which the label overlaps neither a point nor an earlier label are
+    preferred. Among them, the position at which it covers the fewest points of curves is
+    chosen. If several positions are equally good, the nearest is chosen.
 
     Parameters
     ----------

@@ -28,7 +28,8 @@ class RecordingHead:
     properties : mapping
         Words about the run that the recording carries: versions, hashes.
     focus : array (3,), or None
-        Unit vector to the middle of the mechanism, from which the viewer looks at first.
+        Unit vector from the centre of the sphere to the middle of the mechanism. The viewer
+        first shows the sphere from this side.
     row : int, or None
         Length of a row in a grid of inputs: the number of successive samples that are
         neighbours. The paths of poles are cut after each row. By default all samples are

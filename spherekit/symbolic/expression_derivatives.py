@@ -18,10 +18,10 @@ from spherekit.symbolic.expression_graph import (
 def differentiate(
     expressions: Sequence[Expr], rates: Mapping[ExpressionNode, Expr]
 ) -> list[Expr]:
-    """Return the derivatives of expressions, if some nodes have given derivatives.
+    """Return the derivatives of expressions, computed from given derivatives of some nodes.
 
-    The derivatives are with respect to any common parameter. At a kink or a jump the result
-    is the derivative on the side of the current value.
+    All derivatives are with respect to the same parameter, such as the time. At a kink or a
+    jump the result is the derivative on the side of the current value.
 
     Parameters
     ----------

@@ -340,9 +340,9 @@ def separate_constant_parts(
 ) -> tuple[list[Expr], dict[ExpressionNode, ExpressionNode]]:
     """Replace the parts of expressions that do not depend on some nodes by variables.
 
-    The parts can then be evaluated once for many values of the moving nodes. Parts may be
-    single variables, too. In kernels for many designs they are what depends on the sizes of
-    a design alone, so the new variables are called design_0, design_1, ...
+    The parts can then be evaluated once for many values of the moving nodes. A part may
+    also be a single variable. In kernels for many designs, the parts depend only on the
+    sizes of a design. The new variables are therefore called design_0, design_1, ...
 
     Parameters
     ----------

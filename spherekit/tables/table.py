@@ -64,10 +64,11 @@ class Column:
         like the variable. In the meaning the name of the pair follows the words "the
         passive pair".
     scale
-        By what errors are measured. ``"absolute"``: not divided. ``"largest"``: divided by
-        the largest number of the run. ``"unit"``: for rad as ``"absolute"`` and within one
-        turn, for other units as ``"largest"``. ``"none"``: the column describes the
-        computation and is not a result.
+        How errors of the column are scaled. ``"absolute"``: they are not divided.
+        ``"largest"``: they are divided by the largest number of the run. ``"unit"``: errors
+        of columns in rad are not divided, and are taken within one turn; errors in other
+        units are divided as for ``"largest"``. ``"none"``: errors are not measured, because
+        the column describes the computation and is not a result.
     turns
         How the column changes if the whole mechanism is rotated. ``"no"``: not at all.
         ``"vector"``: it is a component of a vector in ground axes; the components x, y, z

@@ -70,8 +70,8 @@ def dash_positions(leaders: Sequence[int]) -> list[DashPosition]:
 def find_coinciding_paths(paths: Sequence[Floats], size: float) -> list[DashPosition]:
     """Return for each path its position among the paths that coincide with it.
 
-    Two paths coincide if nearly all points of one of them are nearer to the other one than
-    a line is thick.
+    Two paths coincide if nearly all points of one path are on the other one, up to the
+    thickness of a drawn line.
 
     Parameters
     ----------

@@ -205,9 +205,9 @@ def _draw_marks(panel: Axes, curve: Curve, input_marks: InputMarks) -> None:
 def _find_coinciding(values_by_curve: Sequence[Floats], span: float) -> list[DashPosition]:
     """Return for each curve its position among the curves that coincide with it.
 
-    Two curves coincide if they have equally many rows and differ by less than a line is
-    thick at nearly all rows at which both have a value. The first of coinciding curves is
-    their leader and has the position 0.
+    Two curves coincide if they have equally many rows and differ by less than the thickness
+    of a drawn line. This must be so at nearly all rows at which both have a value. The
+    first of several coinciding curves is their leader and has the position 0.
 
     Parameters
     ----------

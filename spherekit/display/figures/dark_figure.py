@@ -73,8 +73,8 @@ def dark_copy(figure: Figure) -> Figure:
 def _darken(artist: Any) -> None:
     """Replace all colours of an artist by those for a dark background.
 
-    An artist of matplotlib is for example a line, a text or a filled area. Each kind has
-    some of these methods.
+    An artist of matplotlib is an object that is drawn, such as a line, a text or a filled
+    area. Each kind of artist has some of the properties in `COLOUR_PROPERTIES`.
     """
     # The colours of a mapped collection are computed from values by a colour map.
     if getattr(artist, "get_array", lambda: None)() is not None:

@@ -345,7 +345,8 @@ def viewer_at(stream: rr.RecordingStream, url: str) -> LiveOutput:
 def check_notebook(is_start: bool) -> None:
     """Raise `OutputError` if notebooks cannot show recordings.
 
-    `is_start` has no effect. The other checks have it too.
+    `is_start` has no effect. All functions that `LiveOutput` calls as its check have this
+    parameter.
     """
     del is_start
     if find_spec("rerun_notebook") is None:

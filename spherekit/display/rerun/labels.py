@@ -236,9 +236,10 @@ class Names:
         """Return requests for places of the names of a link's pairs.
 
         Pairs that another link names already are left out. Pairs with nearly the same axis
-        share one name, such as "A, B". Later one of several possible places is chosen for
-        each name, so that it covers few other names. They are compared in pictures, which
-        show the mechanism in a few configurations.
+        share one name, such as "A, B". Each request lists several possible places of the
+        name. `place_names` later chooses the place at which the name covers few other
+        names. It compares the places in pictures, which show the mechanism in a few
+        configurations.
 
         Parameters
         ----------
@@ -278,9 +279,10 @@ class Names:
     def _link_name_requests(self, body: Body, rotations: Floats) -> list[_NameRequest]:
         """Return a request for a place of the name of a link, at its longest arc.
 
-        The list is empty if the link has no name or no arc. Later one of several possible
-        places is chosen, so that the name covers few others. They are compared in pictures,
-        which show the mechanism in a few configurations.
+        The list is empty if the link has no name or no arc. The request lists several
+        possible places. `place_names` later chooses the place at which the name covers few
+        other names. It compares the places in pictures, which show the mechanism in a few
+        configurations.
 
         Parameters
         ----------

@@ -179,7 +179,7 @@ def _comparable(findings: Findings) -> Any:
 
 
 def check_failed_rows(case: ConformanceCase) -> str:
-    """Check that a row without a configuration has no false numbers, and others stay.
+    """Check that a failed row contains no false numbers and changes no other rows.
 
     The middle sample is made to fail in a second computation, which is compared with the
     first one. In the rows of this sample, a number has to be NaN or to stay as it was.

@@ -29,8 +29,9 @@ def describe_difference(
 ) -> str:
     """Return the first difference of two tables in words; an empty text if there is none.
 
-    Both tables are of one mechanism, computed in blocks of other sizes. Or `compared` is of
-    a variant of it: the mechanism rotated as a whole, or with other names of links.
+    There are two cases. Both tables are of one mechanism, computed in blocks of different
+    sizes. Or `compared` is the table of a variant: the mechanism rotated as a whole, or
+    with other names of links.
 
     Parameters
     ----------

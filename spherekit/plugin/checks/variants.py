@@ -95,7 +95,8 @@ def _rotate_profile(profile: Profile, rotation: Floats, pair: Pair) -> Profile:
 def rename_links(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanism:
     """Return a mechanism with other names and another order of links.
 
-    A check of an analysis compares its results for both, which have to be the same.
+    A check compares the results of an analysis for both mechanisms, which have to be the
+    same.
 
     Parameters
     ----------
