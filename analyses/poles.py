@@ -228,8 +228,9 @@ class Poles(AbstractAnalysis):
     def merits(self, mechanism: Mechanism) -> tuple[FigureOfMerit, ...]:
         """Return the largest velocity coefficients, as figures of merit of designs.
 
-        They are those of the poles in `only`. If there are none, they are those of the
-        declared outputs, or of all links relative to the ground without outputs.
+        They are those of the poles in `only`. If `only` is empty, they are those of the
+        declared outputs. If no outputs are declared, they are those of all links relative
+        to the ground.
         """
         names = mechanism.links
         # A relative motion is a link and the reference from which its motion is seen. The

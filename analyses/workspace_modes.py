@@ -75,7 +75,8 @@ class PoseSamples:
     poses
         (n, 3) directions, or (n, 4) unit quaternions xyzw.
     judged
-        Their margins and measures.
+        The margins (angles to the limits) of the poses, and their measures of
+        singularities.
     """
 
     poses: Floats

@@ -318,7 +318,7 @@ class OneInput:
 
     @property
     def aspects(self) -> Columns:
-        """No rows: aspects are those of several inputs."""
+        """The table of aspects. It has no rows, because aspects need several inputs."""
         return ASPECTS.stacked(self.batch.mechanism)
 
     def findings(self) -> Findings:

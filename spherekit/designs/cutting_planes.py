@@ -64,10 +64,11 @@ def minimize_largest(
 ) -> tuple[Floats, float]:
     """Minimise the largest of some functions over the unit cube.
 
-    The cutting-plane method with a trust region is used (Schramm and Zowe 1992). The planes
-    through the functions at all points tried predict how much a step decreases the maximum.
-    Planes above a function that is not convex are moved down. The method ends where no step
-    within a shrinking box around the point is predicted to decrease the maximum.
+    The cutting-plane method with a trust region is used (Schramm and Zowe 1992). Each
+    function is linearised at all points that were tried. These linear functions (planes)
+    predict how much a step decreases the maximum. A plane that is above its function,
+    because the function is not convex, is moved down. The method ends where no step within
+    a shrinking box around the point is predicted to decrease the maximum.
 
     Parameters
     ----------
@@ -75,7 +76,8 @@ def minimize_largest(
         Function of a point (n,) that returns objectives and limits, or None where they are
         not defined. A gradient at a kink is that of one side.
     x
-        (n,) first point. Limits that are violated there may remain violated as much.
+        (n,) first point. A limit that is violated at this point may remain violated by as
+        much.
     min_decrease
         The descent ends when the predicted decrease is smaller.
 
@@ -84,7 +86,8 @@ def minimize_largest(
     x
         (n,) last point.
     largest
-        The largest objective there; infinite if it is not defined at the first point.
+        The largest objective at the last point; infinite if it is not defined at the first
+        one.
     """
     start = functions(x)
     if start is None:
@@ -138,11 +141,11 @@ def _predict_step(
     Parameters
     ----------
     points
-        Points (n,) that were tried, with the functions there.
+        Points (n,) that were tried, with the functions at each of them.
     x
         (n,) present point.
     largest
-        The largest objective there.
+        The largest objective at the present point.
     allowed_limits
         (m,) values that the limits may have.
     radius

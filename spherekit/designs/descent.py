@@ -365,8 +365,8 @@ class Descent:
         x
             (variables,) the design at which the descent ends.
         largest_excess
-            The largest of these differences there. It is negative if all objectives are
-            below the aim.
+            The largest of these differences at the end of the descent. It is negative if
+            all objectives are below the aim.
         """
         min_closing_fraction = self.evaluate(x, mode).closing_fraction
 
@@ -435,7 +435,7 @@ class Descent:
     ) -> LocalOptimum:
         """Look for a design that is better than a local optimum in all objectives.
 
-        Descents from other starts aim at the objectives of the optimum. If one passes
+        Descents from other starts aim at the objectives of the optimum. If a descent passes
         below this aim, its end replaces the optimum, and the search begins anew.
 
         Parameters
@@ -511,7 +511,8 @@ def is_better(
 ) -> bool:
     """Return whether an optimum is better than another one, within a tolerance (k,).
 
-    It is smaller in an objective by more than the tolerance, and larger in none by more.
+    It is better if one of its objectives is smaller by more than the tolerance and none is
+    larger by more than the tolerance.
     """
     decrease = other_optimum.objectives - optimum.objectives
     return bool(np.all(decrease >= -tolerance) and np.any(decrease > tolerance))

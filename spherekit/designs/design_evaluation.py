@@ -1,4 +1,7 @@
-"""Figures of merit of designs: by one kernel for all designs at once, or one by one."""
+"""Figures of merit of designs: for all designs at once by a kernel, or one by one.
+
+A kernel is a function that evaluates quantities of many designs at once.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -140,7 +143,7 @@ class DesignEvaluator:
     merits
         The figures of merit.
     samples
-        The samples of the inputs over which they are reduced.
+        The samples of the inputs over which the figures are reduced.
 
     Attributes
     ----------
@@ -262,7 +265,7 @@ class DesignEvaluator:
 
     @cached_property
     def _is_over_constrained(self) -> bool:
-        """Whether counting leaves fewer degrees of freedom than the designs have inputs."""
+        """Whether counting links and pairs gives fewer degrees of freedom than inputs."""
         try:
             plan_assembly(self.mechanism.with_inputs(*self.inputs))
         except CountError:

@@ -57,12 +57,14 @@ class DesignKernel:
     columns
         Names of quantities, as in `row_quantities`.
     gradients
-        Whether derivatives of the columns by the sizes are computed, loops kept closed.
+        Whether derivatives of the columns by the sizes are computed. The loops stay closed
+        while the sizes change.
     compiled
         Whether heyoka compiles the functions, if it is installed. Otherwise they are
         available at once and run on NumPy arrays.
     with_loop_residual
-        Whether it is computed by how much rates violate the equations of the loops.
+        Whether the kernel also computes by how much the rates violate the equations of the
+        loops.
 
     Attributes
     ----------

@@ -3,7 +3,8 @@
 Closed forms give the angles of pairs in (-pi, pi]. Loads such as wound springs depend on
 the revolutions, too. The angles are therefore followed from the *anchor*, where they are in
 (-pi, pi], along the inputs to each sample, as `positions.angle_unwrapping` does for one
-mechanism. The inputs between are so dense that no angle moves far from one to the next.
+mechanism. The inputs between the anchor and the sample are so dense that no angle moves far
+from one input to the next.
 
 The functions return *revolution offsets*: multiples of 2 pi (rad) to be added to the angles
 that the closed form gives.

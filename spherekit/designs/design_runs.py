@@ -95,9 +95,10 @@ class RunTable(NamedTuple):
 class DesignRuns:
     """Runs designs and computes figures of merit from the tables of the runs.
 
-    Any analysis of any mechanism is possible. Figures of a kernel can be added. Runs give
-    numbers to assembly modes, whereas kernels identify them by the signs of dyads. If a
-    mode of both is certainly the same, its figures share a row. Other modes have rows of
+    Any analysis of any mechanism is possible. Figures of a kernel, a function that
+    evaluates many designs at once, can be added. Runs give numbers to assembly modes,
+    whereas kernels identify them by the signs of dyads. If a mode of the run and a mode of
+    the kernel are certainly the same, their figures share a row. Other modes have rows of
     their own.
 
     Parameters
@@ -120,7 +121,8 @@ class DesignRuns:
     Attributes
     ----------
     units
-        Name of a figure -> column of its table -> unit.
+        Units of the columns of tables: by the name of the figure of merit that uses the
+        table, then by the name of the column.
     names
         Names of all figures of merit, and with `tables` the column `assembly_mode`.
 

@@ -76,7 +76,7 @@ def parse_variation(
     Raises
     ------
     DesignError
-        If the text has another form, or there is no value or one that is not finite.
+        If the text has another form, if there is no value, or if a value is not finite.
     """
     has_angle_unit = False
 
@@ -178,9 +178,10 @@ class DesignSpace:
         Raises
         ------
         DesignError
-            If there is no variation, a range without a count is in a grid, the number of
-            designs is missing, exceeds `MAX_DESIGNS` or is given for a grid, the scheme is
-            unknown, or the seed is negative or is given for a grid.
+            If there is no variation, if a grid contains a range without a count, or if the
+            scheme is unknown. Also if the number of designs is missing, exceeds
+            `MAX_DESIGNS` or is given for a grid, or if the seed is negative or is given for
+            a grid.
         """
         if not variations:
             raise DesignError("nothing is varied: give --vary KEY=LOW:HIGH:COUNT")

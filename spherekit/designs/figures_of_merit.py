@@ -335,14 +335,15 @@ class KernelFigures:
     merits
         The figures of merit.
     samples
-        The samples over which they are reduced.
+        The samples over which the outputs of the kernel are reduced.
 
     Attributes
     ----------
     names
         Names of the figures of merit.
     expressions
-        The expression of each figure, of the `sample` and the `columns`.
+        The expression of each figure. It depends on the numbers of a `sample` and on the
+        `columns`.
     sample
         Names of the numbers of a sample, see `sample_names`.
     columns

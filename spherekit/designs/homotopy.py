@@ -161,7 +161,8 @@ def track_solutions(
         A path leads from the sizes and inputs of its start to those of its end, while its
         parameter increases from 0 to 1. The sizes are linear functions of the parameter.
         The inputs are a linear function plus the detour times a parabola. An imaginary
-        detour leads around real inputs at which solutions meet. There tracking would fail.
+        detour leads around real inputs at which solutions meet, because tracking would fail
+        at these inputs.
 
         These are arguments of `track_solutions`: `sizes` and `inputs`, each with the values
         at the starts and at the ends of all paths, `kernel`, `profiles` and `detour`.

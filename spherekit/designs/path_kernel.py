@@ -182,7 +182,7 @@ _OPERATIONS: Mapping[str, Callable[..., ComplexParts]] = {
 class NewtonStep(NamedTuple):
     """A step of Newton's method for the closure equations, at n configurations.
 
-    The closure equations say that the rotations around each loop of links give no rotation.
+    The closure equations say that the rotations around each loop of links add up to none.
     They are solved for the variables of the pairs, at constant inputs.
 
     Attributes

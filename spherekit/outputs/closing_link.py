@@ -487,8 +487,8 @@ def find_closing_link(
     A closing link has two pairs. If it is taken out, and the output is held in a direction
     and at a turn about it, the rest of the mechanism consists of dyads that can be placed
     one after another. The arc of the closing link then determines the turn. Every link is
-    tried. If several links fit, the one is taken with which the fewest outer pairs of dyads
-    lead to other dyads.
+    tried. If several links fit, the choice is the link for which the fewest outer pairs of
+    dyads join a dyad to another dyad.
 
     Parameters
     ----------

@@ -154,7 +154,7 @@ class FollowedRotation(RotationPath):
     axis, angle
         Unit vector (3,) in the axes of the base, and the whole angle (rad), 0 or more.
     exact
-        Whether the output link turns exactly about the axis, as far as it gets.
+        Whether the output link turns exactly about the axis, up to the angle `reached`.
     nodes
         The configurations that were tracked step by step, in the order of theta.
     end

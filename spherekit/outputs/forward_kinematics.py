@@ -226,7 +226,8 @@ class ForwardKinematics:
     Raises
     ------
     ModelError, PlanError
-        If the output is not declared, or there is not one freedom for each input.
+        If the output is not declared, or if the mechanism does not have as many degrees of
+        freedom as inputs.
     """
 
     @checked(SolveError)

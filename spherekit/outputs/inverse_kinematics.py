@@ -93,9 +93,9 @@ class Inverse:
     type_1
         (m, n, inputs) angular velocity of the output along a unit vector n_i (see
         `normals`) per unit rate of input i. It is 0 at a type I singularity of that input,
-        where the input moves while the output rests. At most 1 for an input on the base,
-        where it is the sine of the angle between the input's axis and the plane of the next
-        link.
+        where the input moves while the output rests. For an input on the base it is at most
+        1: it is then the sine of the angle between the input's axis and the plane of the
+        next link.
     measure
         Function that computes `type_2`.
     normals

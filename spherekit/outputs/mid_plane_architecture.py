@@ -1,9 +1,9 @@
 """A mechanism with a mid-plane: the orientations of its links, and its rotations.
 
-Two orientations of the end effector differ by two reflections. This is a rotation about the
-line in which both mid-planes meet, by twice the angle between them. During the rotation the
-normal of the mid-plane turns about that line by half the angle (Chen et al. 2021,
-section 4).
+The end effector is the mirror image of the base in the mid-plane, so two of its
+orientations differ by two reflections. This is a rotation about the line in which both
+mid-planes meet, by twice the angle between them. During the rotation the normal of the
+mid-plane turns about that line by half the angle (Chen et al. 2021, section 4).
 """
 
 from collections.abc import Sequence
@@ -99,7 +99,7 @@ class PairAxis:
     leg
         Number of the leg, -1 for the normal of the mid-plane.
     sense
-        1.0 if the pair axis points in the same direction, -1.0 if it is opposite.
+        1.0 if the pair axis has the direction of this axis, -1.0 if it is opposite.
     """
 
     kind: AxisKind

@@ -3,7 +3,7 @@
 The architecture is found from the graph and the sizes alone:
 
 - legs of three R pairs with equal arcs lead from the base to the output link,
-- their axes there are the mirror image of those at the base,
+- the axes of the legs at the output link are the mirror image of those at the base,
 - links that are hinged to the elbows all turn about one axis at right angles to their
   hinges, so that the elbows lie in one plane.
 
@@ -77,7 +77,7 @@ def mid_plane_form(
     Raises
     ------
     ModelError
-        If it has no such form, with the reason.
+        If the mechanism has no such architecture. The message states the reason.
     """
     # 1. The link that the output is relative to becomes the base.
     mechanism = mechanism_of(mechanism)
@@ -153,7 +153,7 @@ def _find_legs(
     Raises
     ------
     ModelError
-        If there is none, or if the arcs of the links of a leg differ.
+        If there is no leg, or if the arcs of the two links of a leg differ.
     """
 
     def list_neighbours(link: int) -> list[tuple[int, int]]:

@@ -68,8 +68,8 @@ class InverseRows(ArrayRows):
         (k,) values of `Status`: OK; OUT_OF_REACH, and then all but margin and limiting
         are NaN; AT_SINGULARITY where a measure is nearly 0 or has no value.
     margin, limiting
-        (k,) rad left to the nearest limit, negative outside, and its number in `limits`;
-        NaN and -1 where no limit says anything.
+        (k,) angle (rad) that is left to the nearest limit, negative beyond it, and (k,) the
+        number of this limit in `limits`. They are NaN and -1 if no limit applies.
     type_1
         (k, inputs) speed of the output per unit rate of each input; 0 at a singularity of
         type I, where the input moves while the output rests.
@@ -160,7 +160,7 @@ class OutputKinematics:
     mechanism, output
         The output, and the mechanism that declares it.
     points
-        Whether poses are directions (n, 3), else rotations (n, 3, 3).
+        Whether poses are directions (n, 3). Otherwise they are rotations (n, 3, 3).
     modes
         The signs of all working modes.
     legs

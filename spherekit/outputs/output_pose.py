@@ -93,7 +93,7 @@ class AtDirection:
 
 @dataclass(frozen=True)
 class AtMirror:
-    """The pose of a mid-plane architecture with these angles (rad), see `mirror_angles`."""
+    """A pose that is given by two angles (rad) of the mid-plane, see `mirror_angles`."""
 
     phi: float
     gamma: float
@@ -101,7 +101,7 @@ class AtMirror:
 
 @dataclass(frozen=True)
 class AtRotation:
-    """The start's pose turned about an axis (3,) by an angle (rad)."""
+    """The end of a rotation: the start pose turned about an axis (3,) by an angle, rad."""
 
     axis: Floats
     angle: float
@@ -234,7 +234,8 @@ class PoseFinder:
         Raises
         ------
         SolveError
-            If there is none, or the pose is not one of this mechanism's output.
+            If there is no configuration at the pose, or if the output has no poses of this
+            kind.
         """
         if self.form is not None:
             return self._find_at_mid_plane(self.form, pose)

@@ -131,7 +131,7 @@ class AngleLimit:
     limit
         Limit of the angle (rad), between 0 and pi.
     at_least
-        Whether the angle may not be smaller than the limit; otherwise not larger.
+        True if the angle must be at least the limit, False if it must be at most the limit.
     cosine
         Function that returns the cosine (n,) of the angle at n poses in one working mode.
     unit
@@ -167,7 +167,7 @@ class AngleLimit:
 
 @dataclass(frozen=True)
 class InterferenceLimit:
-    """Two pairs whose axes are between `low` and `high` (rad) apart."""
+    """A limit: the angle between the axes of two pairs is from `low` to `high` (rad)."""
 
     one: str
     other: str
@@ -247,7 +247,8 @@ def bounds_of(kinematics: LimitedOutput, wanted: Constraints) -> tuple[AngleLimi
     -------
     Limits of angles between axes, then of pair angles, then of the distance to
     singularities (`wanted.near`). This distance is an angle, too: its sine is a measure
-    that is 0 at the singularity. If there are no limits, one that every pose keeps.
+    that is 0 at the singularity. If there are no limits, the result is a single limit that
+    every pose keeps.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Rates and aspects of configurations of an output, row by row.
 
-They follow from the rates of the inputs, whether these come from a closed form or from the
-graph of all links.
+They follow from the rates of the inputs. It does not matter whether these were computed in
+closed form or from the graph of all links.
 """
 
 import numpy as np

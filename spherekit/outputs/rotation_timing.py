@@ -181,10 +181,10 @@ class Trajectory:
     inputs, rates, accelerations
         (n, inputs) values (rad) of the inputs, speeds (rad/s), accelerations (rad/s2).
     type_2
-        (n,) transmission measure, from 1 to 0 at a singularity of type II, where locked
-        inputs do not hold the output.
+        (n,) transmission measure, at most 1. It is 0 at a singularity of type II, where
+        locked inputs do not hold the output.
     status
-        (n,) codes of `Status`: OK, or why a row has no, or not all, numbers.
+        (n,) codes of `Status`: OK, or the reason why numbers of the row are missing.
     """
 
     names: Names
@@ -302,10 +302,10 @@ def time_optimal(
 ) -> TimeScaling:
     """Return the shortest schedule of a law shape that keeps to the limits of the drives.
 
-    A law shape is the part of the angle that is reached as a function of the part of the
-    duration. First the largest speeds and accelerations are computed for a duration of 1 s.
-    Speeds are proportional to 1 / duration, accelerations to 1 / duration^2. The shortest
-    duration follows from the limits.
+    A law shape is a function. It states which fraction of the angle is reached after each
+    fraction of the duration. First the largest speeds and accelerations are computed for a
+    duration of 1 s. Speeds are proportional to 1 / duration, accelerations to 1 /
+    duration^2. The shortest duration follows from the limits.
 
     Parameters
     ----------

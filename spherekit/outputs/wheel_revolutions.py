@@ -7,8 +7,9 @@ lengths follow from the inputs over any number of revolutions
 have the held pose at the computed inputs.
 
 An example is a bevel differential with a side gear as input, whose carrier makes half a
-revolution in one of the input. The loops with the carrier held there also close with an
-input of zero. In the mesh of the file, the input is one revolution.
+revolution while the input makes one. If the carrier is held after this half revolution, the
+loops also close with an input of zero. In the mesh of the file, the input is one
+revolution.
 """
 
 from itertools import islice, product
@@ -51,8 +52,8 @@ def find_assembled_configuration(
     1. The rolled lengths are changed by whole revolutions of the wheels. Many combinations
        of such changes are tried, up to a fixed number.
     2. The loops are closed again with each set of lengths.
-    3. Closed loops give each input up to whole revolutions. Revolutions are chosen with
-       which the linear functions of the inputs give this set of lengths. If there are none,
+    3. Closed loops give each input up to whole revolutions. The revolutions are chosen so
+       that the linear functions of the inputs give this set of lengths. If there are none,
        the wheels mesh in other teeth than in the file, and the set is dropped.
 
     Parameters

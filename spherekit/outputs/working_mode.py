@@ -1,4 +1,4 @@
-"""One working mode of dyads that stand one after another on one body, at many poses.
+"""One working mode of dyads that are placed one after another from one body, at many poses.
 
 The middle axis of a dyad follows from its outer axes (`spherekit.geometry.dyad_axis`). The
 rates of its pairs follow from the triple product of its three axes, and with them the rates
@@ -623,7 +623,8 @@ class WorkingMode:
 
         An output that is a direction d can turn about it. In some mechanisms a last link,
         the closing link, determines this turn. It joins two links that are placed already.
-        By how much it does not fit is its residual, whose rate s . w must be 0. Here
+        Its residual states by how much it does not fit, and the rate s . w of the residual
+        must be 0. Here
 
         - w = v + k d, where v moves the direction and k is the rate of the turn,
         - k = -(s . v) / (s . d), so that the closing link fits,

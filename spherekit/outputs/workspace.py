@@ -34,7 +34,8 @@ class Judged:
     Attributes
     ----------
     margin
-        (n,) rad left to the nearest limit, negative outside of the workspace.
+        (n,) angle (rad) that is left to the nearest limit, negative outside of the
+        workspace.
     limiting
         (n,) number of this limit. -1 if it is not known, because a limited angle has no
         value at a pose that the legs cannot reach. `margin` is NaN there.

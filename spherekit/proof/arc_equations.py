@@ -131,7 +131,7 @@ class ArcEquations:
     decimal_mechanism
         The mechanism with its decimal sizes.
     construction
-        The order of placing its links. Equations and variables are counted as there.
+        The order of placing its links. It also numbers the equations and the variables.
 
     Attributes
     ----------
@@ -140,12 +140,12 @@ class ArcEquations:
     degrees
         (equations, variables) degrees as trigonometric polynomials.
     pair_frames
-        Frames of every pair in its two links. The rows of a frame are the zero direction,
-        the side and the axis of the pair.
+        For every pair, its frame in each of its two links. The rows of a frame are the zero
+        direction, the side and the axis of the pair.
     follower_offsets
         By pair: the angle (rad) of a follower when the input is 0. A follower is a pair
-        whose angle wheels determine by the inputs. Its angle is this constant plus a
-        multiple of the input angle. Empty if the angles of followers are variables.
+        whose angle follows from the inputs through wheels. Its angle is this constant plus
+        a multiple of the input angle. Empty if the angles of followers are variables.
 
     Raises
     ------

@@ -83,14 +83,14 @@ class CertifiedModes:
     inputs
         The inputs as decimal numbers in the unit of the file.
     roots
-        Complex roots that are proven to be different. They are all if there are
-        `mode_bound` of them.
+        Complex roots that are proven to be different. If there are `mode_bound` of them, no
+        root is missing.
     precision_bits
         Bits of the ball centres with which they were proven.
     systems
         The parts of the equations, solved one after another, by which the real roots were
-        counted. Each has all its solutions, those at infinity included. Empty if this way
-        was not needed, or failed.
+        counted. Each has all its solutions, those at infinity included. Empty if this count
+        was not needed, or if it failed.
     box_count
         Number of boxes that were examined to exclude other real roots.
     undecided_boxes
@@ -150,7 +150,8 @@ class CertifiedModes:
            solutions of each are proven as there can be, those at infinity included.
         3. All real modes elsewhere are excluded by dividing space into boxes.
 
-        Otherwise they may be missing only in clusters of boxes that stay undecided.
+        If no proof succeeds, real modes may be missing, but only in clusters of boxes that
+        stay undecided.
         """
         arithmetic = f"ball arithmetic of {self.precision_bits} bits"
         statement = f"{len(self.real)} real modes, each alone in its ball"
@@ -207,10 +208,11 @@ def certify_modes(
 ) -> CertifiedModes:
     """Return all complex modes at given inputs, as far as they are proven.
 
-    Real and complex roots of the loop equations are proven with more and more bits, until
-    there are as many as there can be, or the real ones are proven complete system by
-    system. If neither succeeds, the rest of space is divided into boxes, in which other
-    real roots are excluded.
+    Real and complex roots of the loop equations are proven with more and more bits. This
+    ends when as many roots are proven as there can be. It also ends when the real roots are
+    proven complete, by solving parts of the equations (systems) one after another. If
+    neither succeeds, the space of the unknowns is divided into boxes, and further real
+    roots are excluded box by box.
 
     Parameters
     ----------
@@ -334,7 +336,7 @@ class _RootSearch:
         Balls (rad) of the variables that are not unknown. A ball is a number with a bound
         of its error.
     circle_points
-        (known, 2) cosines and sines of these.
+        (known, 2) cosines and sines of the known angles.
     roots
         The complex roots, real ones among them, that are proven so far. They are proven to
         be different.

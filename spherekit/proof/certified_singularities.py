@@ -1,9 +1,9 @@
 """Singularities over a range, proven: where the input or an output is stationary.
 
-An output that a pair joins to the link relative to which it is seen rotates about one axis.
-It is stationary where the variable of this pair is: type I. The input is stationary where
-its own variable is: type II. Elsewhere on the curves there are no singularities of these
-types.
+If one pair joins the output link to its reference link, the output rotates about the axis
+of this pair. It is stationary (type I) where the variable of the pair is stationary. The
+input is stationary (type II) where its own variable is stationary. Elsewhere on the curves
+there are no singularities of these types.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ class CertifiedSingularity:
         Name of the output.
     type
         "I" if the output is stationary, "II" if the input is. "I or III" and "II or III" if
-        the other one may be stationary in the same configuration.
+        both may be stationary in the same configuration.
     q
         The input (rad).
     curve
@@ -130,7 +130,8 @@ class CertifiedSingularities:
 def find_output_pairs(decimal_mechanism: DecimalMechanism) -> dict[str, int]:
     """Return the pair that joins each output to the link relative to which it is seen.
 
-    Outputs without such a pair are missing. Pairs are numbers of the structure.
+    Outputs without such a pair are left out of the result. Pairs are given by their numbers
+    in the structure.
     """
     mechanism = decimal_mechanism.mechanism
     pairs = dict[str, int]()

@@ -76,11 +76,11 @@ class Chain:
         Boxes in the space of the variables, in order. Each one is proven to contain exactly
         one arc of the curve, and contains the centre of the next box.
     closed
-        Whether the last box contains the centre of the first, modulo turns. Otherwise each
-        end is beyond the range, or on a branch (arm) that leads to a place where curves
-        cross or nearly do.
+        Whether the last box contains the centre of the first, up to whole turns of the
+        variables. Otherwise each end of the chain is beyond the range, or on a branch (arm)
+        that leads to a place where curves cross or nearly do.
     problem
-        Why the chain ends elsewhere, or "".
+        The reason if an end of the chain is at none of these places, otherwise empty.
     """
 
     pieces: Sequence[CertifiedArc]
@@ -140,15 +140,15 @@ def find_chain(
     first
         An arc of the curve.
     side
-        Returns on which side of its range the input is: 1 above, -1 below, 0 within, from
-        the input's variable (rad) and a margin (rad).
+        Function of the input's variable (rad) and of a margin (rad). It returns on which
+        side of its range the input is: 1 above, -1 below, 0 within.
     crossings
         The crossings of the search so far.
 
     Returns
     -------
-    The chain, whose `problem` says why it ends elsewhere. None if the first arc turns out
-    to be at a crossing.
+    The chain. If it ends at another place, its `problem` says why. The result is None if
+    the first arc turns out to be at a crossing.
     """
     chain = _follow_forward(equations, first, side, crossings)
     if not chain.closed:

@@ -1,10 +1,10 @@
 """Loops of four pairs that close with all four axes in one plane, exactly.
 
-If a loop of four pairs is reflected in the plane of its axes, it closes with the same
-arcs. Its equation is therefore an even function about such a configuration, and its
-derivatives vanish there: F' loses a rank, and curves may cross. Whether the loop closes in
-a plane is a question of a sum of arcs. It is decided exactly, with the decimal numbers of
-the file.
+If a loop of four pairs is reflected in the plane of its axes, it closes with the same arcs.
+Its equation is therefore an even function about such a configuration, and its derivatives
+vanish there. The matrix F' of the derivatives of all equations then loses a rank, and
+configuration curves may cross. Whether the loop closes in a plane is a question of a sum of
+arcs. It is decided exactly, with the decimal numbers of the file.
 
 Let x and y be the two variables of the loop. Each has two *planar angles*, at which the
 arcs of both links of its pair are in one plane. If x is one of its planar angles, the

@@ -1,8 +1,10 @@
 """All configuration curves over a range of the only input, proven complete.
 
-The space of all variables is paved with boxes. From boxes that cannot be excluded, chains
-of certified arcs are found, until every box is excluded or inside an arc's box. Each of
-these contains exactly one arc, so the arcs are all configurations.
+The space of all variables is divided into boxes. Near each box that is not proven to be
+empty, a configuration is searched, and the curve through it is followed. The curve is
+stored as a chain of certified arcs. A certified arc has a box of its own, which is proven
+to contain no configurations other than the arc. The division ends when every box is empty
+or inside the box of an arc or of a crossing of curves. No other configurations exist then.
 """
 
 from collections.abc import Iterable, Sequence
@@ -99,7 +101,8 @@ class CertifiedCurves:
     low, high
         Ends of the range (rad).
     is_full_cycle
-        Whether the range is exactly the turns of the input after which everything is back.
+        Whether the range is exactly one cycle: the turns of the input after which all
+        wheels have their initial angles again. Without wheels a cycle is one turn.
     chains
         The curves. A chain is a row of certified arcs: boxes with exactly one arc of a
         curve.
@@ -134,9 +137,9 @@ class CertifiedCurves:
 
     @property
     def cycle_turns(self) -> int:
-        """Turns of the input after which everything is back; 1 without wheels.
+        """Turns of the input after which all wheels have their initial angles again.
 
-        The input angle is this number times its variable.
+        It is 1 without wheels. The input angle is this number times its variable.
         """
         return self.construction.cycle_turns
 
@@ -541,8 +544,8 @@ def certify_curves(
 ) -> CertifiedCurves:
     """Return all configuration curves over a range of the only input, as far as proven.
 
-    A cycle is the number of turns of the input after which all wheels are back; without
-    wheels it is one turn. The range is at most one cycle.
+    A cycle is the number of turns of the input after which all wheels have their initial
+    angles again; without wheels it is one turn. The range is at most one cycle.
 
     Parameters
     ----------

@@ -3,15 +3,16 @@
 Links are placed one after another from a root. A link that is joined to one placed link is
 rotated by the angle of that pair: an unknown, an input, or a follower of wheels. A link
 that is joined to two placed links is put on the axes of both pairs. Its arc between these
-axes is then one equation (`spherekit.proof.arc_equations`). A structure that can just be
-assembled has at least one body with at most two pairs, and again has one without this body,
-so such an order always exists.
+axes is then one equation (`spherekit.proof.arc_equations`). Such an order exists if the
+mobility, computed from the numbers of links and pairs, equals the number of inputs. The
+structure then has a body with at most two pairs, and what remains without this body has one
+again.
 
 Wheels with teeth rotate p/q as fast as the only input. Over ranges of the input, the angles
 of the input and of all wheels are whole multiples of one variable, which makes one turn
 while the input makes q turns. The equations are then trigonometric polynomials in this
-variable, as in any other angle. Configurations one turn of the input apart count as
-different unless all wheels are back.
+variable, as in any other angle. Two configurations whose inputs differ by a whole turn
+count as different, unless all wheels have the same angles in both.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Search for configuration curves and crossings near boxes that paving cannot exclude."""
+"""Search for configuration curves and crossings near boxes that are not proven empty."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -75,8 +75,8 @@ class CurveSearch:
     equations
         The equations of the mechanism. The input's variable is the last one.
     side
-        Returns on which side of its range the input is: 1 above, -1 below, 0 within, from
-        the input's variable (rad) and a margin (rad).
+        Function of the input's variable (rad) and of a margin (rad). It returns on which
+        side of its range the input is: 1 above, -1 below, 0 within.
 
     Attributes
     ----------

@@ -1,10 +1,10 @@
 """A mechanism as its file writes it, with wheels whose rotation follows from the inputs.
 
-Rolling contacts of circles relate the angles of R pairs (`planning.gear_train`). Where
-these relations determine the angles by the inputs, the pairs are followers: their angles
-are known like those of inputs. A file repeats the distance of the axes of two wheels in the
-carrier and in the radii. Decimal numbers can state both only approximately, so circles
-that nearly touch count as touching.
+Rolling contacts of circles relate the angles of R pairs (`planning.gear_train`). If the
+inputs determine the angle of a pair through these relations, the pair is a follower: its
+angle is known, like that of an input. A file states the distance of the axes of two wheels
+twice: by the sizes of their carrier, and by the radii of the wheels. Decimal numbers can
+state both only approximately, so circles that nearly touch count as touching.
 """
 
 from collections.abc import Sequence
@@ -76,9 +76,9 @@ class DecimalMechanism(DecimalGeometry):
     """A mechanism of R pairs and wheels with the decimal sizes of its file.
 
     Each sliding contact of circles is replaced by a coupler: a link joined by R pairs at
-    the centres of both circles. The links and pairs with those of the couplers are the
-    *structure*. The numbers (indices) of its links and pairs differ from those of the
-    mechanism, which has contacts instead.
+    the centres of both circles. The links and R pairs of the mechanism, together with those
+    of the couplers, are the *structure*. The numbers (indices) of its links and pairs
+    differ from those of the mechanism, which has contacts instead.
 
     Attributes
     ----------
@@ -411,7 +411,7 @@ def read_decimals(
         read again.
     tolerance
         The proof is for all mechanisms whose sizes differ from those of the file by at most
-        this (rad). By default it is for exactly the file.
+        this (rad). By default (0) it is for exactly the sizes of the file.
 
     Raises
     ------

@@ -321,10 +321,11 @@ def _interpolate(
 
 
 def _interpolation_norm(node_count: int) -> float:
-    """Return the norm of trigonometric interpolation at an odd number of even angles.
+    """Return the norm of interpolation at an odd number of evenly spaced angles.
 
-    It is the largest value that an interpolant takes anywhere if it is at most 1 at all
-    nodes (Ehlich and Zeller 1966).
+    The interpolant is a trigonometric polynomial. The norm is the largest magnitude that it
+    can take anywhere if its magnitude is at most 1 at these angles (Ehlich and Zeller
+    1966).
     """
     halves = (2 * np.arange(node_count) + 1) * np.pi / (2 * node_count)
     return np.sum(1.0 / np.abs(np.sin(halves))) / node_count * (1 + 1e-9)

@@ -1,13 +1,13 @@
 """Approximations of all solutions of a system of equations, by a homotopy.
 
-Nothing is proven here. The approximations are certified elsewhere, and counted there
-against the largest possible number of solutions.
+Nothing is proven in this module. Other modules prove that there is a solution near each
+approximation, and compare the number of solutions with the largest possible one.
 
 The homotopy leads from a start system at t = 0 to the equations of the mechanism at t = 1.
-The start equations are products of linear factors of the same degrees. They have exactly as
-many solutions as the bound allows, which are known (A. Sommese and C. Wampler, The
-Numerical Solution of Systems of Polynomials, 2005, chapter 8). For almost all random
-numbers no path passes a singular system.
+The start equations are products of linear factors and have the degrees of the mechanism's
+equations. They have exactly as many solutions as the bound allows, and all of them are
+known (A. Sommese and C. Wampler, The Numerical Solution of Systems of Polynomials, 2005,
+chapter 8). For almost all random numbers no path passes a singular system.
 """
 
 from dataclasses import dataclass, replace

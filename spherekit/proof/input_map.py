@@ -1,10 +1,10 @@
 """Boxes of two or more inputs that are proven free of type II singularities.
 
-If all complex roots that there can be are continued over a box of inputs, no two of them
-meet. Then no configuration of the box is singular with locked inputs (type II), and the
-number of modes is the same everywhere: the box is *regular*. If two regular boxes in one
-connected region have different numbers of modes, there is a singular configuration between
-them.
+Suppose that as many complex roots as the equations can have are continued over a box of
+inputs, and that no two of them meet. Then no configuration of the box is singular with
+locked inputs (type II), and the number of modes is the same everywhere: the box is
+*regular*. If two regular boxes in one connected region have different numbers of modes,
+there is a singular configuration between them.
 """
 
 from collections import defaultdict

@@ -2,10 +2,10 @@
 
 The equations fall into systems that are solved one after the other. Suppose that as many
 roots of a system are proven as it can have, complex ones and those at infinity included,
-and that each is proven to be real or not. Then its real roots are all there are. The next
-system is solved for each of them, with their angles as further given variables. Roots that
-are proven to be different at the centre of a box of inputs, and regular over the whole box,
-never meet.
+and that each is proven to be real or not. Then no real root of the system is missing. The
+next system is solved for each of them, with their angles as further given variables. Roots
+that are proven to be different at the centre of a box of inputs, and regular over the whole
+box, never meet.
 """
 
 from collections.abc import Sequence
@@ -163,7 +163,7 @@ class EquationSystem:
     rows
         Numbers of the equations of this system.
     unknowns
-        Numbers of its unknowns, as many.
+        Numbers of its unknowns. There are as many unknowns as equations.
 
     Attributes
     ----------
@@ -384,7 +384,7 @@ class EquationSystem:
     def _choose_start(
         self, requested: Floats, solved_points: Floats
     ) -> tuple[Floats, Complexes]:
-        """Return values of the given variables with all roots there, as near as known.
+        """Return the nearest values of the given variables at which all roots are known.
 
         They are the nearest values in `solved`. If none are near, the roots are computed by
         a homotopy at the requested values themselves.

@@ -3,12 +3,12 @@
 The space of the variables is cut into boxes. A box is discarded if an equation cannot
 vanish in it: |f| at its centre exceeds what the slopes and the bound of the second
 derivatives allow over the box. It is also discarded if it is inside a given part. All other
-boxes are halved. Boxes that are still left when they are small are undecided.
+boxes are halved. A box that is too small to be halved is undecided.
 
 A linear combination of equations that cannot vanish in a box discards it as well. The
-combinations that are tried are the rows of the pseudo-inverse of F', in each of which the
-slope by one variable dominates. The proof is valid for any weights, so their rounding does
-not matter.
+combinations that are tried are the rows of the pseudo-inverse of the matrix of slopes. In
+each combination the slope by one variable dominates. The proof is valid for any weights, so
+their rounding does not matter.
 """
 
 from collections.abc import Callable, Sequence
@@ -85,7 +85,7 @@ def are_excluded(
     values
         (n, k) equations at the centres of the boxes.
     slopes
-        (n, k, v) their derivatives there.
+        (n, k, v) derivatives of the equations at the centres.
     radii
         (n, v) half widths of the boxes (rad).
     remainders
@@ -271,8 +271,8 @@ def pave(
 
     A box is discarded if an equation, or a weighted sum of equations, cannot vanish in it,
     or if it is inside a part of space with known configurations. Near some of the other
-    boxes configurations are searched, from which known parts may be added. All boxes that
-    remain are halved.
+    boxes a configuration is searched. If one is found, a part of space with this
+    configuration may be added to the known parts. All boxes that remain are halved.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """Reference values of the rows of a motion: configuration, rates and their derivatives.
 
-The rows of a motion only say which solution is meant. From there Newton's method closes the
-loops in as many digits as requested. The loop equations as power series in the input give
-all derivatives. Nothing of the solvers that computed the motion is used.
+The rows of a motion only say which solution is meant. Starting from them, Newton's method
+closes the loops in as many digits as requested. The loop equations as power series in the
+input give all derivatives. The solvers that computed the motion are not used.
 """
 
 from collections.abc import Mapping, Sequence
@@ -92,9 +92,9 @@ class ExactRows:
         `condition` times e. It is unbounded near singularities of type II.
     status
         (n,) `Status`. A row that had failed keeps its status. NOT_CONVERGED; NOT_CLOSED;
-        MODE_LOST if the solution is farther from the row than 1e-6 rad and than the error
-        bound of the row allows, or if another solution may be as near; AT_SINGULARITY if
-        the Jacobian does not have full rank in these digits.
+        MODE_LOST if the solution is farther from the row than 1e-6 rad and also farther
+        than the error bound of the row allows, or if another solution may be as near;
+        AT_SINGULARITY if the Jacobian does not have full rank in these digits.
     """
 
     arithmetic: Digits

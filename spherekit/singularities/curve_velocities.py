@@ -57,7 +57,8 @@ class PoleAxes:
     directions
         (n, 3) unit vectors by pole, of arbitrary sense.
     errors
-        (n,) bounds of their errors (rad) by pole. Larger bounds are replaced by 1.
+        (n,) bounds of the errors of the axes (rad) by pole. A bound above 1 is replaced by
+        1.
     """
 
     directions: dict[Pole, Floats]

@@ -33,10 +33,10 @@ relations are not determined; smaller: a plane is determined by rounding."""
 
 
 class Type(StrEnum):
-    """What vanishes: the output (I), the input (II), or both.
+    """What rests at a singularity: the output (I), the input (II), or both.
 
-    Both vanish in a self-motion, in which other links move, and where curves of
-    configurations cross (III).
+    Both rest in a self-motion, in which other links move. Both can also rest where curves
+    of configurations cross (III).
     """
 
     I = "I"  # noqa: E741

@@ -290,7 +290,7 @@ def local_minima(
     Returns
     -------
     positions, sines
-        (k,) arc lengths (rad), and the sines there.
+        (k,) arc lengths (rad) of the minima, and the sines at them.
     """
     curve = sampled.curves[number]
     grid = curve.s
@@ -329,8 +329,8 @@ def _ends_in_range(sampled: SampledSingularities, number: int) -> tuple[Floats, 
     an end of the range if its input is the lowest or the highest. A range of whole periods
     has no ends, because configurations repeat. The ends of an open curve are included too,
     but only if it has no end at a crossing. A curve that is crossed at an end stops a
-    little before the crossing, so that the measure there is not that of an end. Its other
-    end is left out as well.
+    little before the crossing, so the measure at its last point is not that of a true end.
+    The other end of such a curve is left out as well.
 
     Parameters
     ----------

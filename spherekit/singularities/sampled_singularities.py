@@ -77,7 +77,8 @@ class SampledSingularities:
     position_analysis
         Position analysis of a mechanism with one degree of freedom.
     outputs
-        Relative motions (o, s), numbers of links.
+        The outputs as pairs (o, s) of link numbers: the motion of link o relative to link
+        s.
     values, assembly_mode
         Configurations (n, variables) of the rows in rad, NaN for none, and the assembly
         mode (n,) of each.
@@ -97,10 +98,10 @@ class SampledSingularities:
     curve, s
         (n,) the number of the curve of each row, -1 without one, and its arc length there.
     status
-        (n,) OK on a curve, AT_SINGULARITY so near to a crossing of curves that none is
-        followed there, MODE_LOST elsewhere.
+        (n,) status of each row. OK: the row is on a curve. AT_SINGULARITY: it is so near to
+        a crossing of curves that no curve is followed to it. MODE_LOST: all other rows.
     crossed
-        (n,) whether the row is such a crossing itself, where every rate may vanish.
+        (n,) whether the row is a crossing of curves itself, at which every rate may vanish.
     range
         Lowest and highest input (rad).
     """
@@ -228,8 +229,8 @@ class SampledSingularities:
         configuration that does not occur in the range is yielded once, as not inside, with
         the input that is nearest to the range.
 
-        If the rows are a simulation, only what it passes is inside. A configuration on a
-        curve of which the simulation passes nothing is yielded once.
+        If the rows are a simulation, only configurations that it passes are inside. A
+        configuration on a curve of which the simulation passes nothing is yielded once.
 
         Parameters
         ----------
@@ -382,7 +383,7 @@ class SampledSingularities:
 
     @property
     def is_simulation(self) -> bool:
-        """Whether only what a simulation passes is inside."""
+        """Whether the rows are a simulation, so that only what it passes is inside."""
         return self._passed_ranges is not None
 
     def angle(self, kind: Type, curve: int, s: Floats, output: int) -> Floats:

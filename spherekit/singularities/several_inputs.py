@@ -236,7 +236,8 @@ def coefficients(
     motion
         Any motion of a mechanism with at least one input.
     output
-        Which link's rates count, from `spherekit.singularities.stationarity.output_of`.
+        The output whose rates count, as `spherekit.singularities.stationarity.output_of`
+        returns it.
     by_rank
         Whether degrees of freedom are determined from the rank of the closure equations,
         instead of by counting links and pairs.

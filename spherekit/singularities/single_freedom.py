@@ -1,10 +1,11 @@
 """All singularities of a mechanism with one degree of freedom, one input and any outputs.
 
 On a configuration curve the rate of the input w_ir and that of an output w_os, per unit of
-arc length, are smooth functions. A zero of the output alone is a singularity of type I, of
-the input alone type II, of both a self-motion. Type III occurs where curves cross. The
-coefficients c and d of the input-output relation vanish there too. They also vanish where
-the four links of the relation are badly chosen, which is no singularity.
+arc length, are smooth functions. If only the rate of the output is zero at a point of the
+curve, this is a singularity of type I. If only that of the input is zero, it is of type II.
+If both are zero, it is a self-motion. Type III occurs where curves cross. The coefficients
+c and d of the input-output relation c y' = d q' vanish at all of these crossings. They also
+vanish where the four links of the relation are badly chosen, which is no singularity.
 """
 
 from collections.abc import Iterable, Sequence

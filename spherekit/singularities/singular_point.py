@@ -30,8 +30,8 @@ class SingularPoint:
         (variables,) the configuration (rad). A crossing that was not located has the
         configuration of the last computed point of a curve that ends there.
     input_turns, output_turns
-        Whether the input and the output reverse there. They do not if the rate only
-        touches zero.
+        Whether the input and the output reverse at the singularity. They do not if their
+        rate only touches zero.
     double
         Whether a vanishing rate only touches zero, or has two zeros that cannot be
         separated.

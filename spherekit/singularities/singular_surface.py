@@ -122,8 +122,8 @@ class SingularSurface:
     def border(self) -> Indices:
         """(k, 2) edges with one triangle.
 
-        There the surface leaves the ranges, comes near to a crossing of surfaces, or was
-        not completed.
+        At these edges the surface leaves the ranges, comes near to a crossing of surfaces,
+        or was not completed.
         """
         edges, sides = list_edges(self.triangles)
         triangle_counts = np.bincount(sides.ravel(), minlength=len(edges))

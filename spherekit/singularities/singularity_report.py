@@ -143,7 +143,7 @@ class SingularityReport:
 
     @cached_property
     def locus_of_other_type(self) -> SingularityLocus:
-        """Those of type II if the type is I, otherwise those of type I."""
+        """The singular configurations of type II if this type is I, otherwise of type I."""
         return self._locus("II" if self.kind == "I" else "I")
 
     def _locus(self, kind: LocusName) -> SingularityLocus:

@@ -1,7 +1,8 @@
 """Slices of the configurations of a mechanism: all inputs but one are locked.
 
 A slice is the set of configurations with the locked inputs at given values. It consists of
-curves. Each is followed in its own arc length, through dead points of the free input.
+curves. The parameter of each curve is its arc length, so the curve can be followed through
+dead points of the free input.
 """
 
 from collections.abc import Iterator, Sequence
