@@ -40,9 +40,10 @@ Larger: fewer cells and a larger error. Smaller: cells are halved for rounding e
 """
 
 INVERSE_ROUNDING_TOLERANCE = 1e-12
-"""The same error, as far as it is accepted if halving the cells does not reduce it.
+"""Accepted error of the parameter, if halving the cells does not reduce it any further.
 
-Some arc lengths lose digits. Smaller: such curves get as many cells as allowed.
+It is relative to the largest parameter. Some arc lengths lose digits. Smaller: such curves
+get as many cells as allowed.
 """
 
 

@@ -63,7 +63,7 @@ def find_crossings(
     Parameters
     ----------
     evaluate
-        The margins.
+        The function that returns all margins at directions.
     inside, outside
         (n, 3) unit vectors, the ends of the arcs inside and outside the region.
 

@@ -1,4 +1,4 @@
-"""Segments of the border of a region: curves over chords, and the areas beside these.
+"""Segments of the border of a region of directions: curves over chords, and their areas.
 
 A chord is the arc of a great circle between two points of the border. Over it the border is
 a curve of height h(u) (rad), the angle from the chord towards the region, which is to the
@@ -29,13 +29,17 @@ from spherekit.tolerances import EPS
 
 ORDERS = (1, 4, 8, 16)
 """Orders of the polynomials of height. The order of a segment is raised until its area is
-known well enough. Order 1 is the chord itself, for a segment whose border was not found.
+known well enough. Order 1 is the chord itself. It is used for a segment whose border was
+not found.
 
-The nodes of each order are among those of the next one, so that heights are used again."""
+The nodes of each order are among those of the next one, so that heights are used again.
+"""
 
 MAX_HEIGHT_RATIO = 0.4
-"""Largest height at the middle of a segment, as a part of its chord. The triangle of a
-higher segment is cut first."""
+"""Largest height at the middle of a segment, as a part of its chord.
+
+If a segment is higher, its triangle is cut into smaller ones.
+"""
 
 MIN_BORDER_CHORD_RAD = 1e-11
 """Shorter chords are taken for the border. Directions along them have too few digits."""
@@ -237,7 +241,8 @@ class BorderSegments(ArrayRows):
             (n,) whether a segment begins at an edge of its triangle. If the border has a
             corner within a triangle, a leading segment ends there and another one begins.
         is_searched
-            (n,) segments whose border is searched. The others are their chords.
+            (n,) whether the border of a segment is searched. Otherwise its chord is taken
+            as the border.
         """
         # Begin with chords, which have order 1, and no height and no area beside them. A
         # segment is sound if its border is found. All that are searched begin as sound.

@@ -28,8 +28,10 @@ EQUAL_CONTACT_RAD = 1e-12
 The choice among them is made by their position."""
 
 START_SLACK_RAD = 1e-9
-"""A contact that is less than this before the start of the first curve counts as at its
-start, although its arc length is then almost the whole length."""
+"""A contact nearer to the end of the first curve than this counts as being at its start.
+
+Its arc length is almost the whole length of the curve, because of rounding.
+"""
 
 
 @dataclass(frozen=True)

@@ -23,10 +23,10 @@ AREA_ROUNDING_SR = 1e-14
 """Rounding error of a sum of areas (sr), a part of every error."""
 
 MAX_EXCLUDING_MARGINS = 4
-"""Largest set of margins that is tried in search of the reason why a region is empty."""
+"""Largest number of margins that are tried together as the reason why a region is empty."""
 
 EVALUATIONS_PER_SET = 100_000
-"""Evaluations after which the search of a region for one such set ends."""
+"""Evaluations of margins after which the search for one such set of margins ends."""
 
 
 @dataclass(frozen=True)

@@ -70,7 +70,7 @@ _CHECK_QUARTERS = np.array([[1, 1, 1], [1, 3, 3], [3, 1, 3], [3, 3, 1]])
 """(4, 3) coordinates of four check points in a cell, in quarters of its width."""
 
 _SAMPLE_QUARTERS = np.concatenate([2 * _cubic_grid(np.arange(3)), _CHECK_QUARTERS])
-"""(31, 3) the same of the 27 samples and the check points."""
+"""(31, 3) coordinates of the 27 samples, then of the check points, in quarters."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class Orientations:
 
     @property
     def fraction(self) -> float:
-        """Part of all orientations."""
+        """Volume of these orientations as a part of that of all orientations."""
         return self.volume / ALL_ORIENTATIONS
 
 

@@ -199,8 +199,8 @@ class SplinePath:
     Attributes
     ----------
     spline
-        A function of parameters and an order, which returns that derivative (..., 3) of x
-        by u, such as SciPy's `BSpline`.
+        A function of parameters u and an order, such as SciPy's `BSpline`. It returns the
+        derivative (..., 3) of x by u of this order.
     knots
         (m,) parameters of the interpolated points. The last one of a closed path belongs to
         the first point.

@@ -23,23 +23,23 @@ consist of rounding errors.
 """
 
 ON_CIRCLE_TOLERANCE = 1e-13
-"""Distance from a great circle at which a point of a polyline is on it.
+"""Distance from a great circle up to which a point of a polyline is on the circle.
 
 Larger: nearby arcs count as touching. Smaller: arcs that touch up to rounding are missed.
 """
 
 MIN_CHECKED_ARCS = 400
-"""Arcs, at least, of the polyline by which self-intersections are found.
+"""Smallest number of arcs of the polyline by which self-intersections are found.
 
 Larger: smaller loops are found, in more time. There are also at least
 `MIN_ARCS_PER_PANEL` between successive points.
 """
 
 MIN_ARCS_PER_PANEL = 8
-"""Arcs, at least, of that polyline between successive points."""
+"""Smallest number of arcs of this polyline between successive points of the curve."""
 
 ROOT_DIGITS = 30
-"""Decimals to which coefficients (rad) of a colatitude are rounded before its extrema.
+"""Decimals of the coefficients (rad) from which the extrema of a colatitude are computed.
 
 Larger: quotients of extremely small coefficients overflow. Smaller: coefficients that
 matter are lost.

@@ -21,7 +21,7 @@ from spherekit.tolerances import EPS
 HALF_ANGLE_ROUNDING_RAD = 8 * EPS
 """Gap (rad) of two cones up to which their half angles are used exactly as given.
 
-Larger: half angles that miss by more than rounding stay as they are. Smaller: the second
+Larger: half angles with a gap of more than rounding stay as they are. Smaller: the second
 half angle of a file is changed in its last digits.
 """
 
@@ -29,8 +29,8 @@ half angle of a file is changed in its last digits.
 class GearShaft(NamedTuple):
     """The R pair at the carrier, about which a gear rotates.
 
-    The axis of the gear, in the axes of the carrier, is `sense` (1 or -1) times the axis of
-    `pair` there.
+    In the axes of the carrier, the axis of the gear is `sense` (1 or -1) times the axis of
+    `pair`.
     """
 
     pair: str
@@ -181,7 +181,8 @@ def find_gear_carrier(
     Returns
     -------
     The carrier, the R pair at the carrier of each gear, and the angle between both axes. If
-    several links carry both axes, it is the one that the fewest pairs join to the gears.
+    several links carry both axes, the carrier is the one with the fewest pairs between it
+    and the gears.
 
     Raises
     ------

@@ -10,7 +10,7 @@ Result = TypeVar("Result")
 
 
 class MechanismCache:
-    """Results by the content of a mechanism and a request.
+    """Stored results, found by the content of a mechanism and a request.
 
     The content is a text of everything but source, description and user data. Mechanisms
     of equal content share their results.

@@ -1,4 +1,4 @@
-"""The parts of a mechanism without masses and loads.
+"""The parts of a mechanism other than masses and loads.
 
 These are pairs with their profiles, sizes of links, inputs, outputs and the source.
 """
@@ -262,10 +262,11 @@ class SizeGeometry:
     links
         Sizes of each link, by name.
     zeros
-        Angle (rad) of each pair at which its variable reads zero, by name. It is measured
-        about the axis of the pair from the reference arc of the first link to that of the
-        second. The reference arc of a link at an axis leads to the first other axis in
-        `LinkSizes.axes`. For pairs that are missing this angle is 0.
+        Angle (rad) of each pair at which its variable is zero, by name. It is measured
+        about the axis of the pair, from the reference arc of the first link to the
+        reference arc of the second. The reference arc of a link leads from the axis of the
+        pair to the first other axis in `LinkSizes.axes`. For pairs that are missing this
+        angle is 0.
     """
 
     links: Mapping[str, LinkSizes]
@@ -283,8 +284,8 @@ class PoseGeometry:
     axes
         Axis of each R pair, a unit vector in ground axes, by name.
     values
-        Variable (rad) of each R pair in the pose, by name. For pairs that are missing it is
-        0.
+        Variable (rad) of each R pair in the pose, by name. The variable of a pair that is
+        missing is 0.
     """
 
     axes: Mapping[str, Vector]

@@ -33,8 +33,8 @@ class Bearings(BearingFriction):
     """The bearings of an R pair, with Coulomb friction that follows from its reaction.
 
     The friction is -(coefficient radius F tanh(v' / speed)) at the rate v' of the pair. F
-    is the sum of the sizes of the forces on the bearings. If `axial` is stated, these are
-    all forces; otherwise they are those of the couple alone.
+    is the sum of the sizes of the forces on the bearings. If `axial` is stated, all forces
+    count. Otherwise only the forces that support the couple count.
 
     Attributes
     ----------
@@ -193,7 +193,7 @@ class Bearings(BearingFriction):
                 )
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
-        """Return one component, whose magnitude is -tanh(v / speed).
+        """Return one load component of magnitude -tanh(v / speed).
 
         Here v is the rate of the pair. The friction moment (N m) is this magnitude times
         the coefficient, the radius and the sum of the forces on the bearings. Other code
@@ -256,13 +256,13 @@ class ContactFriction(BearingFriction):
 
         Returns
         -------
-        (..., 1, 3) push (N m) in pair axes. An R pair can have several bearings, and their
-        number is the length of the second axis from the right. Here this length is 1.
+        (..., 1, 3) push (N m) in pair axes. The axis of length 1 counts the supports: an R
+        pair can have several bearings, a sliding contact has one support.
         """
         return (moments * [1.0, 0.0, 0.0])[..., None, :]
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
-        """Return one component, whose magnitude is -tanh(v / speed).
+        """Return one load component of magnitude -tanh(v / speed).
 
         Here v is the sliding rate. The friction moment is this magnitude times the
         coefficient times the push, the moment (N m) of the normal force about the centre.

@@ -36,7 +36,8 @@ def find_spanning_tree(
     ends
         Numbers of the two bodies of every pair.
     start
-        Bodies that need not be reached. Several of them are roots of several trees.
+        Bodies from which the tree begins. If there are several, each is the root of a tree
+        of its own.
     pairs
         Numbers of the pairs that may be used. By default all.
 

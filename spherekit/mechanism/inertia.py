@@ -78,8 +78,8 @@ def shift_to_sphere_centre(tensor: Floats, mass: float, centre: Floats) -> Float
 def axes_frame(first: Floats, second: Floats) -> Floats:
     """Return the frame (3, 3) with z along `first` and with `second` at x = 0, y > 0.
 
-    Its columns are the axes x, y, z. It is the frame of Di Gregorio 2024, Fig. 3, on two
-    axes (3,), which are unit vectors.
+    Both arguments are unit vectors (3,). The columns of the frame are its axes x, y and z.
+    It is the frame of Di Gregorio 2024, Fig. 3.
 
     Raises
     ------

@@ -1,7 +1,8 @@
 """All configuration curves of a mechanism, and the assembly modes that lie on each.
 
-An assembly mode is followed over the range of an input. It ends where the input has a dead
-centre, and another mode begins there. In its own arc length both are one curve.
+An assembly mode is followed over the range of an input. At a dead centre of the input it
+ends, and another mode begins. Both are parts of one configuration curve, which passes
+smoothly through the dead centre.
 
 The curves do not depend on which pair is the input. They are therefore searched with the
 pair for which the modes, and the inputs at which these meet, take the least work. The modes
@@ -45,7 +46,7 @@ from spherekit.status import Status
 from spherekit.wording import counted
 
 START_INPUTS = 181
-"""Inputs over the range at which modes are the starts of curves.
+"""Number of inputs over the range at which points of modes serve as starts of curves.
 
 Larger: more time. Smaller: curves of short modes can be missed.
 """
@@ -59,11 +60,12 @@ pieces without a mode.
 LONGEST_CURVE_RAD = 200.0
 """Length after which a curve that does not close is ended in each sense.
 
-A curve gets at least `LAP_PERIODS` times the period of the input, which exceeds one
-revolution if wheels count them, unless the period is more than twice this length.
+The length is increased to `LAP_PERIODS` periods of the input if that is more. With wheels,
+a period can be many revolutions. A period of more than twice `LONGEST_CURVE_RAD` is
+ignored.
 """
 LAP_PERIODS = 8.0
-"""A lap of a curve is shorter than so many periods of the input."""
+"""A lap of a closed curve is assumed to be shorter than this number of input periods."""
 PROBE_STEP_RAD = np.radians(2.0)
 """Distance of the inputs at which modes are computed where their meetings are unknown.
 
@@ -72,9 +74,9 @@ Larger: short components of curves are missed. Smaller: more time.
 SAME_CUT_RAD = 1e-6
 """Cuts of a curve (in arc length) that are nearer to each other are one cut."""
 CHECKED_INPUTS = 12
-"""Inputs over the range at which modes are counted, only to check the curves."""
+"""Number of inputs over the range at which modes are counted, only to check the curves."""
 MAX_CURVES = 64
-"""Curves up to which a random search continues. A chain of many dyads can have more."""
+"""A random search ends at this number of curves. A chain of many dyads can have more."""
 NEAR_TURN_RAD = 1e-6
 """Inputs nearer to the end of a piece are not checked, because of rounding errors."""
 SAME_CROSSING_END_RAD = 1e-3
@@ -101,10 +103,10 @@ class Piece(NamedTuple):
     Attributes
     ----------
     assembly_mode
-        Number of the mode; None if no given mode has the configurations of the piece. Then
-        the search for modes has missed one. Or wheels mesh in another way. For example, a
-        wheel of 20 teeth is in the same position again after one revolution, but a wheel of
-        30 teeth that it drives has then turned by 2/3 of a revolution.
+        Number of the mode. It is None if no given mode has the configurations of the piece.
+        Either the search for modes has missed one, or wheels mesh in another way. For
+        example, a wheel of 20 teeth is in the same position again after one revolution, but
+        a wheel of 30 teeth that it drives has then turned by 2/3 of a revolution.
     middle
         (variables,) configuration at the middle of the piece (rad), the input in the range.
     start, stop
@@ -222,7 +224,11 @@ def _may_reach_range(
 
 
 class ConfigurationCurve(NamedTuple):
-    """A curve, and its pieces within the range of the input in order of arc length."""
+    """A configuration curve, and its pieces within the range of the input.
+
+    A piece is a part on which the input only rises or only falls. The pieces are in order
+    of arc length.
+    """
 
     curve: ArcCurve
     pieces: tuple[Piece, ...]
@@ -481,7 +487,7 @@ class _CurveSearch:
         """Follow the curves that leave the crossings at which known curves end.
 
         The input may be stationary on such curves, so that no assembly mode leads to them.
-        Several curves end at a crossing; it is searched once.
+        Several curves end at a crossing, but each crossing is searched only once.
         """
         searched_ends: list[Floats] = []
         # New curves are appended to the list during this loop, and their ends are searched
@@ -536,7 +542,7 @@ class _CurveSearch:
         return turning_points.claim(PROBE_STEP_RAD)
 
     def search_from_random_starts(self) -> Completeness:
-        """Follow the curves that random starts over the range lead to.
+        """Follow the curves to which random starts over the range lead.
 
         The starts differ from those by which a run finds its assembly modes. The search
         ends when many starts have led to each known curve, because few curves can then be

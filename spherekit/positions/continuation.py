@@ -71,15 +71,17 @@ class CurveContinuation(ABC, Generic[Node]):
     step_tests
         Limits for the tests of a step.
     smallest_step
-        A curve ends at a node from which not even such a step (rad) is verified.
+        Smallest step (rad). A curve ends at a node from which no step of this length is
+        verified.
     same_point_rad
-        A lap ends at its start if it returns to it up to this distance.
+        A curve is closed if it returns to its start up to this distance.
     max_nodes
-        A curve with so many nodes ends.
+        Largest number of nodes of a curve.
     start_nodes
         (n) first node of each curve.
     periods
-        (variables,) growth of each variable (rad) that changes nothing.
+        (variables,) growth of each variable (rad) after which the configuration is the same
+        again, such as a revolution.
     max_length
         Length (rad) after which a curve ends.
     max_step
@@ -89,7 +91,7 @@ class CurveContinuation(ABC, Generic[Node]):
     end_status
         (n,) status of what lies beyond the last node, or `UNFINISHED`.
     is_closed
-        (n,) whether the last node is the first one again, whole periods on.
+        (n,) whether the last node is the first one again, up to whole periods of variables.
     lengths
         (n,) length of each curve (rad), as the sum of its chords.
     """

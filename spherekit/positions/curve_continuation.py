@@ -1,9 +1,10 @@
 """Follows configuration curves in their own arc length, step by verified step.
 
 A step is predicted with exact first and second derivatives, and corrected in the hyperplane
-normal to the tangent. Two curves that pass each other closely have bordered Jacobians with
-determinants of opposite sign there. The test of the change of the Jacobian therefore keeps
-them apart.
+normal to the tangent. The bordered Jacobian is the closure Jacobian with the tangent as a
+further row. Where two curves pass each other closely, its determinants have opposite signs
+on the two curves. A step from one curve to the other would therefore change the Jacobian
+much, and is rejected by a test of this change.
 """
 
 from collections.abc import Mapping, Sequence
@@ -69,7 +70,7 @@ MAX_START_RESIDUAL_RAD = 1e-6
 LANDING_STEPS = 12
 """Newton steps to the point at which a curve reaches a limit."""
 LANDING_STEP_RAD = 1e-14
-"""These end with a step that is smaller."""
+"""The Newton steps to a limit end with a step that is smaller."""
 SINGULAR_START = (
     "the start configuration of the curve is singular: two curves cross in it, or the "
     "mechanism has more than one degree of freedom; start from another configuration"
@@ -411,9 +412,9 @@ def _make_start_node(closure: Closure, values: Floats, limits: CurveLimits) -> _
 def _find_motion(closure: Closure, values: Floats) -> Floats:
     """Return the rates of all pair variables in the only motion at a configuration.
 
-    They are scaled to a unit vector (variables,), the tangent of the configuration curve.
-    The component of largest absolute value is positive. This sign defines in which sense
-    the curve is followed.
+    The rates are scaled to a unit vector (variables,), the tangent of the configuration
+    curve. The component of largest absolute value is positive. This sign defines in which
+    sense the curve is followed.
 
     Raises
     ------
@@ -599,8 +600,9 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
     def end_stuck_curve(self, row: int) -> None:
         """End a curve at its last node, with the status of what lies beyond.
 
-        That is a limit if the node is near one, else a crossing with another curve if the
-        equations are nearly singular; otherwise the curve is lost.
+        If the node is near a limit, the status is that of the limit. Otherwise, if the
+        equations are nearly singular, it is that of a crossing with another curve. In all
+        other cases the curve is lost.
         """
         reciprocal_condition = self.last_nodes.reciprocal_condition[row]
         is_near_crossing = reciprocal_condition < END_AT_SINGULARITY_CONDITION

@@ -27,7 +27,7 @@ from spherekit.positions.loop_closure import Closure, newton
 from spherekit.tolerances import CLOSURE_TOLERANCE, EPS
 
 MAX_NULL_RATIO = 3e-3
-"""Singular values of J below this part of the largest may vanish at a crossing nearby.
+"""Singular values of J below this part of the largest can be zero at a crossing nearby.
 
 Larger: more numbers of curves are tried at each configuration. Smaller: a crossing is
 missed if the search starts farther from it.
@@ -55,7 +55,7 @@ DIRECTION_TOLERANCE = 1e-7
 Two directions are the same if one minus the cosine of their angle is smaller.
 """
 MAX_INVERSE_NORM = 1e4
-"""If the inverse of the equations of a direction is larger, two directions may be one."""
+"""If the inverse of a direction's equations has a larger norm, directions may coincide."""
 RADIUS_RAD = 0.02
 """Distance of the configurations on outgoing curves from the one that they leave."""
 MOTION_RATIO = 1e-4

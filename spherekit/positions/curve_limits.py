@@ -36,15 +36,15 @@ class VariableBound(NamedTuple):
 
 
 class ContactLimit(NamedTuple):
-    """A contact pair, which ends where its two profiles have equal curvatures.
+    """A limit at which the two profiles of a contact pair have equal curvatures.
 
     Attributes
     ----------
     pair
         Number of the pair.
     variables
-        Numbers of the variables that are the arc lengths along both profiles. It is twice
-        the same number for a rolling contact.
+        Numbers of the variables that are the arc lengths along both profiles. For a rolling
+        contact both numbers are the same.
     """
 
     pair: int

@@ -140,7 +140,7 @@ def bordered(jacobian: Floats, borders: Floats) -> Floats:
 def bordered_reciprocal_condition(equations: Floats, inverse: Floats) -> Floats:
     """Return the reciprocal condition numbers (n,) of bordered Jacobians.
 
-    In the Frobenius norm; 0 for singular matrices.
+    They are computed in the Frobenius norm, and are 0 for singular matrices.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """Chooses the pair to drive when all configuration curves of a mechanism are searched.
 
-The configuration curves do not depend on which pair is driven, but the groups do. Driven at
-one pair a six-bar consists of two dyads, and at another pair of a triad, for which the
-inputs where modes meet take longer to compute.
+The configuration curves do not depend on which pair is driven, but the groups do. For
+example, the groups of a six-bar are two dyads if one pair is driven, and a triad if another
+pair is driven. The inputs at which modes meet take longer to compute for a triad.
 """
 
 from contextlib import suppress

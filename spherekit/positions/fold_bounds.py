@@ -210,12 +210,16 @@ def place_at_folds(
 
 
 class _FoldModel:
-    """The closure residual at n configurations as a quadratic along v, see the module.
+    """Quadratic models of the closure residual at n configurations near folds.
+
+    If the variables move by x along a direction v in which the loops hardly open, one
+    component of the residual is f(x) = e + s x + h x^2 / 2.
 
     Attributes
     ----------
     sensitivity
-        (n,) Frobenius norm of the left inverse of J.
+        (n,) Frobenius norm of the left inverse of J, the derivative of the residual by the
+        variables that are not inputs.
     residual, slope, curvature
         (n,) the coefficients e, s and h of f(x) = e + s x + h x^2 / 2.
     extreme_residual
@@ -293,7 +297,7 @@ class _FoldModel:
         return distance[:, None] * self._direction + others
 
     def bound_errors(self, closure: Closure, gap: Floats) -> Floats:
-        """Return bounds (n,) in rad of the distance of closed configurations.
+        """Return bounds (n,) in rad of the distances to the closed configurations.
 
         If the variables of a configuration are moved by x along v (`_direction`), the loops
         are open along u (`_side`) by f(x) = e + s x + h x^2 / 2. v and u are the right and

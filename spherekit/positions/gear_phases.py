@@ -46,7 +46,7 @@ MAX_TRIED_ASSEMBLIES = 64
 Larger: more time. Smaller: the assembly that is looked for may not be among them.
 """
 MAX_INPUT_REVOLUTIONS = 12
-"""Most whole revolutions by which an input may differ from a configuration that is given.
+"""Largest number of whole revolutions between an input and a given configuration.
 
 Larger: more combinations of inputs are tried. Smaller: wheels that have rolled far are not
 recognised.

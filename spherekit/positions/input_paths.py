@@ -45,12 +45,12 @@ ratio is twice the remaining input. The step is then 0.6 of it.
 INPUT_STEP_TESTS = Verification(correction=0.1, slack=1e-9, settled=1e-6, turn=0.95)
 """Limits for the tests of a step."""
 LARGEST_PREDICTED_MOVE_RAD = 0.5
-"""The error of a prediction is compared with the predicted move, or with this if less.
+"""The error of a prediction is compared with the predicted move, but at most with this.
 
 Larger: more steps near dead centres are accepted, perhaps on another path.
 """
 MAX_TRIED_STEPS = 20000
-"""Steps of one path that are tried, with those that fail. Then the mode counts as lost."""
+"""Largest number of tried steps of one path. After so many steps the mode is lost."""
 SMALLEST_INPUT_STEP_RAD = 4e-13
 """If not even a smaller step is verified, the input has reached a dead centre.
 
@@ -317,7 +317,7 @@ class FollowedPaths:
     status
         (n,) OK if the path reached its goal, otherwise why it ended before.
     tried_steps
-        (n,) number of steps that were tried, with those that failed.
+        (n,) number of steps that were tried, including those that failed.
     """
 
     nodes: InputPathNodes
@@ -352,7 +352,7 @@ def follow_inputs(
     trail
         All nodes after the first ones are appended to this list.
     smallest_step
-        A path ends where not even such a step (rad) is verified.
+        Smallest step (rad). A path ends where no step of this length is verified.
 
     Returns
     -------

@@ -10,7 +10,7 @@ from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import TURN
 
 RANGE_TOLERANCE_RAD = 1e-12
-"""An input that is outside a range by less is at its end, but for rounding."""
+"""An input that exceeds a range by less is at its end, because the rest is rounding."""
 
 
 def into_range(

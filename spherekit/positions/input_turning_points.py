@@ -54,7 +54,7 @@ RUN_TIME_S = 10.0
 MIN_EXAMINED_CELLS = 12
 """Cells that are examined even if a value takes long. Smaller: more remains doubtful."""
 MAX_NAMED_CROSSINGS = 6
-"""Inputs at which curves cross that a sentence names."""
+"""Largest number of inputs of crossings that are written out in a sentence."""
 
 
 class InputTurningPoints(NamedTuple):
@@ -67,8 +67,8 @@ class InputTurningPoints(NamedTuple):
     turning_inputs
         (k,) inputs (rad) at which two modes appear or vanish, rising.
     doubtful
-        (d, 2) intervals (rad) in which some may be missing: the whole range if the
-        functions are not known for the mechanism.
+        (d, 2) intervals (rad) in which turning inputs may be missing. The whole range is
+        doubtful if no functions with zeros at these inputs are known for the mechanism.
     crossings
         Configurations at which curves cross: modes meet there, but none of them ends.
     crossing_inputs
@@ -211,8 +211,8 @@ def find_input_turning_points(
 
     Returns
     -------
-    The inputs at which a function of the input changes its sign. There is one function for
-    each group of the mechanism, which does so where two modes of the group meet.
+    The inputs at which a function of the input changes its sign. Each group of the
+    mechanism has one such function. It changes its sign where two modes of the group meet.
     """
     coalescence = make_mode_coalescence(solver, max_cost_s) if low < high else None
     if coalescence is None:

@@ -104,10 +104,10 @@ class ModeCoalescence:
     """The real analytic functions of the inputs whose signs change where modes meet.
 
     There is one function for each group: the product, over all modes, of the determinant of
-    the group's equations. These are the modes of the group itself, in all modes of the
-    earlier groups on which it depends. The determinant of a group that does not depend on
-    an earlier one is the same in each mode of that one. Only one of these equal factors is
-    then taken. With all of them, the product would be a power of the function.
+    the group's equations. The modes are those of the group itself, in all modes of the
+    earlier groups on which it depends. If the group does not depend on an earlier one, its
+    determinant is the same in each mode of that earlier group. Only one of these equal
+    factors is then taken. With all of them, the product would be a power of the function.
 
     Parameters
     ----------

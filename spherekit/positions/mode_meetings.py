@@ -63,7 +63,7 @@ misses that counts as rounding."""
 def degrees_text(angle: float) -> str:
     """Return an angle (rad) as text in degrees, with six significant digits.
 
-    An angle below about 1e-9 deg is written as 0. Adding 0.0 avoids "-0".
+    An angle below about 1e-9 deg is written as 0, never as "-0".
     """
     return f"{round(float(np.degrees(angle)), 9) + 0.0:.6g}"
 
@@ -278,9 +278,10 @@ def _compare_modes(
     """Find which modes meet at one input, and which modes continue each other.
 
     Each mode is evaluated on both sides of the input, and continued with its first two
-    derivatives. A mode passes through a crossing if its continuation comes near to it. A
-    mode below continues as the mode above that its continuation misses least, and vice
-    versa.
+    derivatives. A mode passes through a crossing if its continuation comes near to the
+    crossing. The continuation of a mode below the input is compared with all modes above
+    it. The mode continues as the one that its continuation misses least. Modes above are
+    compared with modes below in the same way.
 
     Parameters
     ----------
@@ -366,7 +367,7 @@ def _find_coincident_modes(values: Floats) -> Bools:
 
 
 def _measure_misses(nodes: InputPathNodes, step: float, values: Floats) -> Floats:
-    """Return by how much modes, continued to another input, miss configurations there.
+    """Return how far modes, continued to another input, are from configurations at it.
 
     Parameters
     ----------

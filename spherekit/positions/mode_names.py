@@ -14,7 +14,7 @@ from spherekit.positions.position_solver import PositionSolver
 from spherekit.wording import listing
 
 MAX_NAME_DEVIATION_RAD = np.radians(10.0)
-"""A mode whose angles deviate more from those of a name does not get the name.
+"""A mode does not get a name from whose angles its angles deviate more than this.
 
 Larger: a name whose angles are wrong is given to some mode all the same. Smaller: angles
 that were read off a drawing have to be more accurate.
@@ -48,9 +48,9 @@ def assign_mode_names(
     """Return assembly modes with the names that the file gives them.
 
     In the file a name has one configuration: values of all inputs and of some other pairs.
-    The name is given to the mode that is nearest to this configuration at these inputs.
-    If the user drives other pairs than the file does, a name may not state all inputs. It
-    has no meaning for these inputs and is left out without a message.
+    The name is given to the mode that is nearest to this configuration at these inputs. If
+    the user drives other pairs than the file does, the file may lack the value of an input.
+    Such a name has no meaning, and is left out without a message.
 
     Parameters
     ----------

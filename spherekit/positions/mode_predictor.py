@@ -31,20 +31,19 @@ from spherekit.positions.loop_closure import Closure
 from spherekit.status import Status
 
 DEAD_CENTRE_RATIO = 1e-9
-"""Configurations of a smaller relative singular value are dead centres of the input.
+"""A configuration with a smaller reciprocal condition number is a dead centre of the input.
 
-The singular values are those of the closure Jacobian with locked input. Larger: more modes
-begin with the slower search for outgoing curves. Smaller: slopes at the nodes are rounding
-errors.
+The number is that of the closure Jacobian with locked input. Larger: more modes begin with
+the slower search for outgoing curves. Smaller: slopes at the nodes are rounding errors.
 """
 MIN_INPUT_CHANGE_RAD = 1e-9
-"""A curve that leaves a dead centre with a smaller change of the input does not move it.
+"""A curve along which the input changes less, near a dead centre, does not move the input.
 
 Larger: curves along which the input moves slowly are left out. Smaller: rounding errors
 count as a motion of the input.
 """
 DEAD_CENTRE_END_RAD = 1e-4
-"""A curve whose end is nearer to a dead centre has this dead centre as its end.
+"""A curve that ends nearer to a dead centre than this is extended to the dead centre.
 
 Larger: a neighbouring mode may be connected with the dead centre. Smaller: the mode of a
 dead centre can end before it.
@@ -95,7 +94,7 @@ class ModeCurve:
         Why the curve ends at the first and at the last node: OK if the range ends,
         otherwise the status of the samples beyond.
     tried_steps
-        Number of steps that were tried to find the curve, with those that failed.
+        Number of steps that were tried to find the curve, including those that failed.
     """
 
     inputs: Floats
@@ -169,8 +168,8 @@ class ModeOverGrid(NamedTuple):
     def predict(self, q: Floats, rows: Indices | None) -> ModePrediction:
         """Return the configurations at samples, by their numbers `rows` (m,).
 
-        The inputs `q` (m, inputs) of the samples do not matter. `rows` is None for inputs
-        that are no samples, at which only a `ModeCurve` has a prediction.
+        The inputs `q` (m, inputs) of the samples are not used. If `rows` is None, the
+        inputs are no samples, and only a `ModeCurve` has a prediction.
         """
         assert rows is not None
         return ModePrediction(

@@ -38,13 +38,13 @@ from spherekit.positions.position_solver import PositionSolver
 from spherekit.status import Status
 
 PROBED_RANGE_INPUTS = 721
-"""Inputs over the range of a single input that find the modes of dyads.
+"""Number of values of a single input at which the modes of dyads are searched.
 
 They are used only where the inputs at which modes meet are unknown. Larger: shorter modes
 are found, in more time.
 """
 MAX_PROBED_SAMPLES = 2**16
-"""Samples of several inputs that find the modes of dyads. Larger: more modes are found."""
+"""Largest number of samples of several inputs at which the modes of dyads are searched."""
 PROBED_TOGETHER = 2**13
 """Inputs that are examined together. Larger: more memory."""
 RANKED_CONFIGURATIONS = 5

@@ -70,18 +70,18 @@ PROBED_INTERVALS = 15
 Larger: shorter modes are found, in more time.
 """
 MAX_ROLLED_CURVE_LENGTH_RAD = 200.0
-"""Length after which a curve is ended if wheels have rolled lengths of their own.
+"""Length after which a curve is ended if the input does not determine how far wheels roll.
 
 Such a curve need not close at all.
 """
 MODE_DISTANCE_RAD = 1e-3
-"""A configuration is compared with a mode if it is nearer to the prediction.
+"""A configuration is compared with a mode only if it is nearer to the predicted one.
 
-The difference of the two nodes around the prediction is added. Larger: more modes are
-compared. Smaller: a known mode may be followed again.
+The difference of the two nodes around the prediction is added to this distance. Larger:
+more modes are compared. Smaller: a known mode may be followed again.
 """
 STARTS_FOLLOWED_TOGETHER = 16
-"""Configurations of different modes that are followed together."""
+"""Number of configurations, probably of different modes, that are followed together."""
 RANDOM_STARTS_FOLLOWED_TOGETHER = 6
 """The same for configurations from random starts, several of which may be on one mode."""
 AS_ASSEMBLED = Completeness(
@@ -195,8 +195,8 @@ class ModesOverRange:
     def _has_enough_modes(self) -> bool:
         """Whether no further assembly mode is followed.
 
-        There are then `MAX_ASSEMBLY_MODES`, or one or more modes have taken so many steps
-        that the search would take too long.
+        This is so if there are `MAX_ASSEMBLY_MODES`, or if the modes so far have taken so
+        many steps that the search would take too long.
         """
         count = len(self.assembly_modes)
         has_taken_long = self._steps_along_modes > MAX_STEPS_ALONG_MODES
@@ -386,7 +386,7 @@ class ModesOverRange:
         Returns
         -------
         How complete the modes are. In the first case (`AS_ASSEMBLED`) all modes on the
-        curve are known, in the second case those that the examined inputs led to.
+        curve are known, in the second case those to which the examined inputs led.
         """
         q = self.input_grid.q
         # A few samples spread over the range, the middle first, each once.
@@ -636,7 +636,7 @@ class ModesOverRange:
         self._add_new_modes(middles.reshape(-1, curve.nodes.values.shape[1]), family)
 
     def _search_from_random_starts(self) -> SearchStatistics:
-        """Add the modes that random starts over the range lead to.
+        """Add the modes to which random starts over the range lead.
 
         All modes on one configuration curve form a family, and families are numbered from
         0. The search ends when many starts have led to each family, because few families

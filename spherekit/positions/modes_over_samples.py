@@ -451,10 +451,11 @@ class SampledModes:
     def _search_free_wheels(self) -> Completeness:
         """Search modes if the inputs do not determine how far wheels have rolled.
 
-        There are infinitely many modes then. That of the reference pose is used, if its
-        sheet (the configurations that verified steps reach from it) was found before.
-        Otherwise all groups of links are solved at up to `MAX_SEARCHED_SAMPLES` samples,
-        until one has configurations. The result says how complete the modes are.
+        There are infinitely many modes then. The mode of the reference pose is used if its
+        sheet was found before. A sheet is the set of configurations that verified steps
+        reach from one configuration. Otherwise all groups of links are solved at up to
+        `MAX_SEARCHED_SAMPLES` samples, until one has configurations. The result says how
+        complete the modes are.
         """
         probed_samples = spread_rows(len(self.input_grid), MAX_SEARCHED_SAMPLES)
         for sample in probed_samples.tolist():
@@ -472,7 +473,7 @@ class SampledModes:
     def _search_sample(self, sample: int) -> None:
         """Solve all groups of links at one sample, and add the sheets of the solutions.
 
-        A sheet is the set of configurations that verified steps reach from one of them, at
+        A sheet is the set of configurations that verified steps reach from one solution, at
         most one at each sample. Solutions may be missing. `probes` and `methods` are
         updated.
         """
@@ -484,11 +485,11 @@ class SampledModes:
         )
 
     def _search(self, samples: Indices) -> SearchStatistics:
-        """Add the sheets of configurations that random starts lead to.
+        """Add the sheets of configurations to which random starts lead.
 
         A sheet is the set of configurations that steps from sample to sample reach from one
-        of them, at most one at each sample. Each step is tested, so that it does not lead
-        to another sheet (`verified_steps.py`).
+        configuration, at most one at each sample. Each step is tested, so that it does not
+        lead to another sheet (`verified_steps.py`).
 
         Parameters
         ----------
@@ -533,7 +534,7 @@ class SampledModes:
         ----------
         reference_node
             A node of the mode of the reference pose, which becomes mode 0 if it is kept.
-            None without one.
+            None if there is no such node.
         shares_numbers
             Whether modes are united if they have no sample of a path in common, and equal
             signs of all groups of links. There are then fewer modes. The sign of a dyad

@@ -60,7 +60,7 @@ class Motion(ArrayRows):
     residual
         (n,) largest component of the closure residuals (rad).
     placed
-        (n, links, 3, 3) the `rotations`, if they are known already.
+        (n, links, 3, 3) rotations from link axes to ground axes, if they are known already.
     is_path
         Whether successive samples are neighbours.
     timing
@@ -183,7 +183,7 @@ class Motion(ArrayRows):
     def sensitivity(self) -> Floats:
         """(n,) largest change of the variables for a unit change of the closure residuals.
 
-        The Frobenius norm of `closure_inverse`. It is infinite if the loops do not
+        This is the Frobenius norm of `closure_inverse`. It is infinite if the loops do not
         determine the passive variables, 0 without passive variables, and NaN in failed
         rows.
         """
@@ -199,8 +199,8 @@ class Motion(ArrayRows):
     def residual_bound(self) -> Floats:
         """(n,) bound (rad) of every component of the exact closure residuals.
 
-        The sum of the computed residual and of the rounding errors with which it and the
-        sizes of the links are known.
+        It is the sum of the computed residual, its rounding error, and the rounding errors
+        of the sizes of the links.
         """
         return np.nan_to_num(self.residual) + rounding_of_loops(self.linearisation)
 
@@ -213,7 +213,7 @@ class Motion(ArrayRows):
     def fold_error(self) -> Floats:
         """(n,) approximate error (rad) of the variables in rows at a dead centre.
 
-        There the residual is a quadratic function of the variables.
+        At a dead centre the residual is a quadratic function of the variables.
         """
         return np.sqrt(self.residual_bound / self._curvature_bound)
 
@@ -239,8 +239,8 @@ class Motion(ArrayRows):
     def configuration_error(self) -> Floats:
         """(n,) bounds (rad) of the errors of the variables.
 
-        The `float64_error` if it is finite, and near dead centres the `singular_error`.
-        NaN in failed rows and rows that were not solved.
+        This is the `float64_error` if it is finite, and the `singular_error` near dead
+        centres. It is NaN in failed rows and in rows that were not solved.
         """
         if self.singular_error is None:
             return self.float64_error

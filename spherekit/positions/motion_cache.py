@@ -1,8 +1,8 @@
 """Position analyses of mechanisms, computed once and reused, and the mobility by rank.
 
-Counting links and pairs gives too few degrees of freedom if constraints repeat each other,
-as in a mechanism with equal links side by side. Then the rank of the velocity equations
-decides, for which configurations have to be computed first.
+Counting links and pairs gives too few degrees of freedom if constraints are redundant, as
+in a mechanism with equal links side by side. The rank of the velocity equations then gives
+the number. It requires that configurations are computed first.
 """
 
 from dataclasses import replace
@@ -46,7 +46,7 @@ def position_analysis_of(
 def kinematics_only(mechanism: Mechanism) -> Mechanism:
     """Return the mechanism without masses, loads and joint limits.
 
-    Its configurations do not depend on these.
+    The configurations of the mechanism do not depend on them.
     """
     return replace(mechanism, masses=(), loads=(), joint_limits=())
 
@@ -55,9 +55,9 @@ def assembly_by_count_or_rank(mechanism: Mechanism) -> Assembly:
     """Return the groups of a mechanism in the order in which they are solved.
 
     A group is a set of bodies that are placed together by closing their loops. Counting
-    links and pairs gives too few degrees of freedom if constraints repeat each other. Then
-    closed configurations are searched, and the rank of their velocity equations gives the
-    number of degrees of freedom.
+    links and pairs gives too few degrees of freedom if constraints are redundant. Closed
+    configurations are then searched, and the rank of their velocity equations gives the
+    number.
 
     Raises
     ------

@@ -62,8 +62,9 @@ class PositionAnalysis:
     search
         Whether to search for modes other than that of a given reference pose.
     samples
-        Number of samples on the straight path through the ranges of all inputs; with
-        `grid` the number for each input, or a sequence of those.
+        Number of samples on the straight path through the ranges of all inputs. If `grid`
+        is true, it is the number for each input, or a sequence with one number for each
+        input.
     grid
         Whether to sample all combinations of the inputs.
     path
