@@ -17,15 +17,19 @@ def plan(
     poles: Iterable[Pole | str] | None = None,
     input_pair: str | None = None,
 ) -> Plan:
-    """Return the plan for some poles (all by default) while one input moves.
+    """Return the plan by which pole axes are constructed while one input moves.
+
+    A pole is the axis about which one link rotates relative to another. The plan lists the
+    steps in which the poles follow from each other. All other inputs are locked.
 
     Parameters
     ----------
     mechanism
         The mechanism, the name of a shipped one, or the path of a file.
     poles
-        Poles to find, as text such as ``"3/1"`` or pairs of link numbers. The plan then
-        contains only these and the poles that they are constructed from.
+        Poles to find, as texts such as ``"3/1"`` or as pairs of link numbers. The plan then
+        contains only these poles and the poles from which they are constructed. By default
+        all poles are found.
     input_pair
         The input that moves, by default the first.
 

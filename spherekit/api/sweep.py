@@ -58,7 +58,10 @@ def sweep(
     workers: int | None = None,
     dask: str | None = None,
 ) -> SweepResult:
-    """Return figures of merit, or whole tables, of many designs of one topology.
+    """Return figures of merit, or whole tables, of many designs of one mechanism.
+
+    A design is a choice of the sizes that vary. A figure of merit is one number for a
+    design in one assembly mode (way to assemble the mechanism).
 
     Parameters
     ----------
@@ -117,7 +120,7 @@ def sweep(
     DesignError, SolveError, FileError, AnalysisError
         If an argument is wrong. The error is raised before anything is computed.
     EngineError
-        If the mechanism has pairs that no kernel knows.
+        If the mechanism has pairs for which sweeps are not possible.
     OutputError
         If the folder contains another sweep or cannot be written, or if a part is missing
         at the end.

@@ -11,8 +11,10 @@ from spherekit.wording import counted, listing
 def mode_name(mode: Any) -> str:
     """Return the number of a mode with its name in the file, or with its signs.
 
-    A mode has one sign for each dyad. Other groups have the character ``~`` instead, which
-    is left out. If the mode has neither name nor sign, only its number is returned.
+    A mode is one of the ways to assemble the mechanism. It has one sign for each dyad (two
+    links with three R pairs). Other groups of links have the character ``~`` instead of a
+    sign. These characters are left out. If the mode has neither name nor sign, only its
+    number is returned.
 
     Parameters
     ----------

@@ -49,7 +49,8 @@ LARGE_RATIO = 100.0
 def output_table(summary: Any) -> ScreenTable | None:
     """Return the table of outputs: range, velocity ratio, transmission, places of rest.
 
-    It is None if no output is examined or no mode closes at an examined sample.
+    It is None if no output is examined, or if the mechanism can be assembled at no examined
+    sample.
 
     Parameters
     ----------

@@ -206,8 +206,8 @@ def _input_words(summary: Any, pair: str) -> str:
 def _results(summary: Any) -> list[str | ScreenTable]:
     """Return the results in the order of the screen.
 
-    First are the results of the analyses that were asked for, then those of the motion. At
-    the end are the result of a verification, if there is one, and the accuracy.
+    The results of the analyses that the user requested come first, then the results of the
+    motion. The result of a verification, if there is one, and the accuracy come last.
 
     Parameters
     ----------
@@ -336,7 +336,7 @@ def _describe_unexpected_mobility(summary: Any) -> Lines:
 def _describe_unapplied_limits(summary: Any) -> Lines:
     """Return a line if the file has joint limits that this run does not apply.
 
-    Without it, the range of an output would be taken as reachable.
+    Without this line, users would think that outputs can reach their whole range.
     """
     texts = [
         f"{pair} ({degree_range_text(low, high)} deg)"
@@ -354,7 +354,7 @@ def _describe_unapplied_limits(summary: Any) -> Lines:
 def _describe_meetings(summary: Any) -> Lines:
     """Return lines for the inputs at which assembly modes meet, each with its sentence.
 
-    These inputs are computed from the equations, so they lie between the samples.
+    These inputs are computed from the equations, so they can be between samples.
     """
     sentences = [meeting["sentence"] for meeting in summary["mode_meetings"]]
     lines = list(sentences[:MAX_LISTED_MEETINGS])

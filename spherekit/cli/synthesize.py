@@ -107,9 +107,9 @@ def execute(options: Namespace) -> int:
 def _make_report(result: "Synthesis") -> ScreenReport:
     """Return what is printed: the best designs, and how far each objective fell.
 
-    A synthesis evaluates many designs in all their assembly modes (ways to assemble the
-    loops). A row is one design in one mode. From the best rows that meet the conditions,
-    local optimisations minimise the objectives.
+    A synthesis evaluates many designs (choices of sizes) in all their assembly modes (ways
+    to assemble the loops). A row is one design in one mode. Local optimisations, which
+    minimise the objectives, start from the best rows that meet the conditions.
 
     With one objective the best designs are printed. With several objectives, designs of the
     Pareto fronts are printed, evenly chosen. Each assembly mode has its own front.

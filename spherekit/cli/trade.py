@@ -136,9 +136,10 @@ def execute(options: Namespace) -> int:
 
 
 def _make_report(result: "Trade", tolerance: float | None) -> ScreenReport:
-    """Return the report of a trade: the recommended setting, then all of them.
+    """Return the report of a trade: the recommended setting, then all settings.
 
-    The numbers to which errors are relative are details.
+    A setting is one way to compute a run. A trade has the measured time and error of each
+    setting. The numbers to which errors are relative are printed as details.
     """
     from spherekit.runs.trade_text import (
         ALIGNMENTS,

@@ -213,9 +213,9 @@ def write_c(source: Source) -> str:
 def _prototype_comment(source: Source) -> str:
     """Return the comment before the prototypes, with an example call.
 
-    The example computes the results at the known inputs of the first assembly mode. In
-    closed form the mode is selected by the signs of its dyads. Otherwise Newton's method
-    starts from the variables of the mode.
+    The example computes the results at the known inputs of the first assembly mode (way to
+    assemble the mechanism). In closed form the mode is selected by the signs of its dyads
+    (groups of two links). Otherwise Newton's method starts from the variables of the mode.
     """
     formulas = source.formulas
     comment = (
@@ -300,10 +300,10 @@ def _write_constants(source: Source, storage: str) -> Iterator[str]:
     """Yield the declarations of constants for the users of the formulas.
 
     They are the index of each result in the array of results, the values of the sizes in
-    the mechanism file, and the mode values of each assembly mode. These are the numbers
-    that select a mode in the formulas. In closed form they are the sign (+1 or -1) of each
-    dyad. Otherwise they are approximate variables (rad) of all pairs, which Newton's method
-    improves.
+    the mechanism file, and the mode values of each assembly mode (way to assemble the
+    mechanism). Mode values are the numbers that select a mode in the formulas. In closed
+    form they are the sign (+1 or -1) of each dyad (group of two links). Otherwise they are
+    approximate variables (rad) of all pairs, which Newton's method improves.
 
     Parameters
     ----------

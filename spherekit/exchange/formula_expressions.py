@@ -243,8 +243,9 @@ class Formulas:
         The inputs (rad). If a result depends on them, also rates and accelerations of the
         inputs, the time, whole turns (rad) of passive pairs, and torques given by tables.
     mode_value_names
-        Names of the values that select the assembly mode: the signs of the dyads in closed
-        form, otherwise the variables of all pairs.
+        Names of the values that select the assembly mode (way to assemble the mechanism).
+        In closed form they are the signs of the dyads (groups of two links), otherwise the
+        variables of all pairs.
     sizes
         The numbers of the mechanism file that are arguments.
     mode_table

@@ -85,8 +85,9 @@ def write_javascript(source: Source) -> str:
     """Return the formulas of a mechanism as the text of an ES module.
 
     It begins with a description: names of arguments and results, sizes, and the mode
-    values. These are numbers that select an assembly mode (a way to assemble the
-    mechanism), such as the signs of dyads. JavaScript functions follow:
+    values. Mode values are numbers that select an assembly mode (a way to assemble the
+    mechanism), such as the signs of dyads (groups of two links). JavaScript functions
+    follow:
 
     - Functions that the formulas contain, such as profiles of contacts. They are stored as
       tables of Chebyshev coefficients (series).

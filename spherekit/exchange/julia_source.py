@@ -101,8 +101,8 @@ def write_julia(source: Source) -> str:
     """Return the formulas of a mechanism as the text of a Julia program.
 
     It begins with constants: the names of the results, the sizes of the mechanism, and the
-    mode values. These are numbers that select an assembly mode (a way to assemble the
-    mechanism), such as the signs of dyads. Julia functions follow:
+    mode values. Mode values are numbers that select an assembly mode (a way to assemble the
+    mechanism), such as the signs of dyads (groups of two links). Julia functions follow:
 
     - Functions that the formulas contain, such as profiles of contacts. They are stored as
       tables of Chebyshev coefficients (series).

@@ -24,7 +24,8 @@ class LatexFormulas:
     Parameters
     ----------
     mechanism
-        A mechanism of R pairs whose links follow from its inputs by dyads.
+        A mechanism of R pairs in which all links that are not driven form dyads. A dyad is
+        two links that close a loop between known axes.
     ground_axes
         (3, 3) matrix whose columns are the axes i, j, k of the ground.
     free_sizes

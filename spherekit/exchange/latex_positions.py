@@ -79,7 +79,10 @@ class LinkAxis(NamedTuple):
 
 
 class DyadSide(NamedTuple):
-    """A link of a dyad, by its number, with its two axes in the order of the link."""
+    """One of the two links of a dyad, with its axes at two pairs of the dyad.
+
+    The link is given by its number. The axes are in the order of the mechanism file.
+    """
 
     link: int
     first_axis: LinkAxis
@@ -89,7 +92,8 @@ class DyadSide(NamedTuple):
 class PositionFormulas:
     """Formulas of the frames of all links and of the variables of all pairs.
 
-    They are written to the formula list when this object is made.
+    They are written to the formula list when this object is made. A dyad is two links that
+    close a loop between two known axes.
 
     Parameters
     ----------

@@ -71,7 +71,10 @@ class Hinge(NamedTuple):
 
 
 class Branch(NamedTuple):
-    """A pair of the tree, by number, with the link it starts from and the one it places."""
+    """A pair of the tree of links, with its known link and the one that it places.
+
+    All three are given by number.
+    """
 
     pair: int
     parent: int

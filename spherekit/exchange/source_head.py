@@ -94,7 +94,7 @@ def _argument_lines(source: Source) -> Iterator[str]:
 
 
 def _sign_note(formulas: Formulas, middle_pair: str) -> str:
-    """Return what a sign means: the side of a dyad, which is named by its middle pair."""
+    """Return what the sign of a dyad means; the dyad is named by its middle pair."""
     if middle_pair in formulas.mechanism.pair_number:
         return f"+1 or -1: the side of the dyad with the middle pair {middle_pair}"
     return "+1 or -1: the side of a dyad that replaces a contact"

@@ -64,14 +64,15 @@ class Source:
     result_names
         Names of the results in their order, in letters that identifiers allow.
     mode_argument
-        Name of the argument that selects the assembly mode: ``mode`` in closed form, with
-        the signs of the dyads, otherwise ``variables``, from which Newton's method starts.
+        Name of the argument that selects the assembly mode (way to assemble the mechanism).
+        In closed form it is ``mode``, with the signs of the dyads (groups of two links).
+        Otherwise it is ``variables``: pair variables from which Newton's method starts.
     arguments
         Names of the three arguments, in the order of `Formulas.variables`: the motion,
         `mode_argument`, and the sizes.
     smooth_function
-        Name of the function that returns at an input the values of `mode_argument` for a
-        mode on its smooth curve.
+        Name of the function that returns the values of `mode_argument` at an input, for a
+        mode that follows a smooth curve through crossings.
     """
 
     def __init__(self, formulas: Formulas, language: Language) -> None:

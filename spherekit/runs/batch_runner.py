@@ -481,8 +481,9 @@ def _keeps_direction(first: Floats, second: Floats) -> Bools:
 def _find_reversals(input_columns: InputColumns, velocities: Floats) -> Indices:
     """Return the rows after which a pole direction may reverse.
 
-    A pole direction is that of the angular velocity v of one link relative to another. It
-    does not reverse between two rows if the scalar product of both velocities is positive.
+    A pole is the axis about which one link rotates relative to another. Its direction is
+    that of the relative angular velocity v of the two links. The direction does not reverse
+    between two rows if the scalar product of the velocities in these rows is positive.
 
     First a bound for all rows together is tried. Each component of v is between its least
     value a and its greatest value b in all rows. The product of the component at any two
@@ -650,21 +651,23 @@ class PendingPoles:
 class BatchRunner:
     """Computes the motion and the poles of blocks of samples by a kernel.
 
-    The kernel evaluates all numbers of many rows (samples of assembly modes) at once. If
-    all groups of links are dyads (two links and three R pairs), it computes configurations
-    in closed form. Otherwise configurations of samples along a path are predicted by
-    interpolation. Other configurations come from the position analysis.
+    A kernel is a set of compiled functions that evaluate all numbers of many rows at once.
+    A row is one sample in one assembly mode (way to assemble the mechanism). If all groups
+    of links are dyads (two links and three R pairs), the kernel computes configurations in
+    closed form. Otherwise configurations of samples along a path are predicted by
+    interpolation. All other configurations come from the position analysis.
 
     Attributes
     ----------
     sampling
         The samples of the run.
     requests
-        The poles to evaluate, for each input that moves.
-    kernel
-        Evaluates the rows.
-    predict
-        Predicts configurations along a path; None with a closed form.
+        The poles to evaluate, for each input that moves while the others are locked. A pole
+        is the axis about which one link rotates relative to another. kernel
+            Evaluates the rows.
+        predict
+            Function that predicts configurations along a path. None if there is a closed
+            form.
     is_recorded
         Whether the run is recorded. Blocks are then as small as without a kernel.
     looks_ahead

@@ -46,7 +46,8 @@ class Sweep:
         Column with the error estimate of the analysis, if there is one.
     places
         Whether the column has positions (places) in rad, such as inputs at which something
-        happens. Each position is compared with the nearest one of the most accurate value.
+        happens. Each position is compared with the nearest position in the most accurate
+        run.
         With several inputs a position has one column for each of them. The names of all
         these columns begin with `column`.
     beside
@@ -195,8 +196,9 @@ class AbstractAnalysis(ABC):
     def merits(self, mechanism: Mechanism) -> tuple[FigureOfMerit, ...]:
         """Return the figures of merit by which designs are compared; none by default.
 
-        They are expressions of `spherekit.plugin.designs.row_quantities`, or of the columns
-        of a table of this analysis, ``table="NAME.TABLE"``.
+        A figure of merit is one number for each design (choice of sizes) and assembly mode.
+        It is computed from quantities of `spherekit.plugin.designs.row_quantities`. With
+        ``table="NAME.TABLE"`` it is computed from the columns of a table of this analysis.
         """
         return ()
 

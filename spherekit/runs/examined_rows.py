@@ -476,6 +476,9 @@ def note_transmission(
 ) -> None:
     """Note the least transmission angle of all dyads in the rows of an assembly mode.
 
+    A dyad consists of two links with three R pairs. Its transmission angle is the acute
+    angle between the planes of its two arcs. It is 0 at a singularity of type II.
+
     Parameters
     ----------
     overview

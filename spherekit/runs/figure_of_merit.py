@@ -41,21 +41,25 @@ _QUANTITY_PATTERN = re.compile(r"\s*(?:abs\s*\(\s*)?(?P<name>[A-Za-z_]\w*)\s*\)?
 
 @dataclass(frozen=True)
 class FigureOfMerit:
-    """A figure of merit: a reduction of an expression over the rows of a design.
+    """A number that rates a design: a reduction, such as ``min``, of an expression.
+
+    The expression is evaluated in all rows of the design. A row is one sample in one
+    assembly mode (way to assemble the mechanism).
 
     Attributes
     ----------
     name
-        Name of its column.
+        Name of the column in which a sweep stores the figure.
     reduction
         One of `REDUCTIONS`.
     expression
-        An expression of quantities of a row (rad, SI), or of the columns of a `table`.
+        An expression of quantities of a row (rad, SI), or of the columns of `table`.
     point
         The input (rad) at which the reduction ``at`` takes the expression: one number for
         each input.
     table
-        ``ANALYSIS.TABLE`` whose rows are reduced; None for quantities that kernels compute.
+        The table ``ANALYSIS.TABLE`` whose rows are reduced. None for quantities of a
+        configuration, which need no analysis.
     meaning
         Meaning of the figure in a few words, such as ``largest driving torque``. The
         screen prints it in place of the name, with the unit beside it.

@@ -370,8 +370,10 @@ class KernelColumns:
 class LazyField:
     """The poles of a motion in which one input moves, with the attributes of `PoleField`.
 
-    A column is computed when it is read: one by one by `column`, or all as arrays when a
-    quantity is read by its name.
+    A pole is the axis about which one link rotates relative to another. A kernel (compiled
+    functions for many rows) computes the columns of numbers when they are read. The method
+    `column` computes a single column. If an attribute of `PoleField` is read instead, all
+    columns are computed as arrays.
 
     Parameters
     ----------

@@ -45,10 +45,11 @@ SMOOTH_EXTREMES = ("smooth_angle", "smooth_transmission_angle", "smooth_transmis
 
 @dataclass
 class OutputOverview:
-    """How an output moves in one assembly mode.
+    """How an output moves in one assembly mode (way to assemble the mechanism).
 
-    Places are those of `OverviewPlan.places`: the time (s), the first input (rad) or the
-    number of a sample.
+    An output is a link, or a direction on it, whose motion is of interest. A place
+    identifies a sample: it is the time (s), the value of the first input (rad) or the
+    number of the sample, as in `OverviewPlan.places`.
 
     Attributes
     ----------
@@ -62,13 +63,14 @@ class OutputOverview:
     rests
         Places at which the rate of the output changes its sign.
     uncertain_rests
-        Places of two samples, between which the rate changes its sign. They are too far
-        apart to interpolate where it does.
+        Places of two samples between which the rate of the output changes its sign. The
+        samples are too far apart to interpolate the place at which the rate is zero.
     further_rests
         Number of places of rest that are in neither list.
     transmission_angle
-        The least transmission angle (rad) of the dyad that determines the motion of the
-        output, and its place. None if another group determines it.
+        The least transmission angle (rad) of the dyad (two links with three R pairs) that
+        determines the motion of the output, and its place. None if no dyad determines this
+        motion.
     transmission
         The least transmission measure and its place, None if it is not computed. The
         measure is 0 at singularities of type II, and 1 at best.
@@ -104,9 +106,10 @@ class OutputOverview:
         Largest estimated error (rad) of an angle at which the output turns back between
         two samples.
     smooth_angle, smooth_ratios, smooth_transmission_angle, smooth_transmission
-        Extremes between samples, estimated from parabolas: of the angle (rad) if it is not
-        known where it turns back, of the velocity ratio of each input, of the transmission
-        angle (rad) and of the transmission measure.
+        Extremes that four quantities have between samples, estimated by parabolas. The
+        quantities are the angle (rad), the velocity ratio of each input, the transmission
+        angle (rad) and the transmission measure. The angle is estimated only if the places
+        at which it turns back are not known.
     """
 
     lowest_rad: float | None = None
@@ -294,7 +297,8 @@ class OutputOverview:
 class ModeOverview:
     """Where an assembly mode closes, and how its outputs move.
 
-    A mode closes at a sample if its links can be assembled there.
+    An assembly mode is one of the ways to assemble the mechanism. It closes at a sample if
+    the links can be assembled in this way at the inputs of the sample.
 
     Attributes
     ----------

@@ -20,7 +20,9 @@ from spherekit.runs.pending_rows import PendingRows
 
 @dataclass
 class MotionOverview:
-    """The overview of the motion of a run, by the number of the assembly mode.
+    """The overview of the motion of a run: where modes close, and how far outputs move.
+
+    An assembly mode is one of the ways to assemble the mechanism.
 
     Attributes
     ----------

@@ -155,10 +155,10 @@ class OverviewPlan:
 
     @cached_property
     def joining_dyads(self) -> list[Group | None]:
-        """The dyad whose transmission angle is that of each output.
+        """For each output the dyad whose transmission angle is stated for it.
 
-        It is the group that determines the motion of the link of the output relative to
-        its reference link. None if this group is not a dyad.
+        It is the group of links that determines the motion of the output's link relative to
+        its reference link. None if this group is not a dyad (two links with three R pairs).
         """
         assembly = self.sampling.position_analysis.assembly
         joining_groups = [

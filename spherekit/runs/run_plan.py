@@ -76,7 +76,9 @@ class DeclaredNeeds:
 
 @dataclass(frozen=True)
 class RunPlan:
-    """What a run evaluates, and in which blocks.
+    """What a run evaluates, and in which blocks of samples.
+
+    A pole is the axis about which one link rotates relative to another.
 
     Attributes
     ----------
@@ -197,8 +199,8 @@ class RunPlan:
     def continue_angles(self, motion: Motion, last_angles: LastAngles) -> ContinuedAngles:
         """Return the variables that analyses read without jumps of whole revolutions.
 
-        They are arrays (n,) in rad, by pair. `last_angles` are those at the end of the
-        previous block, and are updated in place.
+        They are arrays (n,) in rad, by pair. `last_angles` has the variables at the end of
+        the previous block, and is updated in place.
         """
         pairs = frozenset[str]().union(*(needs.continued_values for needs in self.needs))
         if not pairs:
@@ -463,15 +465,16 @@ def make_run_plan(
         Number of samples in a block. By default the source chooses it. An analysis that
         reads all samples at once sets it to the number of samples.
     setting
-        How velocities are computed. With the ordinary setting a kernel may be used.
+        How velocities are computed. With the ordinary setting, a kernel (compiled functions
+        for many rows at once) may be used.
     shows_all_links
         Whether the run is recorded or verified, so that rotations of all links are read.
 
     Raises
     ------
     AnalysisError, EngineError, PlanError
-        If the setting does not apply, an analysis needs times and there are none, or all
-        samples at once need more memory than there is.
+        If the setting does not apply, if an analysis needs times and the samples have none,
+        or if all samples at once need more memory than there is.
     """
     position_analysis = sampling.position_analysis
     for analysis, needs in zip(analyses, declared_needs.needs, strict=True):

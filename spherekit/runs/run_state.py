@@ -71,8 +71,8 @@ class RunState:
     Attributes
     ----------
     sign_continuations
-        For each input that moves, the last pole directions, which decide the signs of the
-        next ones.
+        For each input that moves while the others are locked: the directions of all poles
+        in the last row. Directions in the next rows get the signs that continue them.
     last_angles
         For each assembly mode, the last variables with their whole revolutions.
     samples_done
@@ -400,9 +400,10 @@ class RunState:
 def _leave_out_failed_configurations(
     codes: Array, data: TableData, batch: Batch, is_part: bool
 ) -> Array:
-    """Return status codes without those that equal the status of their configuration.
+    """Return the status codes of rows that failed although their configuration did not.
 
-    Codes OK may be left out, too.
+    A code that equals the status of the configuration of its row is left out. Codes OK may
+    be left out, too.
 
     Parameters
     ----------

@@ -312,7 +312,8 @@ def evaluate_block(
     run_plan
         The analyses with their needs, and the poles to evaluate.
     motion
-        Configurations of the block: n rows, one assembly mode after another.
+        Configurations of the block: n rows. All samples of the first assembly mode (way to
+        assemble the mechanism) come first, then those of the next mode.
     run_state
         The state after the previous block. It is updated in place.
     table_store

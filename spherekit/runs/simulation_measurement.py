@@ -236,7 +236,10 @@ def measure_candidates(
     sample_ratio: float,
     trade_options: TradeOptions,
 ) -> list[Measured]:
-    """Measure the error of every candidate, and its time over alternating rounds.
+    """Measure the error of every candidate, and its time in several rounds.
+
+    A candidate is one way to compute a run: with a setting such as an engine, or with a
+    value of a parameter.
 
     Parameters
     ----------
@@ -318,11 +321,11 @@ def measure_candidates(
 def measure_simulation_settings(
     run_plan: RunPlan, study: Study, trade_options: TradeOptions
 ) -> SettingMeasurement:
-    """Measure integrators and tolerances of a simulation.
+    """Measure the times and errors of a simulation with several integrators and tolerances.
 
-    The reference is a simulation in more digits than float64. If there is none, it is the
-    float64 simulation with the tightest tolerance. The text `reference` of the result then
-    says why.
+    Errors are differences from a reference, a simulation in more digits than float64. If
+    such a simulation is not possible, the reference is the float64 simulation with the
+    smallest tolerance. The text `reference` of the result then says why.
 
     Parameters
     ----------

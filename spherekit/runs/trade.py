@@ -428,11 +428,11 @@ def _trade_parameters(
     sweeps: Sequence[Sweep],
     trade_options: TradeOptions,
 ) -> Trade:
-    """Measure parameters of an analysis that trade speed for accuracy.
+    """Measure how parameters of an analysis change its speed and accuracy.
 
     The analysis is run with each value of a parameter. One column of a table is compared
-    with the column for the most accurate value. The result, a trade, has the time and the
-    error of each value.
+    with the same column at the most accurate value. The result, a trade, has the time and
+    the error of each value.
 
     Parameters
     ----------

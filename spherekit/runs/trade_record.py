@@ -119,6 +119,9 @@ def choose_most_accurate_fast_option(costs: Mapping[Option, Cost]) -> Option:
 class Trade:
     """The measured settings of one analysis of one mechanism.
 
+    A setting is one way to compute a run, such as an engine or a tolerance. A trade shows
+    how much accuracy each setting gives up for speed.
+
     Attributes
     ----------
     mechanism, analysis

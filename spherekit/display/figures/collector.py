@@ -42,10 +42,11 @@ class LoggedBlock(NamedTuple):
 
 @dataclass
 class Collector:
-    """A recorder that keeps all heads and blocks of a run.
+    """A recorder that keeps the drawings of a run in memory.
 
-    A head has the titles of the assembly modes and the scenes that do not move. A block has
-    a scene at some successive samples.
+    It receives a head, which has the titles of the assembly modes and the scenes that do
+    not move. Then it receives blocks: each has the scene (drawing) of some successive
+    samples.
 
     Attributes
     ----------
@@ -116,9 +117,9 @@ class Collector:
 def _join_scenes(parts: Sequence[Scene]) -> Scene:
     """Join the scenes of successive blocks of samples to one scene.
 
-    A primitive is recognised by its class and path. Its rows, one for each sample, are
-    joined, and so are the rows of the axes (`scene.over`), the quantities over which the
-    scene is plotted.
+    A scene has primitives: objects that are drawn, such as curves. A primitive is
+    recognised by its class and path. Its rows, one for each sample, are joined. The rows of
+    the axes (`scene.over`), the quantities over which the scene is plotted, are joined too.
     """
     primitive_parts: dict[tuple[type, str], list[Primitive]] = {}
     for scene in parts:

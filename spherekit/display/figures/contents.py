@@ -137,6 +137,8 @@ def plan_figures(
 ) -> Figures:
     """Return the figures that the scenes of a run give.
 
+    A scene contains what is drawn on one page: of one assembly mode, or of one analysis.
+
     Parameters
     ----------
     scenes
@@ -231,7 +233,7 @@ def _plan_series(
 
 
 def _find_marks(scenes: Sequence[Scene], axis_label: str) -> list[tuple[Page, InputMarks]]:
-    """Return all marks that belong into plots over one quantity, with their pages.
+    """Return all marks that are drawn in plots over one quantity, with their pages.
 
     Analyses mark inputs, such as those of singularities. The plots of other analyses show
     these marks too, if they have the same quantity on the x axis.

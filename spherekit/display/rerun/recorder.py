@@ -101,7 +101,7 @@ curves have a gap.
 
 @checked_class(OutputError)
 class RerunRecorder:
-    """Records scenes in one rerun recording with one or more destinations.
+    """Records scenes (drawings) for the 3D viewer rerun, with one or more destinations.
 
     Use it in a `with` block: call `start` once, then `log` for each block of samples in
     order. The end of the block finishes the recording. After an exception, the data so far
