@@ -21,20 +21,24 @@ Larger: faster and less accurate settings are compared.
 """
 
 OWN_NAME = "spherekit"
-"""How the names of spherekit's own settings begin in the sections."""
+"""Beginning of the names of all settings of spherekit in the sections."""
 
 SIMULATED_CASES = {
     "one loop": "Simulate the published four-bar under loads for 10 s",
     "two loops": "Simulate a Stephenson six-bar under loads for 10 s",
     "two freedoms": "Simulate a wrist with two inputs under loads for 10 s",
 }
-"""What the sections about simulations measure, by the ends of their titles."""
+"""The task that a section about simulations measures, by the end of the section's title."""
 
 EXPORTED_CASES = (
     ("four_bar", "torque", "Newton", "Torque of the four-bar at an input, as C code"),
     ("two_dof_spm", "both", "Newton", "Torques and coefficients of the wrist, as C code"),
 )
-"""Mechanism, results and positions of the peer in the section about exported sources."""
+"""Compared rows of the section about exported sources.
+
+Each item has the mechanism, the kind of results, the method by which the other program
+closes the loops, and the task in words.
+"""
 
 INTRODUCTION = (
     "Each row compares spherekit with the fastest other program that was measured for the "

@@ -1,4 +1,8 @@
-"""Time of figures of merit of designs: one kernel for all designs, a run of each, peers."""
+"""Time of computing figures of merit for many designs of a mechanism.
+
+One compiled kernel for all designs is compared with a run of each design, and with other
+programs (peers).
+"""
 
 import time
 from collections.abc import Sequence
@@ -151,7 +155,7 @@ DESIGN_CASES = (
 
 
 def run(quick: bool) -> list[Section]:
-    """Return the times of a design by one kernel, by a run, and by peers."""
+    """Return the times of a design by one kernel, by a run, and by other programs."""
     return [
         Section(
             "Designs",
@@ -205,7 +209,7 @@ def _measure_case(case: DesignCase, quick: bool) -> tuple[Cell, ...]:
 
 
 def _measure_peers(case: DesignCase, count: int) -> Section:
-    """Return the times of `count` designs of a case, here and in other programs."""
+    """Return the times of `count` designs of a case in spherekit and in other programs."""
     evaluator = case.make_evaluator()
     designs = case.draw_designs(count)
     own_name = "spherekit, both modes, three figures"

@@ -20,21 +20,26 @@ INVERSE_MECHANISMS = ("three_rrr", "agile_eye", "five_bar")
 """Mechanisms with closed form."""
 
 BAR_MECHANISM = "two_dof_spm"
-"""Mechanism whose output is free to turn about its direction until a bar closes."""
+"""Mechanism whose output is a direction.
+
+The output link can rotate about this direction. The angle of this rotation is found from
+the condition that a bar between two links keeps its length.
+"""
 
 DIRECTION_DEVIATIONS_RAD = (1e-6, 1e-3, 1e-2)
 """Standard deviations (rad) of directions from one whose solution is known."""
 
 POSE_COUNT = 1_000_000
 QUICK_POSE_COUNT = 50_000
-"""Number of poses; the smaller one is also that of the measure of type II."""
+"""Number of poses in a quick benchmark. It is also the number of poses at which the measure
+of type II singularities is evaluated."""
 
 ALL_LINKS_POSE_COUNT = 5000
 """Number of poses for which the positions of all links are computed."""
 
 
 def run(quick: bool) -> list[Section]:
-    """Return the times of closed forms, with a bar, and of mid-planes."""
+    """Return the times of inverse kinematics by closed forms and by other methods."""
     pose_count = QUICK_POSE_COUNT if quick else POSE_COUNT
     return [
         Section(
@@ -98,7 +103,7 @@ def _measure_closed_form(name: str, pose_count: int, quick: bool) -> tuple[Cell,
 
 
 def _measure_bar(quick: bool) -> Section:
-    """Measure a mechanism whose output turns about its direction until a bar closes."""
+    """Measure inverse kinematics in which a rotation of the output closes a bar."""
     kinematics = InverseKinematics(load(BAR_MECHANISM))
     searched_poses = random_poses(kinematics, 8 if quick else 64)
     started = time.perf_counter()

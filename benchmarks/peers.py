@@ -194,7 +194,7 @@ def _one_input_case(mechanism: Mechanism, crank: str, rocker: str) -> DynamicsCa
 
 
 def _wrist_case() -> DynamicsCase:
-    """Return a wrist with springs that keep it away from where its modes cross."""
+    """Return a wrist with springs that keep it away from crossings of its modes."""
     mechanism = load_with_uniform_arcs("two_dof_spm")
     spring = {"stiffness": 25.0, "damping": 2.0}
     pair_loads = (
@@ -297,7 +297,7 @@ _REFERENCE_CHECKS = {
     True: "SciPy's DOP853 on Eksergian's equation in q",
     False: "NumPy's collocation at 1e-13",
 }
-"""The integration with which the reference is compared, by whether there is one input."""
+"""The integration with which the reference is compared. The key True is for one input."""
 
 
 def _absent_engines() -> list[str]:
@@ -392,7 +392,7 @@ def _integrate_reduced_equation(case: DynamicsCase) -> Floats:
 
 
 def _compiled_simulation(case: DynamicsCase, tolerance: float, compact: bool) -> Simulate:
-    """Return a simulation by the compiled engine, whose code is compiled here."""
+    """Compile the equation of motion, and return a simulation by the compiled engine."""
     problem = replace(case.make_problem(), compact=compact)
     by_taylor_series(problem, tolerance, "it is compiled now")
 

@@ -30,7 +30,7 @@ def run(quick: bool) -> list[Section]:
 
 
 def _measure_chains(quick: bool, has_triads: bool) -> Section:
-    """Measure both plans for random chains of each size; a row has medians over them."""
+    """Measure both plans for random chains. A row has the medians over chains of a size."""
     link_counts = QUICK_PLANNED_LINK_COUNTS if quick else PLANNED_LINK_COUNTS
     chain_count = 2 if quick else 5
     round_count = 3 if quick else 5

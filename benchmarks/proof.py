@@ -37,10 +37,10 @@ TRIAD: ChainStructure = ((1, 2), (2, 3), (1, 4), (1, 5), (4, 6), (3, 6), (5, 6))
 """A six-bar whose input 1-2 is not in its four-bar: the other links are one triad."""
 
 SEVEN_BODY_GROUPS = ((1, 6), (2, 6), (5, 6), (7, 2), (7, 5))
-"""Eight-bars and numbers of their driven pairs: every group of seven bodies is here."""
+"""Eight-bars, and numbers of their driven pairs. All groups of seven bodies occur."""
 
 TRIAD_MODE_BOUND = 8
-"""Largest number of complex modes of a triad, which identifies a triad here."""
+"""Largest number of complex modes of a triad. This benchmark recognises triads by it."""
 
 
 def run(
@@ -298,7 +298,7 @@ def count_real_modes(mechanism: Mechanism) -> int:
     platform_axes = [axis_between[frozenset({bar, platform})] for bar in bars]
 
     def closure(s: Fraction, t: Fraction, bar: int) -> Fraction:
-        """Return by how much a bar changes the cosine between its axes, times |q|^2."""
+        """Return the change of the cosine between the axes of a bar, times |q|^2."""
         base_rotation = [Fraction(1), *(s * x for x in base_axes[0])]
         platform_rotation = [Fraction(1), *(t * x for x in platform_axes[0])]
         q = _multiply_quaternions(base_rotation, platform_rotation)

@@ -51,7 +51,7 @@ SEPARATED_AXES = {
     "five_bar": (("21", "43"), ("51", "43")),
     "two_dof_spm": (("21", "43"), ("61", "54")),
 }
-"""Mechanisms, and pairs of axes whose smallest angle is limited."""
+"""For each mechanism, pairs of axes that must keep a smallest angle between them."""
 
 MIN_AXIS_ANGLE_RAD = np.radians(10.0)
 """The smallest angle (rad) between these axes."""
@@ -122,7 +122,7 @@ class FiveBarRegion:
 
 
 def _five_bar_region() -> FiveBarRegion:
-    """Return the region of the five-bar, with its area by quadrature in closed form."""
+    """Return the region of the five-bar, with its area by quadrature of a closed form."""
     axes = np.array([[1.0, 0.0, 0.0], [np.cos(BASE_ARC), np.sin(BASE_ARC), 0.0]])
     # Cosines of the distance of the output from a base axis, by the cosine rule.
     cosine_product = np.cos(LEG_ARCS[:, :1]) * np.cos(LEG_ARCS[:, 1:])
@@ -191,7 +191,7 @@ def _measure_accuracy(quick: bool) -> Section:
 
 
 def _measure_mechanisms(quick: bool) -> Section:
-    """Measure the workspaces of shipped mechanisms, from the mechanism on."""
+    """Measure the workspaces of shipped mechanisms, with all preparations included."""
     rows: list[tuple[Cell, ...]] = []
     for name, axes in SEPARATED_AXES.items():
         mechanism = load(name)

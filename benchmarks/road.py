@@ -35,10 +35,12 @@ from spherekit.velocities.row_kernel import row_kernel
 ROAD_MECHANISMS = ("four_bar", "stephenson", "double_butterfly", "shaped_cam", "five_bar")
 
 UNREACHABLE_ROWS = 1 << 60
-"""A number of rows that no run has; as a threshold it switches a kernel off."""
+"""A number of rows that no run has. As the least number of rows for which a kernel is used,
+it switches the kernel off."""
 
 CAREFUL_PART = 20
-"""The run with care has this part of the samples, because it is slower."""
+"""The run that evaluates rows one by one has the number of samples divided by this, because
+it is slower."""
 
 MIN_CAREFUL_SAMPLES = 100
 
@@ -103,9 +105,9 @@ def _kernel_engine(engine: KernelEngine | None) -> Iterator[None]:
 
 
 def _measure_mechanism(name: str, engine: KernelEngine, quick: bool) -> tuple[Cell, ...]:
-    """Return the row of a mechanism and a kind of kernel.
+    """Return the table row of a mechanism, for one kind of kernel.
 
-    All times of rows leave out the search for assembly modes, which is measured alone.
+    The search for assembly modes is measured alone. All other times leave it out.
     """
     mechanism = sk.load(name)
     position_analysis = PositionAnalysis(mechanism)

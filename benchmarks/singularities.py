@@ -11,12 +11,12 @@ from spherekit.singularities.input_output_relation import Type
 from spherekit.singularities.single_freedom import SingleFreedomSingularities
 
 UNIT_MECHANISM = "four_bar"
-"""Mechanism whose time is the unit of those of the others."""
+"""Mechanism whose time is the unit in which the times of other mechanisms are stated."""
 
 QUICK_MECHANISMS = (UNIT_MECHANISM, "stephenson", "roller_cam")
 
 SEARCH_REPETITIONS = 2
-"""Number of measurements, of which the fastest counts."""
+"""Number of measurements. The fastest one is the result."""
 
 SEARCHED_MODE_SAMPLES = 9
 """Number of inputs at which all assembly modes are searched."""

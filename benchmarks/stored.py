@@ -33,7 +33,7 @@ the resolution of the clock matters.
 
 ROUNDS = 5000
 QUICK_ROUNDS = 200
-"""Number of rounds, whose median counts."""
+"""Number of rounds in a quick benchmark. The median over the rounds is the result."""
 
 STORED_CASES = (("four_bar", 0), ("four_bar", 1), ("stephenson", 0))
 """Mechanisms with one input, and assembly modes."""
@@ -46,12 +46,12 @@ INPUTS_PER_BLOCK = 5000
 """Number of random inputs at which errors are computed together."""
 
 ZERO_FUNCTION = 1e-9
-"""A function whose largest value is not greater counts as zero; its error is absolute."""
+"""A function whose values are at most this size counts as zero. Its error is absolute."""
 
 
 @dataclass(frozen=True)
 class CallTimes:
-    """Times of single calls, measured in rounds that alternate with those of a sine.
+    """Times of single calls of a function, in rounds that alternate with rounds of a sine.
 
     Attributes
     ----------

@@ -1,8 +1,8 @@
 """spherekit: analysis of spherical mechanisms from their link/pair graph.
 
-Angles are in rad, vectors in ground axes; wherever a mechanism is asked for, the name of a
-shipped one or the path of a file will do. Everything that spherekit raises on purpose is a
-`SpherekitError`.
+Angles are in rad, and vectors in ground axes. Functions of a mechanism also take the name
+of a shipped mechanism or the path of a mechanism file. All exceptions that spherekit raises
+on purpose are subclasses of `SpherekitError`.
 
 import numpy as np
 import spherekit as sk

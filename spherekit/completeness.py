@@ -37,8 +37,8 @@ class Completeness:
     reason
         Reason in words.
     box
-        Size (rad) from which on parts of the result were all found, at the level `TO_BOX`.
-        Smaller parts may be missing. It is 0 for other levels.
+        At the level `TO_BOX`, a size (rad): all parts of the result that are larger were
+        found, and smaller ones may be missing. It is 0 at other levels.
     sentence
         The statement in a whole sentence for users, empty if it follows from the level.
     """

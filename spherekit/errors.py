@@ -23,11 +23,11 @@ class PlanError(SpherekitError):
 
 
 class CountError(PlanError):
-    """By its degrees of freedom a mechanism does not move as its inputs require."""
+    """The degrees of freedom of a mechanism, by their count, do not fit its inputs."""
 
 
 class SolveError(SpherekitError):
-    """No configuration at all could be found; single samples get a status instead."""
+    """No result at all could be computed. If single samples fail, they get a status."""
 
 
 class AnalysisError(SpherekitError):
@@ -62,7 +62,7 @@ class EngineError(SpherekitError):
     fault
         The fault in words.
     instead
-        Advice which other engine to use. The message ends with it. Code that
+        Advice on which other engine to use. The message ends with it. Code that
         has switched to the other engine reports the `fault` only.
     """
 

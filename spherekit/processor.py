@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 
 VECTOR_SIZE = 24
-"""Number of elements of the test vectors, and of rows of the test matrices.
+"""Number of elements of the test vectors, and number of rows of the test matrices.
 
 It exceeds the length of the vector registers of all processors, so a kernel computes both
 whole registers and a remainder.
@@ -51,9 +51,9 @@ def _hash_results() -> str:
 
     NumPy and its linear algebra library choose, by the type of the processor, among several
     implementations (kernels) of each operation, which round differently. Two processes with
-    the same checksum are expected to use the same kernels, so that all of their results are
-    equal bit by bit. The tests cover elementary functions, complex numbers, sums, matrix
-    products and decompositions. The checksum is a hexadecimal text.
+    the same checksum are expected to use the same kernels, and therefore to compute results
+    that are equal bit by bit. The test results are those of elementary functions, complex
+    numbers, sums, matrix products and decompositions. The checksum is a hexadecimal text.
     """
     # The numbers have no meaning. Most of them are not exact in binary, so that each
     # operation rounds.

@@ -61,9 +61,9 @@ _listener: ContextVar[ProgressListener | None] = ContextVar("listener", default=
 
 @contextmanager
 def progress_listener(listener: ProgressListener | None) -> Iterator[None]:
-    """Pass each `ProgressReport` that is made within the block to a function.
+    """Pass each `ProgressReport` that is made within a `with` block to a function.
 
-    With None, no reports are made.
+    If the function is None, no reports are made.
     """
     token = _listener.set(listener)
     try:
@@ -159,7 +159,7 @@ class ProgressReporter:
 
 
 def announce(what: str, expected_seconds: float) -> None:
-    """Report at once a computation whose progress is not known.
+    """Report the beginning of a computation that cannot report its progress later.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ _ANGLE_UNITS: dict[str, tuple[AngleUnit, int]] = {
     "rad": ("rad", 1),
     "turn": ("deg", 360),
 }
-"""For each unit of angles the unit, deg or rad, and the number of these that it equals."""
+"""The size of each unit of angles: the unit in which it is stated, and its number."""
 
 _RPM = ("deg", 6)
 """One revolution per minute in degrees per second."""
@@ -37,11 +37,11 @@ _NUMBER_WITH_UNIT = re.compile(
     r"\s*(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
     r"\s*(?P<unit>[A-Za-z°][A-Za-z0-9°/^² ]*?)\s*"
 )
-"""A number and a unit, which begins with a letter."""
+"""A number followed by a unit. The unit begins with a letter or the degree sign."""
 
 
 class QuantityError(ValueError):
-    """The error of a text that is no number with a unit; its message says what is wrong."""
+    """A text cannot be read as a number with a unit. The message says what is wrong."""
 
 
 @dataclass(frozen=True)
@@ -139,9 +139,9 @@ Seconds = Annotated[float, FieldUnit("rad", DURATION)]
 
 
 def field_unit_of(annotation: Any) -> FieldUnit | None:
-    """Return the unit of a parameter's type; None if the type is no quantity.
+    """Return the unit that the type of a parameter states, or None if it states none.
 
-    The type may be a union with None, or a tuple, whose items have the unit.
+    The type may be a union with None, or a tuple whose items have the unit.
     """
     if get_origin(annotation) is Annotated:
         for extra in annotation.__metadata__:

@@ -171,7 +171,8 @@ def _is_container(value: Any, origin: Any, item_types: tuple[Any, ...]) -> bool:
 def _may_implement(value: Any, protocol: Any) -> bool:
     """Return whether a value has any public attribute of a protocol.
 
-    A stand-in for tests need not have all of them. A value that has none is something else.
+    A value counts as an implementation of the protocol even if it lacks some attributes,
+    because an object that replaces it in tests need not have all of them.
     """
     attributes = {*dir(type(value)), *getattr(value, "__dict__", ())}
     protocol_names = {name for name in dir(protocol) if not name.startswith("_")}
@@ -180,9 +181,10 @@ def _may_implement(value: Any, protocol: Any) -> bool:
 
 @functools.cache
 def _argument_hints(annotation: Any) -> list[str]:
-    """Return the sentences on classes of a type that say what to write.
+    """Return hints on how to write a value of a type, for messages.
 
-    A class states its sentence as its attribute `argument_hint`.
+    A class can have a hint: a sentence in its attribute `argument_hint`. The members of a
+    union can each have one.
     """
     is_union = get_origin(annotation) in (Union, UnionType)
     members = union_members(get_args(annotation)) if is_union else (annotation,)
@@ -191,7 +193,7 @@ def _argument_hints(annotation: Any) -> list[str]:
 
 @functools.cache
 def _literal_words(annotation: Any) -> list[str]:
-    """Return the texts that a type allows; empty if it allows no or every text."""
+    """Return the texts that a type allows. The list is empty if it allows any text."""
     arguments = get_args(annotation)
     if get_origin(annotation) is Literal:
         return [word for word in arguments if isinstance(word, str)]

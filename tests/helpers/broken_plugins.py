@@ -91,12 +91,15 @@ class Sound(AbstractAnalysis):
 
 
 def changed(change):
-    """Return what makes other columns of those of the sound analysis."""
+    """Return the attributes of a class that changes the columns of the sound analysis."""
     return {"columns": lambda self, batch: change(self, batch, Sound.columns(self, batch))}
 
 
 def speed(change):
-    """Return what makes another column `speed`, of the batch and the sound columns."""
+    """Return the attributes of a class that changes the column `speed`.
+
+    `change` computes the column from the batch and the columns of the sound analysis.
+    """
     return changed(lambda self, batch, own: own | {"speed": change(batch, own)})
 
 
@@ -175,7 +178,10 @@ MISTAKES = {
     "keeps_its_axes": ("rotation", speed(lambda _, own: own["wx"])),
     "knows_names": ("names", speed(knowing_names)),
 }  # fmt: skip
-"""Each with the line of the conformance check that it fails, and what is changed in it."""
+"""Changes of the sound plugin by the name of the broken one.
+
+Each item has the line of the conformance check that fails, and the changed attributes.
+"""
 BROKEN = {
     type(name, (Sound,), {"name": name, "__module__": __name__, **made}): line
     for name, (line, made) in MISTAKES.items()
@@ -184,17 +190,17 @@ UNNOTICED = (
     *("impure_needs", "hidden", "hidden_turn", "leaks", "fills", "counts_blocks"),
     *("keeps_its_axes", "knows_names"),
 )
-"""Those whose mistake no single run can see."""
+"""Names of the broken plugins whose mistake cannot be noticed in a single run."""
 
 
 class Old(Sound):
-    """Of a contract that is no more."""
+    """A plugin for an old version of the contract, which is no longer supported."""
 
     name, contract = "old", 0
 
 
 class Unfinished(AbstractAnalysis):
-    """Has nothing that it computes."""
+    """A plugin that lacks the methods by which it would compute its results."""
 
     name, version, summary, tables = "unfinished", "1", "s", ()
 

@@ -24,8 +24,8 @@ from spherekit.velocities.pole_request import request
 TINY = 1e-30
 """Bounds below this number are replaced by it.
 
-A bound of 0 belongs to a number that is exactly 0. Its reference is 0 but for the rounding
-of its digits.
+A bound of 0 belongs to a number that is exactly 0. The reference of this number is rounded,
+and can therefore differ from 0 by less than `TINY`.
 """
 
 KINDS = ("configurations", "directions", "rates", "derivatives", "direction derivatives")

@@ -39,9 +39,13 @@ MIN_SINGULAR_VALUE_RATIO = 1e-13
 NEARLY_SINGULAR_RATIO = 1e-3
 """Below this ratio of singular values a perturbed configuration is evaluated too."""
 MAX_GAP_RAD = 1e-10
-"""Largest gap (rad) of a pair in a closed loop."""
+"""Largest gap (rad) of a pair, and largest error (rad) of an input, in a solved row."""
 MOST_LINKS_BY_RANK = 7
-"""Mechanisms of more links that the count of freedoms refuses are not tried by rank."""
+"""Largest number of links of a mechanism that is tried by rank.
+
+If the count of the degrees of freedom refuses a mechanism, its mobility may still follow
+from the rank of its equations. This takes long for many links.
+"""
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""Files that ask for more than they should get, by name: text, bytes, or what is made."""
+"""Files that could make a program read too much, wait for ever, or leave its folder."""
 
 import math
 import os
@@ -9,7 +9,7 @@ FOUR_BAR = mechanism_text("four_bar")
 """A valid mechanism, to which most of the files below add something."""
 
 CAM = mechanism_text("cam_hostile_files")
-"""A mechanism whose last table, the cam's profile, is still to be filled."""
+"""A mechanism whose last table, the profile of the cam, is empty. Entries are appended."""
 
 MILLION = 10**6
 
@@ -104,7 +104,7 @@ def hostile_mechanism_texts():
 def make_files(folder):
     """Make hostile files that are not texts, and return their paths as texts by name.
 
-    Among them are a link to itself, a pipe that nobody writes to, a sparse file of 100 MB,
+    They include a link to itself, a pipe to which nobody writes, a sparse file of 100 MB,
     bytes that are no text, names that no file can have, and devices.
     """
     link_to_itself = folder / "loop"

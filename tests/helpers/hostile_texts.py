@@ -1,4 +1,4 @@
-"""Texts that are code somewhere, and files that have them in every field for text."""
+"""Texts that some language reads as code, and files with such a text in all text fields."""
 
 import tomllib
 
@@ -34,7 +34,7 @@ TEXTS = {
     "no space": "*/" * 5000,
     "letters of all kinds": "Ångström, Müller & Søn, 球面机构, שלום, क्षि, 🙂",
 }
-"""Citations that nobody wrote, by what they do where they are not escaped."""
+"""Hostile texts. The key says what a text does in a language in which it is not escaped."""
 
 NAME = "name"
 """Sort of a field for names, which have a restricted spelling."""

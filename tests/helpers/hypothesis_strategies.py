@@ -20,7 +20,7 @@ settings.register_profile(
 settings.load_profile("repeatable")
 
 EFFORT = int(os.environ.get("FUZZ_EFFORT", "1"))
-"""How many times as many examples are made as by default."""
+"""Factor of the number of examples, by default 1."""
 MECHANISMS = Path(spherekit_mechanisms.__path__[0])
 FILES = {
     path.name: path.read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The packages that pages, plugins and users import from; all others are inside."""
+"""The public packages, from which pages, plugins and users import. Others are private."""
 
 TOPICS = (
     "designs",
@@ -9,7 +9,7 @@ TOPICS = (
     "singularities",
     "workspace",
 )
-"""Modules of `spherekit.plugin`: what analyses of one topic compute with."""
+"""Modules of `spherekit.plugin`. Each has the functions for analyses of one topic."""
 
 PUBLIC = (
     "spherekit",

@@ -1,8 +1,9 @@
-"""What is refused or told, as data: `refusals.toml` says what the message of each says.
+"""Checks of messages, which are listed in `refusals.toml`.
 
-Of files a row is (what stands in the file of the table's name, what is put there instead,
-fragments of the message), of calls and commands the fragments alone. A message says where
-the fault is, what it is, what is allowed and what to do, in any order.
+A table of `refusals.toml` has the name of a file of the tests, or it lists calls or
+commands. A row for a file has a passage of the file, the faulty passage that replaces it,
+and fragments of the expected message. A row for a call or command has the fragments alone.
+A message says where the fault is, what it is, what is allowed and what to do, in any order.
 """
 
 import tomllib
@@ -25,13 +26,16 @@ def mechanism_text(name):
 
 
 def decimal_mechanism(text, tolerance=0.0):
-    """Return what is proven of, from the text of a file."""
+    """Return the mechanism with exact decimal sizes from the text of a mechanism file."""
     document = parse(text, "made")
     return read_decimals(read(document), document, tolerance=tolerance)
 
 
 def replace_passages(text, *replacements):
-    """Return the text with passages replaced, given in turn as old, new."""
+    """Return a text with passages replaced.
+
+    `replacements` are, alternately, a passage of the text and the one that replaces it.
+    """
     for old, new in zip(replacements[::2], replacements[1::2], strict=True):
         assert text.count(old) >= 1, old
         text = text.replace(old, new, 1)
@@ -44,7 +48,10 @@ def check_fragments(message, fragments):
 
 
 def check_call(call, names, fragments):
-    """Check that a call is refused, with the class of the error before its message."""
+    """Check that a call raises an error whose class and message contain all fragments.
+
+    `call` is the call as a text, and `names` has the values of the names in it.
+    """
     with pytest.raises(SpherekitError) as caught:
         eval(call, dict(names))
     classes = [f"{each.__name__}: " for each in type(caught.value).__mro__]

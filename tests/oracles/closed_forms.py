@@ -4,7 +4,7 @@
     instantaneous pole axes and Eksergian's equation", Mechanism and Machine Theory.
     The spherical four-bar of its Fig. 5: link 1 is the frame, link 2 the input, and
     `arcs` = (alpha_1, alpha_2, alpha_3, alpha_4) in rad are the lengths of its links.
-    Unit vectors are in the axes of the frame, z along the axis of pair 41.
+    Unit vectors are in the axes of the frame, whose z axis is the axis of pair 41.
 [2] Z. Chen, X. Chen, M. Gao, C. Zhao, K. Zhao and Y. Li (2021), "Motion characteristics
     analysis of a novel spherical two-degree-of-freedom parallel mechanism", sections 2, 3.
     Base and end effector mirror each other in the mid-plane, which carries P, the middle
@@ -33,7 +33,7 @@ def _four_bar(theta21, arcs, mode):
 
 
 def _rows(vector, like):
-    """Return vectors (n, 3) of three components, of which some are the same in all rows."""
+    """Return vectors (n, 3) from three components. Some may be the same in all rows."""
     return np.stack(np.broadcast_arrays(*vector, like)[:3], axis=-1)
 
 
@@ -74,7 +74,8 @@ def four_bar_coefficients(theta21, arcs, mode):
 MID_PLANE_BASE = np.pi / 3
 MID_PLANE_LEG = np.deg2rad(40.0)
 SMALLEST_ANGLE = np.deg2rad(10.0)
-"""The numerical example of [2]: the arcs B1B6 and B1B2, and the least angle B1 to B3."""
+"""The numerical example of [2]: the smallest angle from B1 to B3, after the arcs B1B6 and
+B1B2."""
 
 
 def mid_plane_area():

@@ -1,8 +1,8 @@
 """Compares the configurations of a motion with the closure equations in many digits.
 
-The sizes are the decimal degrees of the file, inputs are the float64 numbers that they are.
-The equations are those of `spherekit.proof.linkage`, which shares no solver with the
-motion.
+The sizes of the mechanism are the decimal numbers of its file (deg). The inputs are the
+float64 numbers of the motion. The equations are those of `spherekit.proof.linkage`, which
+shares no solver with the motion.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ from spherekit.tolerances import EPS
 
 DIGITS = 50
 CLOSED_RAD = 1e-40
-"""Loops that are open by less are closed, in 50 digits."""
+"""Largest closure error (rad) of a loop that counts as closed, in 50 digits."""
 
 
 def _equations_and_start(motion):

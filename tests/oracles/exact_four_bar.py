@@ -1,8 +1,8 @@
 """The spherical four-bar of Di Gregorio (2024), Fig. 5, in as many digits as mpmath has.
 
-Arcs (alpha_1, ..., alpha_4) in rad, axes in the frame's, z along the axis of pair 41;
-equations (14), (22) to (26). Vectors are tuples of three numbers. With NumPy instead of
-mpmath the numbers are arrays; see closed_forms.py.
+The formulas are equations (14) and (22) to (26). Arcs (alpha_1, ..., alpha_4) are in rad.
+Axes have components in the axes of the frame, whose z axis is the axis of pair 41. Vectors
+are tuples of three numbers. With NumPy instead of mpmath, the numbers are arrays.
 """
 
 from typing import NamedTuple
@@ -11,7 +11,7 @@ import mpmath as mp
 
 
 def add(*terms):
-    """Return the sum of vectors times numbers, given as (number, vector)."""
+    """Return the sum of vectors times numbers. Each term is a tuple (number, vector)."""
     return tuple(sum(k * v[axis] for k, v in terms) for axis in range(3))
 
 

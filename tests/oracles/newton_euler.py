@@ -1,9 +1,9 @@
 """Newton's and Euler's equations of all links with all reactions.
 
-They are written without spherekit's dynamics: unknown are the angular velocities and
-accelerations of all links and the reactions of all pairs, solved by least squares. Only
-the orientations of links and the frames of contacts are spherekit's. Units are SI, vectors
-in ground axes, moments about the centre of the sphere.
+They are written without spherekit's dynamics. The unknowns are the angular velocities and
+accelerations of all links and the reactions of all pairs, and are solved by least squares.
+Only the orientations of links and the frames of contacts are computed by spherekit. Units
+are SI. Vectors are in ground axes, and moments are about the centre of the sphere.
 """
 
 from dataclasses import replace
@@ -18,7 +18,7 @@ from spherekit.positions.loop_closure import Closure
 
 
 def random_mass(random, link):
-    """Return the mass of a link made of five random point masses about the centre."""
+    """Return the mass of a link that consists of five random point masses."""
     points = random.normal(size=(5, 3)) * 0.5
     weights = random.uniform(0.2, 2.0, size=5)
     tensor = np.zeros((3, 3))
@@ -181,8 +181,9 @@ def check_simulated_motion(found, drive, grips=(), speed=1.0, within=1e-11, dry=
         Function of time and input rates (inputs,) that returns the torques (inputs,) at the
         inputs.
     grips
-        For bearings with friction, the friction torque (N m) per moment across the axis
-        (N m) by pair. The torque is this times tanh(rate / speed).
+        The friction of bearings, by pair: the ratio of the friction torque at high speed to
+        the moment across the axis. The torque has the additional factor
+        tanh(rate / speed).
     speed
         Rate (rad/s) at which friction of bearings has nearly its full size.
     within
@@ -360,13 +361,13 @@ def moments(mechanism, orientations, w, angle, t, joint):
 
 
 def bearing_forces(mechanism, values, angle, t, dq, ddq, joint, sides=None):
-    """Return the forces on bearings and contacts of links that nothing holds at the centre.
+    """Return the forces on bearings and contacts, with each link as a free body.
 
-    Every link is a free body, with Newton's equation and Euler's about its centre of mass.
-    An R pair has two bearings: each is a point that holds its links together across the
-    axis, and the one whose `axial` is 1 along the axis too. A contact pushes at its
-    distance from the centre of the sphere. Teeth push along the normal of a flank and do
-    not pull.
+    Each link satisfies Newton's equation, and Euler's equation about its centre of mass. No
+    link is held at the centre of the sphere. An R pair has two bearings. Each bearing is a
+    point at which the pair holds its links together across the axis. The bearing whose
+    `axial` is 1 also holds them along the axis. A contact pushes at its distance from the
+    centre of the sphere. Teeth push along the normal of a flank and do not pull.
 
     Parameters
     ----------

@@ -1,9 +1,10 @@
 """The configurations of a 3-RRR platform, counted without the package's equations.
 
-With the cranks locked, the tip of the first coupler is a point of a circle. The second tip
-then is one of two points at known arcs from it and from the second elbow, and the platform
-places the third one. The arc from the third elbow to it is a function on one or two closed
-curves; each change of its sign, less that of the coupler, is a configuration.
+With the cranks locked, the tip of the first coupler moves on a circle. The arcs from the
+second tip to the first tip and to the second elbow are known, so the second tip is one of
+two points. These two tips determine the platform, and with it the third tip. The function
+is the arc from the third elbow to the third tip, less the arc of the third coupler. It is
+defined on one or two closed curves, and each change of its sign is a configuration.
 """
 
 import numpy as np
@@ -19,9 +20,10 @@ def unit(vectors):
 def count_configurations(elbows, couplers, platform, points=6000):
     """Return the number of configurations of a 3-RRR with locked cranks.
 
-    The tip of the first coupler runs round a circle in `points` steps. At each step the
-    second tip has two places, the platform then places the third axis, and the function is
-    the cosine of its arc from the third elbow, less that of the third coupler.
+    The tip of the first coupler moves around a circle in `points` steps. At each step there
+    are two positions of the second tip. Each of them determines the platform, and with it
+    the third tip. The cosine of the arc from the third elbow to this tip, less the cosine
+    of the third coupler's arc, is zero in a configuration. Its changes of sign are counted.
 
     Parameters
     ----------

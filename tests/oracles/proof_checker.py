@@ -608,9 +608,10 @@ def has_one_solution(system, centre, radius, driven):
 def check_modes(certificate):
     """Check a certificate that counts the assembly modes at given inputs.
 
-    Each stated root must be proven by Krawczyk's operator, real or certainly not real, and
-    different from all others. The count is complete if there are as many roots as the
-    polynomial bound allows, or if no other real root exists outside the undecided boxes.
+    Each stated root must be proven by Krawczyk's operator. It must be proven that it is
+    real or that it is not real, and that it differs from all others. The count is complete
+    if there are as many roots as the polynomial bound allows, or if no other real root
+    exists outside the undecided boxes.
     """
     need(certificate["statement"] == "modes at inputs", "another statement")
     # Somewhat more bits than the certificate was computed with.
@@ -662,8 +663,9 @@ def check_modes(certificate):
 def exclude_other_modes(system, driven, real_roots, undecided_boxes):
     """Prove that every real mode lies in the ball of a root, or in an undecided box.
 
-    Around each root a box is proven to have no second root. The space of all angles is then
-    divided until each part has no zero or lies in such a box, or in an undecided one.
+    First it is proven that a box around each root contains no second root. The space of all
+    angles is then divided into parts, until each part contains no root, or is in such a
+    box or in an undecided one.
 
     Parameters
     ----------
@@ -723,7 +725,8 @@ PARTS = ((12, 4), (24, 6), (48, 8))
 """Parts of the length and of each width that a piece is cut into, until balls are small."""
 MOST_CHECKED = 200000
 SLACK = 1e-9
-"""How far the centre of a piece may be off its arc here; the solver's is 1e-12."""
+"""Largest distance of the centre of a piece from the arc of the curve in this piece. The
+solver of spherekit allows 1e-12."""
 DEEPEST = 60
 
 

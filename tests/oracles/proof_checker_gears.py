@@ -1,9 +1,10 @@
-"""How far a wheel in mesh turns with an input, from the teeth of a file, without spherekit.
+"""Computes the angle of a wheel in mesh from the input and the teeth, without spherekit.
 
-Two wheels that one link carries on R pairs turn in it by f and g, and N1 f + N2 g stays
-the same, N1 f - N2 g where one is within the other. How they are put together is said by
-the reference pose; without one, contacts begin at azimuth 0 about both centres, and of
-whole turns those are meant with which the driven wheel has rolled least at an input of 0.
+One link, the carrier, carries two wheels on R pairs. They turn relative to it by f and g.
+With the numbers of teeth N1 and N2, N1 f + N2 g is constant, or N1 f - N2 g if one wheel is
+within the other. The constant follows from the reference pose. Without a reference pose,
+contacts begin at azimuth 0 about both centres. The constant is then known up to whole
+turns. They are chosen so that the driven wheel has rolled least at an input of 0.
 """
 
 from dataclasses import dataclass
@@ -14,12 +15,13 @@ from flint import arb
 from oracles.proof_checker import across, need
 
 HALF_TURN_APART = 1e-6
-"""Azimuths (rad) so near to half a turn may be rolled least in both senses."""
+"""Smallest distance (rad) of an azimuth from half a turn. At a smaller one, the wheel has
+rolled about as far in one sense as in the other, so the least rolling is not clear."""
 
 
 @dataclass(frozen=True)
 class Follower:
-    """A pair that turns by `ratio` times the angle of the input, and `offset` (rad)."""
+    """A pair whose angle is `ratio` times the angle of the input plus `offset` (rad)."""
 
     pair: str
     driven: str
@@ -96,7 +98,10 @@ def as_ball(fraction):
 
 
 def contact_azimuths(sizes, pairs, wheels, carrier, inner):
-    """Where the contact is about both centres, in the wheels, with all angles zero."""
+    """Return the azimuths (rad) of the contact about both centres, with all angles zero.
+
+    Each azimuth is measured in the axes of its wheel.
+    """
     held = [sizes.frame(pair, carrier) for pair in pairs]
     a, b = (frame[:, 2] for frame in held)
     ahead, back = b - (a @ b) * a, a - (a @ b) * b
@@ -112,7 +117,7 @@ def contact_azimuths(sizes, pairs, wheels, carrier, inner):
 
 
 def check_stated(stated, follower, laps, tolerance):
-    """Show that turns and offset are those that a certificate states."""
+    """Check that a certificate states the turns and the offset of a follower."""
     need(len(stated) == 1, "other wheels")
     (row,) = stated
     need(row["pair"] == follower.pair, "another wheel")

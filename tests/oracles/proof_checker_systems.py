@@ -1,4 +1,4 @@
-"""Checks modes counted subsystem by subsystem, and maps of two inputs, without spherekit.
+"""Checks counts of modes by subsystems, and maps of two inputs, without spherekit.
 
 With e^(i angle) = a / b, a rotation times a b is a polynomial in a and b. A point is (z,
 1), or (1, w) with the inverse w, so an angle at infinity is a solution like any other.
@@ -226,7 +226,7 @@ class ModeCounter:
     """
 
     def __init__(self, system, subsystems):
-        """Check the subsystems, and add their degrees and the angles in them (`used`)."""
+        """Check the subsystems, and store their degrees and the angles in them (`used`)."""
         self.system = system
         self.subsystems = subsystems
         bounds, table = check_subsystems(system, subsystems)
@@ -523,7 +523,7 @@ class SolutionOverBox:
 
 
 class NotShown(Exception):
-    """What is tried is not proven over a box: it may be over its parts."""
+    """A statement could not be proven over a box, but perhaps over parts of the box."""
 
 
 def check_map(certificate):

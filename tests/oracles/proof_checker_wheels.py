@@ -1,9 +1,10 @@
 """Checks that wheels in mesh turn as a certificate says, without spherekit.
 
-Circles about a and b that touch roll on each other if their links' angular velocities
-differ by a vector along the contact only, which is at u a + v b for numbers u and v. Each
-of these products is a trigonometric polynomial of degree 2 in every angle between the
-wheels, so that values at five angles of each bound it everywhere.
+Two circles about a and b roll on each other if they touch, and if the difference of the
+angular velocities of their links is along the line to the contact point. The contact point
+is u a + v b with two numbers u and v. The gap of the circles and the slip at the contact
+are trigonometric polynomials of degree 2 in each angle between the wheels. Their values at
+five values of each angle therefore bound them everywhere.
 
 `arb` is a ball: a number with a rigorous bound of its error. All arithmetic is in balls.
 """
@@ -18,14 +19,15 @@ from oracles.proof_checker import Sizes, ball, matrix, need, size, spin
 MAX_GAP = 1e-9
 """Largest gap and slip at which circles count as rolling on each other.
 
-The decimal numbers of a file say only nearly that a wheel's carrier is where its circle is.
+The decimal numbers of a file are rounded, so the circles of wheels touch only nearly.
 """
 
 ANGLES_PER_PAIR = 5
 """Number of angles that determine a trigonometric polynomial of degree 2."""
 
 INTERPOLATION_NORM = 2.0
-"""Bound of such a polynomial over its largest value at five evenly spaced angles.
+"""Bound of a trigonometric polynomial of degree 2, relative to its largest value at five
+evenly spaced angles.
 
 It is the norm of the interpolation (Lebesgue constant), 1.99, rounded up.
 """

@@ -1,7 +1,8 @@
 """Configurations in which two links stand still, by Newton's method in 50 digits.
 
-Independent of spherekit: unknown are the rotations and rates of all links, not variables
-of pairs, and the equations say that the axes of each pair agree in both of its links.
+This is independent of spherekit. The unknowns are the rotations and rates of all links, not
+the variables of pairs. The equations say that the axis of each pair has the same direction
+in both of its links.
 """
 
 from typing import NamedTuple

@@ -1,9 +1,9 @@
-"""Areas on the unit sphere by quadrature over parallels, written apart from spherekit.
+"""Areas on the unit sphere by quadrature over parallels, independent of spherekit.
 
-A region is what several caps, or their outsides, have in common. On the parallel of
-height z each leaves one interval of azimuth; how much they have in common is exact, and is
-integrated over z between the places where it is not smooth, with z = m + h sin t, which
-takes away the square roots at the ends.
+A region is the intersection of several caps or of their complements. On the parallel of
+height z, each cap covers one interval of azimuth. The common azimuth of all caps is
+computed exactly, and integrated over z between the heights at which it is not smooth. The
+substitution z = m + h sin t removes the square roots at the ends of each interval of z.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(240)
 
 
 def common_area(centres, radii, keep):
-    """Return the area (sr) of the directions that lie within several caps, or outside.
+    """Return the area (sr) of the intersection of several caps or their complements.
 
     On the parallel of height z the common azimuth is exact (`common_azimuth_width`). It is
     integrated over z by Gauss's rule between the heights at which it is not smooth: the

@@ -1,8 +1,8 @@
 """Velocity equations of all links and what follows from them, by linear algebra.
 
-Unknown are the angular velocities of all links; no pair variable and no pole appears.
-Nothing here calls a solver of spherekit. "Rates" are angular velocities, in rad per rad of
-the moving input. An R pair is a revolute pair, a Cr pair a rolling contact and a Cs pair a
+The unknowns are the angular velocities of all links. No pair variable and no pole occurs,
+and no solver of spherekit is called. "Rates" are angular velocities, in rad per rad of the
+moving input. An R pair is a revolute pair, a Cr pair a rolling contact and a Cs pair a
 sliding contact.
 """
 
@@ -22,7 +22,7 @@ def revolute_frames(mechanism):
 
 
 def velocity_equations(ends, axes, types=None, held=()):
-    """Return the matrix that takes the rates of all links to what pairs do not allow.
+    """Return the matrix of the velocity equations: its product with the rates is zero.
 
     Let w_a and w_b be the angular velocities (rates) of the two links of a pair. The rows
     of a pair say that w_b - w_a has no component
