@@ -54,7 +54,7 @@ class _RunViews:
     options: Facts
 
     def __getstate__(self) -> Facts:
-        """Return the arguments alone for pickles; the scenes are computed again."""
+        """Return the arguments only, for pickles. The scenes can be computed again."""
         return {"name": self.name, "arguments": self.arguments, "options": self.options}
 
     def repeat_run(self, recorder: "Recorder") -> None:
@@ -150,7 +150,7 @@ def with_signature_of(
 
 
 def _run(*arguments: Any, **options: Any) -> RunResult:
-    """Run, and give the result the means to draw and record it."""
+    """Run analyses, and return a result that can also draw and record the run."""
     result = runner.run(*arguments, **options)
     view_options = {
         name: value

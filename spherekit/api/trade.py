@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def _trade(*arguments: Any, **options: Any) -> Trade:
-    """Measure a trade, and give the result the means to draw it."""
+    """Measure the settings of a run, and return a result that can also draw a chart."""
     return replace(measurement.trade(*arguments, **options), draw=_draw_chart)
 
 

@@ -660,7 +660,7 @@ def _draw_map(input_map: "InputMap", names: Sequence[str], path: str) -> None:
 
 
 def _degrees(q: float) -> str:
-    """Return an input (rad) in degrees; rounding errors of zero have no sign."""
+    """Return an input (rad) in degrees; a number that is zero by rounding has no sign."""
     return f"{round(math.degrees(q), 9) + 0.0:.9f}"
 
 

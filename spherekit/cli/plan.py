@@ -157,7 +157,7 @@ def _question(plan: "Plan") -> str:
 
 
 def _pole_table(plan: "Plan") -> ScreenTable:
-    """Return the pole table: the pass that finds the pole of each two links."""
+    """Return a table with the pass that finds the pole of each two links."""
     from spherekit.planning.pole_plan import titled_rows
 
     titles, *rows = titled_rows(plan)

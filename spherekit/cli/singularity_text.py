@@ -91,7 +91,7 @@ class _Statement(NamedTuple):
 
 
 def _extent(summary: Any) -> str:
-    """Return what the samples cover, such as ``on this path``."""
+    """Return where the samples of a run are, in words such as ``on this path``."""
     if "simulation" in summary:
         return "in this motion"
     if not summary["overview"]["is_path"]:

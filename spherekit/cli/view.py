@@ -212,7 +212,7 @@ def find_recording(name: str, quiet: bool = False) -> Path:
 
 
 def _newest_recording(folder: Path, quiet: bool) -> Path:
-    """Return the newest recording in a folder; print the names of the others."""
+    """Return the newest recording in a folder, and print the names of the others."""
     recordings = sorted(folder.glob("*.rrd"))
     if not recordings:
         raise OutputError(f"{folder}: the folder holds no recording; run with --save")

@@ -158,7 +158,7 @@ class CouplingTable:
 
     @property
     def angle_error(self) -> float:
-        """Largest error of an angle (rad) in cells that are sure."""
+        """Largest error of an angle (rad) in cells whose error is within the tolerance."""
         return float(np.max(self.error[self.sure], initial=0.0))
 
     @property

@@ -152,7 +152,7 @@ def coupling_table(
 
 
 def _check_any_sure(table: CouplingTable) -> None:
-    """Raise `SolveError` if no cell is sure."""
+    """Raise `SolveError` if interpolation is accurate enough in no cell of the table."""
     if np.any(table.sure):
         return
     errors = table.error[np.isfinite(table.error)]

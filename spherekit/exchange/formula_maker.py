@@ -388,7 +388,7 @@ def _list_size_arguments(varied_mechanism: VariedMechanism) -> tuple[Argument, .
 
 
 def _list_symbols(expressions: Sequence[Expr]) -> set[ExpressionNode]:
-    """Return the variables that expressions contain."""
+    """Return the symbols of variables that expressions contain."""
     return {node for node in iterate_nodes(expressions) if node.operation == "variable"}
 
 

@@ -325,7 +325,10 @@ class PositionFormulas:
         )
 
     def _declare_zero(self, pair: int) -> AngleExpression:
-        """Declare the zero of a pair, unless it is 0 and not free, and return it."""
+        """Declare the angle at which a pair variable is zero, and return this angle.
+
+        No symbol is declared if the angle is 0 and is not requested as a symbol.
+        """
         pair_name = self._mechanism.pairs[pair].name
         value = self._geometry.zeros.get(pair_name, 0.0)
         size = ("zeros", pair_name)

@@ -363,7 +363,7 @@ def _choose_tree(mechanism: Mechanism, preferred_pairs: Iterable[str]) -> list[B
     branches = [Branch(*branch) for branch in find_spanning_tree(ends, pairs=tree_pairs)]
 
     def subtree(link: int) -> list[Branch]:
-        """Return all branches beyond a link, depth first."""
+        """Return the pairs of the tree beyond a link, depth first."""
         result: list[Branch] = []
         for branch in branches:
             if branch.parent == link:

@@ -103,7 +103,7 @@ class Batch:
 
     @property
     def moving_inputs(self) -> Names:
-        """Names of the driven pairs, in the order that `moved` counts."""
+        """Names of the driven pairs. The parameter `moved` of methods is an index here."""
         return self.mechanism.input_pairs
 
     @property
@@ -173,7 +173,11 @@ class Batch:
 
     @property
     def closure_conditioning(self) -> Floats:
-        """(n,) condition of the closure Jacobian without the inputs, in the 2-norm."""
+        """(n,) condition number (2-norm) of the closure Jacobian of passive variables.
+
+        The columns of the inputs are left out. A large number means that the configuration
+        is near a singularity, where the inputs hardly determine the other variables.
+        """
         return _read_only(self._motion.conditioning)
 
     @property
@@ -377,11 +381,15 @@ class Batch:
         return self._pole(i, j, "pole_status", moved)
 
     def velocity_coefficient(self, i: int, j: int, moved: int = 0) -> Floats:
-        """Return (n,) the coefficient of link max(i, j) relative to the other."""
+        """Return (n,) the velocity coefficient of two links.
+
+        It is the angular velocity of the link with the larger number relative to the other
+        link, along the pole axis, per unit rate of the input.
+        """
         return self._pole(i, j, "velocity_coefficient", moved)
 
     def acceleration_coefficient(self, i: int, j: int, moved: int = 0) -> Floats:
-        """Return (n,) the derivative of the coefficient by the input, 1/rad."""
+        """Return (n,) the derivative of `velocity_coefficient` by the input, 1/rad."""
         return self._pole(i, j, "acceleration_coefficient", moved)
 
     def direction_dq(self, i: int, j: int, moved: int = 0) -> Floats:
@@ -524,7 +532,7 @@ class Batch:
         return float(low), float(high)
 
     def _single(self, columns: Floats) -> Floats:
-        """Return (n,) the column of the only input."""
+        """Return (n,) the values of the only input, from an array (n, inputs)."""
         if columns.shape[1] != 1:
             raise SolveError(
                 f"{self.mechanism.name} has {columns.shape[1]} inputs; read input_rates "

@@ -69,7 +69,7 @@ class Sweep:
     inputs: Literal["any", "one", "several"] = "any"
 
     def applies(self, mechanism: Mechanism) -> bool:
-        """Return whether the parameter matters to a mechanism."""
+        """Return whether the parameter has an effect for a mechanism (`inputs`)."""
         return self.inputs in ("any", "several" if len(mechanism.inputs) > 1 else "one")
 
 
@@ -183,7 +183,7 @@ class AbstractAnalysis(ABC):
         """Return the declared tables by name for all rows of the batch."""
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
-        """Return the scenes of the batch; none by default."""
+        """Return the scenes (drawings) of the batch; none by default."""
         return ()
 
     def findings(self, batch: Batch) -> Findings:
@@ -238,7 +238,7 @@ class BrokenAnalysis(AbstractAnalysis):
     tables = ()
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Raise `PluginError`: a run asks every analysis first for its needs."""
+        """Raise `PluginError`. A run calls this method before all others."""
         raise PluginError(self.why)
 
     def compute(self, batch: Batch) -> Mapping[str, TableArrays]:

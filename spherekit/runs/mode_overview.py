@@ -186,7 +186,7 @@ class OutputOverview:
             )
 
     def add_uncertain_rest(self, first: float, last: float) -> None:
-        """Note the places of two samples between which the output comes to rest."""
+        """Note two samples between which the output comes to rest, by their places."""
         if len(self.uncertain_rests) < MAX_SPANS:
             self.uncertain_rests.append([first, last])
         else:

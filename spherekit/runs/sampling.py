@@ -296,7 +296,7 @@ class Sampling:
 
     @property
     def warnings(self) -> Names:
-        """Sentences about modes whose names were not found, and a missed tolerance."""
+        """Warnings about mode names that fit no mode, and about a missed tolerance."""
         missed = self.simulation.missed if self.simulation is not None else None
         return self.position_analysis.unused_mode_names + (
             () if missed is None else (missed,)

@@ -373,7 +373,7 @@ def measure_simulation_settings(
     floors = {deviation.column: deviation.error for deviation in reference_deviations}
 
     def compare(tables: Tables) -> list[Deviation]:
-        """Return the deviations of tables, not below the error of the reference."""
+        """Return the deviations of tables, each at least the error of the reference."""
         deviations = measure_deviations(run_plan, tables, reference_tables)
         return [
             replace(item, error=max(item.error, floors.get(item.column, EPS)))
@@ -574,5 +574,5 @@ def _compute_exact_tables(
 
 
 def _largest_error(deviations: Sequence[Deviation]) -> float:
-    """Return the largest error, the rounding error of float64 if there is none."""
+    """Return the largest of some errors; without any, the rounding error of float64."""
     return max((deviation.error for deviation in deviations), default=EPS)

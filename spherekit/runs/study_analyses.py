@@ -163,7 +163,7 @@ def _read_parameters(
         return value
 
     def read_simple(hint: Any, value: Any) -> Any:
-        """Return a value of a type without items, or raise `ValueError`."""
+        """Return a value that is no array, converted to its type, or raise `ValueError`."""
         return _read_simple_value(hint, value, study.mechanism.angle_unit)
 
     def read(key: str, value: Any, hint: Any) -> Any:

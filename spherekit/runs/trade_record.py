@@ -81,7 +81,7 @@ class Measured:
 
     @property
     def total(self) -> float:
-        """The time of the run with compiling, s."""
+        """The time of the run, including the time for compiling, s."""
         return self.compile_seconds + self.seconds
 
     @property
@@ -175,7 +175,7 @@ class Trade:
 
     @property
     def pareto(self) -> tuple[Measured, ...]:
-        """The settings that no other beats in both time and error, the quickest first."""
+        """Settings that no other beats in both time and error, the quickest first."""
         best: list[Measured] = []
         candidates = [candidate for candidate in self.settings if candidate.counts]
         for measured in sorted(candidates, key=lambda item: (item.total, item.error)):

@@ -490,7 +490,7 @@ class Verifier:
             def describe(
                 index: Any, values: Floats = values, reference: Floats = reference
             ) -> Facts:
-                """Return where a row is, and both of its values."""
+                """Return sample and mode of a row, its value and the reference value."""
                 return {
                     "sample": int(values_by_column["sample"][index]),
                     "assembly_mode": int(values_by_column["assembly_mode"][index]),

@@ -103,7 +103,10 @@ def format_verification(verification: Facts) -> list[str]:
 
 
 def _columns_to_show(columns: list[Facts]) -> list[Facts]:
-    """Return all compared columns, but of the pair variables only the worst."""
+    """Return the compared columns to print.
+
+    Of all columns of pair variables only the one with the largest deviation is printed.
+    """
     variables = [item for item in columns if item["table"] == MOTION]
     others = [item for item in columns if item["table"] != MOTION]
     worst_variable = sorted(variables, key=lambda item: item["deviation"])[-1:]

@@ -45,7 +45,10 @@ def convert_to_graph(
     """
 
     def form_maximum(a: Expr, b: Expr) -> Expr:
-        """Return the maximum. If `sign` is given, it decides which of the two it is."""
+        """Return the maximum of two expressions.
+
+        If `sign` is given, the sign of their difference decides which of them is returned.
+        """
         if sign is None:
             return function("maximum", a, b)
         difference = a - b

@@ -273,7 +273,7 @@ class Table:
 
     @property
     def in_assembly_modes(self) -> bool:
-        """Whether rows belong to samples of assembly modes."""
+        """Whether each row of the table belongs to a sample in an assembly mode."""
         return {SAMPLE.name, ASSEMBLY_MODE.name} <= {column.name for column in self.columns}
 
 

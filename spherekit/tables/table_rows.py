@@ -43,7 +43,10 @@ class MemoryTables:
         return split_into_chunks(table, self.table(analysis, table))
 
     def table(self, analysis: str, table: Table) -> "JoinedBlocks":
-        """Return all rows of a table, by assembly mode and sample if it has these."""
+        """Return all rows of a table, sorted by assembly mode and sample.
+
+        A table without these columns keeps the order of its rows.
+        """
         return JoinedBlocks(self._blocks[analysis, table.name], table)
 
 

@@ -86,7 +86,7 @@ class Collector:
             self.another.log(*block)
 
     def play(self, recorder: "Recorder") -> None:
-        """Give another recorder all heads and blocks in their order."""
+        """Pass all heads and blocks to another recorder, in their order."""
         for head in self._heads:
             recorder.start(head)
         for block in self._blocks:

@@ -308,7 +308,11 @@ def _divide(
 
 
 def _plan_planes(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure]:
-    """Yield portraits of two quantities that have curves, marks or a path."""
+    """Yield figures of portraits (plots of one quantity against another).
+
+    Portraits with equal labels share a figure. It is left out if none of them has a curve,
+    a mark or a path.
+    """
     for (_, label), items in _group_items(scenes, Portrait, "label").items():
         has_content = any(
             portrait.curves or portrait.marks or is_path((scene, portrait))

@@ -73,7 +73,7 @@ def _path_look(diagram: Diagram, point: int) -> Look:
 
 
 def _name_starts(panel: Axes, diagram: Diagram) -> None:
-    """Draw a dot with a name where the path of each point enters the frame."""
+    """Draw a dot with a name at the place where the path of each point enters the frame."""
     low, high = np.transpose([diagram.x_range, diagram.y_range])
     # (rows, points) whether a point is in the frame.
     is_inside = np.all((diagram.places >= low) & (diagram.places <= high), axis=2)

@@ -32,7 +32,7 @@ CURVE_DECIMALS = 6
 
 
 def input_facts(mechanism: Mechanism, driven: Input) -> Facts:
-    """Return the links, range (rad) and axes in both links of a driven pair."""
+    """Return the links of a driven pair, its range (rad) and its axis in each link."""
     pair = mechanism.pairs[mechanism.pair_number[driven.pair]]
     axes = link_axes(mechanism)
     low, high = driven.range

@@ -137,7 +137,7 @@ class PageQuantities:
 
     @property
     def output_determinant(self) -> str:
-        """The determinant that is zero where the first output stops, empty if none."""
+        """Name of the determinant that is zero where the first output stops, or empty."""
         for output in self._mechanism.outputs:
             name = f"jacobian_determinant_{output.name}"
             if name in self.unit_by_name:

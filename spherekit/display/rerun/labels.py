@@ -168,7 +168,7 @@ class Names:
     """
 
     def __init__(self, sight: Sight) -> None:
-        """Begin without names, for an eye at the given place."""
+        """Begin without names, for a viewer whose eye is at the given place."""
         self._sight = sight
         self._named_pairs: set[str] = set()  # pairs that a link names already
         self._boxes: list[_Box] = []  # areas covered by names and dots so far

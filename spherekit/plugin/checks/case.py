@@ -190,10 +190,10 @@ class ConformanceCase:
 
 
 def fail_row(row: int) -> MotionChange:
-    """Return a function that removes the configuration of one row from a motion."""
+    """Return a function of a motion that makes one of its rows a failed row."""
 
     def change(motion: Motion) -> Motion:
-        """Return a copy of a motion whose row has NaN and a status."""
+        """Return a copy of a motion in which one row has failed: NaN and a status."""
         values = motion.values.copy()
         rotations = motion.rotations.copy()
         residual = motion.residual.copy()

@@ -238,6 +238,9 @@ def match_rows(
 def _rows_by_key(
     data: TableArrays, key_columns: Collection[str]
 ) -> dict[tuple[object, ...], int]:
-    """Return the row of each combination of key values; of equal ones the last."""
+    """Return the row of each combination of key values.
+
+    If several rows have the same combination, the last of them is returned.
+    """
     columns = [data[name].tolist() for name in key_columns]
     return {key: row for row, key in enumerate(zip(*columns, strict=True))}
