@@ -50,7 +50,8 @@ FIRST_ORDER_TOLERANCE = 0.1
 """If the spread of draws differs from the first order by this part of it, both are
 reported."""
 MAX_LISTED = 6
-"""Sizes that are listed, quantities whose derivatives are drawn, and sizes of each."""
+"""Most sizes that are listed, and most quantities whose derivatives are drawn. Of each
+quantity, the derivatives by as many sizes are drawn at most."""
 
 
 @dataclass(frozen=True)

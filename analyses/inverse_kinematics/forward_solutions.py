@@ -131,5 +131,5 @@ class ForwardSolutions:
         return text
 
     def scenes(self) -> tuple[Scene, ...]:
-        """Return no scenes: there are no poses that were asked for."""
+        """Return no scenes, because the user gave inputs and asked for no poses."""
         return ()

@@ -17,13 +17,14 @@ from spherekit.plugin.singularities import (
 from .scenes import SELF_MOTION
 
 MAX_LISTED_INPUTS = 6
-"""Inputs of one kind of singularity that are listed; of others the number is stated."""
+"""Most inputs of one kind of singularity that are listed. Of further inputs only the number
+is stated."""
 OUTPUT_SAMPLES_PER_CURVE = 721
 """Points of a curve among which the extremes of an output are searched. Larger: extremes
 between singularities are more accurate."""
 FULL_TURN_DEG = 355.0
-"""An output that turned by more between the sampled points of a curve turns fully. Smaller
-than 360, because the last sample is before the end of the curve."""
+"""An output that turned by more between the sampled points of a curve turns fully. The
+number is smaller than 360, because the last sample is before the end of the curve."""
 MEANING_OF_KIND = {
     "I": "The output {output} comes to rest (type I)",
     "II": "The locked input does not hold output {output} (type II)",

@@ -40,7 +40,7 @@ value. Larger: fewer descents, and fronts are less exact. Smaller: more descents
 """
 
 MIN_RELATIVE_DECREASE = 0.1 * OBJECTIVE_TOLERANCE
-"""A descent ends if no objective decreases by more, relative in the same way."""
+"""A descent ends if no objective decreases by more, relative to the same scale."""
 
 MAX_DESCENT_ROUNDS = 12
 """Largest number of times that a descent is started again from its end."""
@@ -48,7 +48,7 @@ MAX_DESCENT_ROUNDS = 12
 MAX_OTHER_STARTS = 3
 """Number of other points from which a design of a front is challenged.
 
-They are those that are nearest to being better than it.
+They are the points that come nearest to being better than the design.
 """
 
 MIN_START_DISTANCE = 0.1

@@ -68,7 +68,7 @@ NO_TABLE_MODE = TableMode("", "")
 """Stands for the mode of rows in a table that has no modes."""
 
 FiguresByMode = Mapping[str, Mapping[TableMode, float]]
-"""Figures of merit: name -> mode of the table -> number."""
+"""Figures of merit by their names, and each of them by the mode of the table."""
 
 NAN = float("nan")
 """A figure that does not exist."""

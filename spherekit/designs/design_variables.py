@@ -28,7 +28,7 @@ DESIGNED = ("links", "pairs", "outputs", "mass", "loads")
 """Tables of a mechanism file whose numbers can be varied."""
 
 ACTIONS = ("mass", "loads")
-"""Tables among them that have no influence on positions."""
+"""Those of these tables whose numbers have no influence on positions."""
 
 POINTED = "pointed"
 """Kind of the sizes that are angles of the direction of an output."""

@@ -60,8 +60,8 @@ class SweepResult:
     sweep
         The sweep that was run.
     folder
-        The folder with the parts that the user named. None if the parts are in a temporary
-        folder, which is deleted when this object is deleted.
+        The folder that the user named, which has the parts. None if the parts are in a
+        temporary folder, which is deleted when this object is deleted.
     computed
         Number of parts that this command computed. The other parts were in the folder
         before.
@@ -248,9 +248,10 @@ class SweepResult:
         return frame
 
     def _tables(self) -> dict[str, dict[int, Path]]:
-        """Return the files of the tables: table name -> part number -> path.
+        """Return the paths of the files of each table, by the name of the table.
 
-        A part has no file of a table in which none of its designs has a row.
+        The paths of a table are given by the number of the part. A part has no file of a table
+        in which none of its designs has a row.
         """
         tables: dict[str, dict[int, Path]] = {}
         for number in range(self.sweep.part_count):

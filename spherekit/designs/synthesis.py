@@ -58,9 +58,9 @@ class Synthesis:
     """The designs that a synthesis found, sorted by the first objective.
 
     With one objective there is one design for each assembly mode and each valley of the
-    objective. With several objectives there is the Pareto front of each mode: designs than
-    which none is better in all objectives. Designs that are the same linkage or its mirror
-    image, perhaps with axes that point the other way, are listed once.
+    objective. With several objectives there is the Pareto front of each mode: the designs
+    for which no other design is better in all objectives. Designs that are the same linkage
+    or its mirror image, perhaps with axes that point the other way, are listed once.
 
     Attributes
     ----------
@@ -78,12 +78,13 @@ class Synthesis:
     explored
         Number of designs of the sweep.
     feasible
-        Number of its rows that meet the conditions.
+        Number of rows of the sweep that meet the conditions.
     before
-        (k,) the smallest value of each objective among these rows.
+        (k,) the smallest value of each objective among the rows that meet the conditions.
     tolerance
         (k,) by how much an objective must be smaller for a design to be better than
-        another. With several objectives, no descent found a design that is better by more.
+        another. With several objectives, no descent found a design that is better by more
+        than this.
     """
 
     synthesis: Specification
@@ -475,7 +476,7 @@ def _merge_same_linkages(
 ) -> list[LocalOptimum]:
     """Return optima sorted by their objectives, and each linkage once.
 
-    Of optima that are alike, see `_are_alike`, the first in this order remains.
+    If several optima are alike (`_are_alike`), only the first in this order remains.
     """
     different: list[LocalOptimum] = []
     for optimum in sorted(optima, key=lambda item: tuple(item.objectives)):

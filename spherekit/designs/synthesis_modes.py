@@ -59,7 +59,8 @@ class SynthesisMode:
         Its label among the modes of a design: the signs of the dyads such as ``"+-"``, or a
         number and signs.
     origin
-        Where its configurations are tracked from; None if signs identify it.
+        The known configurations from which all others of this mode are tracked. None if
+        signs identify the mode.
     """
 
     label: str

@@ -252,9 +252,9 @@ def evolve_fronts(
 ) -> list[tuple[str, Floats]]:
     """Improve the Pareto front of each mode by an evolution (NSGA-II).
 
-    The front of an assembly mode consists of the designs than which none is better in all
-    objectives. The evolution of each mode starts from its rows in the front and from random
-    points.
+    The front of an assembly mode consists of the designs for which no other design is
+    better in all objectives. The evolution of each mode starts from its rows in the front
+    and from random points.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ DAMPING_DECREASE = 0.2
 """Factor of the damping after a step that reduced the sum of squares."""
 
 DAMPING_INCREASE = 5.0
-"""Factor of the damping after a step that did not reduce it, and that is not taken."""
+"""Factor of the damping after a step that would not reduce the sum, and is not taken."""
 
 MIN_DAMPING = 1e-12
 """Smallest damping, which keeps the equations of a step regular."""
@@ -31,7 +31,7 @@ MAX_DAMPING = 1e9
 """Damping at which a start is given up, because no step reduces its sum any more."""
 
 MIN_STEP = 1e-15
-"""A step in which no variable changes by more is the last one of a start."""
+"""A descent ends after a step in which no variable changes by more than this."""
 
 
 def minimize_squares(

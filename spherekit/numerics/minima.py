@@ -7,7 +7,7 @@ import numpy as np
 from spherekit.arrays import Floats
 
 Function = Callable[[Floats], Floats]
-"""Takes positions (n,) and returns the values (n,) there."""
+"""Takes positions (n,) and returns the values (n,) at them."""
 
 FRACTIONS = np.linspace(0.0, 1.0, 17)[:, None]
 """(17, 1) positions in a cell or bracket that are sampled, as fractions of its width.

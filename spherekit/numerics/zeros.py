@@ -10,7 +10,7 @@ from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
 from spherekit.tolerances import EPS
 
 DifferentiableFunction = Callable[[Floats], tuple[Floats, Floats]]
-"""Takes positions (n,); returns the values (n,) and the derivatives (n,) there."""
+"""Takes positions (n,); returns the values (n,) and the derivatives (n,) at them."""
 
 MAX_ZERO_CELL_HALVINGS = 8
 """Halvings of a grid cell, after which it is assumed to contain one extremum at most.

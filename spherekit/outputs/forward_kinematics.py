@@ -179,7 +179,7 @@ class Forward:
     rotations
         (m, n, 3, 3) from axes of the output link to those of the link it is seen from.
     directions
-        (m, n, 3) directions at which the output points there; None if it declares none.
+        (m, n, 3) directions at which the output points; None if it declares no direction.
     status
         (m, n) values of `Status`. Failed rows are NaN.
     """

@@ -53,7 +53,7 @@ singular.
 """
 
 PROOF_POSE_COUNT = 64
-"""Least number of poses at which the closed form is compared with the graph.
+"""Least number of poses at which the proof tests the closed form.
 
 They are chosen from `PROOF_DIRECTION_COUNT` directions. Larger: more time.
 """
@@ -65,9 +65,9 @@ Larger: fewer mechanisms with a small reach have less than `PROOF_POSE_COUNT` po
 """
 
 PROOF_REACH_RATIO = 0.95
-"""Part of the reach of the legs within which the closed form is compared.
+"""Part of the reach of the legs within which the proof tests the closed form.
 
-Larger: poses near the limit have larger rounding errors. Smaller: less is compared.
+Larger: poses near the limit have larger rounding errors. Smaller: less is tested.
 """
 
 Leg = tuple[int, int, int]

@@ -47,7 +47,7 @@ Smaller: sizes that were rounded in a file count as different.
 """
 
 PROOF_RESIDUAL_RAD = 1e-12
-"""Largest angle (rad) between the axes of a pair in its two links, in the proof.
+"""Largest angle (rad), in the proof, between a pair axis as both its links carry it.
 
 Larger: mechanisms with slightly different sizes are accepted. Smaller: rounding errors make
 the proof fail.

@@ -128,7 +128,7 @@ configuration prevent leaps.
 """
 
 LEAP_SINGULAR_RATIO = 0.01
-"""Largest smallest singular value within a leap, relative to those at its ends.
+"""Upper limit of the smallest singular value within a leap, relative to those at its ends.
 
 Larger: a leap may pass a configuration that is not singular. Smaller: leaps over singular
 configurations are refused if the interpolated path misses them slightly.

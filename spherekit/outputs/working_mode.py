@@ -177,7 +177,7 @@ class WorkingMode:
     """The dyads of a chain at n poses of the output, in one working mode.
 
     A dyad is two links that can be placed in two ways between their neighbours. A working
-    mode is a choice of one of both, a sign, for each dyad.
+    mode has a sign for each dyad, which chooses one of both ways.
 
     Attributes
     ----------

@@ -282,7 +282,7 @@ def _exact_arc(
     -------
     The arc in the unit of the file, between 0 and half a turn. None if the file does not
     give this arc, or if it is 0 or half a turn. In radians it is also None for arcs outside
-    this range: whole turns cannot be subtracted exactly there.
+    this range, because whole turns cannot be subtracted exactly.
     """
     structure = decimal_mechanism.structure
     table = decimal_mechanism.document.data["links"].get(structure.links[link])

@@ -354,7 +354,7 @@ class DecimalGeometry:
 
 
 def decimal_text(number: float) -> str:
-    """Return a number of a file as it is written there."""
+    """Return a number of a file as the file writes it."""
     return number.text if isinstance(number, LiteralNumber) else str(number)
 
 

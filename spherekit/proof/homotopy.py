@@ -49,7 +49,7 @@ Larger: fewer steps, but paths may jump to neighbours. Smaller: more steps.
 """
 
 HOMOTOPY_STEP_GROWTH = 1.2
-"""Step after an accepted one, over it.
+"""Length of the step after an accepted step, divided by the length of the accepted one.
 
 Larger: more steps fail because they are too long. Smaller: more steps.
 """

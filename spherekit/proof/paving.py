@@ -29,7 +29,7 @@ from spherekit.proof.balls import (
 from spherekit.proof.tubes import PRODUCT_ROUNDING, ROUND_UP, correct_configuration
 
 WEIGHT_REGULARISATION = 1e-9
-"""Number added to the diagonal of F' F'^T, so that the weights are finite.
+"""Number added to the diagonal of F' F'^T (F': slopes), so that the weights are finite.
 
 Larger: weights farther from the pseudo-inverse, which discard fewer boxes. Smaller: near
 singular F' the weights may overflow.

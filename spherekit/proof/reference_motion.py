@@ -116,8 +116,8 @@ Larger: two sign changes that are closer are noticed. Smaller: less evaluation.
 FloatSolution = Callable[[Floats], tuple[Floats, Floats]]
 """Returns an approximate solution at times (n,) s.
 
-The result are the variables (n, variables) rad, whole turns included, and their rates
-(n, variables) by time.
+The results are the variables (n, variables) rad, whole turns included, and their rates (n,
+variables) by time.
 """
 
 EndKind = Literal["time", "joint_limit", "sticking"]

@@ -1,6 +1,7 @@
 """Stationary points of a variable along a chain of certified arcs.
 
-Each is proven to be the only one in its neighbourhood, and elsewhere there is none.
+Each stationary point is proven to be the only one in its neighbourhood. Outside of these
+neighbourhoods there is none.
 
 The variables z of a configuration solve the equations F(z) = 0 of the mechanism. An arc is
 z = z0 + t s + N y(s), with the tangent t and the normals N at its centre z0. Its rates, the
@@ -229,7 +230,7 @@ class StationaryPoints:
     proven
         The proven stationary points, in order.
     undecided
-        Stretches in which there may be others.
+        Stretches (parts of the curve) in which there may be others.
     """
 
     proven: list[StationaryPoint] = field(default_factory=list)

@@ -140,7 +140,7 @@ def extract_structure(mechanism: Mechanism) -> Structure:
 
 
 def _unused_name(name: str, used_names: list[str]) -> str:
-    """Return a name with as many underscores added as make it different from others."""
+    """Return a name with underscores added until it differs from all used names."""
     while name in used_names:
         name += "_"
     return name

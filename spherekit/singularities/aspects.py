@@ -43,7 +43,7 @@ near a singularity are taken for one; smaller: one configuration is counted twic
 MAX_ASPECT_CONFIGURATIONS = 200_000
 """Number of configurations after which no more are connected."""
 NO_CONFIGURATION = -1
-"""Stands for a configuration that does not exist in arrays of their numbers."""
+"""Stands for a missing configuration in arrays of numbers of configurations."""
 
 
 @dataclass(frozen=True)

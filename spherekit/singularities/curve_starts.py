@@ -30,7 +30,7 @@ CLOSING_NEWTON_STEPS = 40
 """Most Newton steps from a random start to closed loops. Larger: more starts succeed;
 smaller: failures end sooner."""
 RANDOM_LOCUS_NEWTON_STEPS = 30
-"""Most Newton steps from there to the locus, likewise."""
+"""Most Newton steps from closed loops to the locus. Larger, smaller: as for the loops."""
 CURVE_STARTS_PER_ROUND = 256
 """Random starts of one round. Larger: rounds without a new result are stronger evidence;
 smaller: the search ends sooner."""

@@ -351,7 +351,7 @@ TYPE_OF_VANISHING = {
     (True, False): Type.II,
     (False, True): Type.I,
 }
-"""The type by whether c and d vanish."""
+"""The type of a singularity, by whether c vanishes and whether d vanishes."""
 
 
 def compare_with_rates(

@@ -25,11 +25,12 @@ LINKS_OF_AXIS = {
     "is_": ("i", "s"),
     "rs": ("r", "s"),
 }
-"""The fields of `FourLinks` whose pole is each field of `SixPoles`, the output's first,
-then the input's."""
+"""For each field of `SixPoles`, the two fields of `FourLinks` whose pole axis it has. The
+pole of the output comes first, then that of the input."""
 ONE_LINE_SINE = 1e-12
-"""Axes of which any two have a smaller sine are on one line and span no plane. Larger: more
-relations are not determined; smaller: a plane is determined by rounding."""
+"""Axes are on one line and span no plane if the sine of the angle between any two is
+smaller. Larger: more relations are not determined; smaller: a plane is determined by
+rounding."""
 
 
 class Type(StrEnum):

@@ -80,12 +80,12 @@ class SingularityMeasure:
     def changes_sign(self) -> bool:
         """Whether `value` changes its sign across the locus, the singular configurations.
 
-        `value` is a determinant that is zero there. A configuration is singular if rates x
-        close the loops and satisfy E x = 0, where E x are the rates of the inputs (type II)
-        or of the output (type I). B is E applied to a basis of the rates that close the
-        loops. det B is used if B is square and the sense of the basis is fixed, because
-        det B would change its sign with that sense. Otherwise det(B^T B) is used, which is
-        never negative, so it only touches zero.
+        `value` is a determinant that is zero in singular configurations. A configuration is
+        singular if rates x close the loops and satisfy E x = 0, where E x are the rates of
+        the inputs (type II) or of the output (type I). B is E applied to a basis of the
+        rates that close the loops. det B is used if B is square and the sense of the basis
+        is fixed, because det B would change its sign with that sense. Otherwise det(B^T B)
+        is used, which is never negative, so it only touches zero.
         """
         _, rows, columns = self.constraint_on_basis.shape
         return self.motion_space.has_fixed_sense and rows == columns

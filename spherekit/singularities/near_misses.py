@@ -25,7 +25,7 @@ EQUAL_EXTREMUM_INPUT_RAD = 1e-7
 of its position. Larger: an extremum just before the end of a full range is moved to its
 start."""
 RANGE_END_TOLERANCE_RAD = 1e-9
-"""An input or arc length as near to the end of a range or curve is at it."""
+"""An input or arc length that differs from the end of a range or curve by less is at it."""
 EQUAL_TRANSMISSION_ANGLE_RAD = 1e-8
 """Transmission angles that differ by less are equal. Larger: modes that come slightly less
 near to type II are listed, too."""

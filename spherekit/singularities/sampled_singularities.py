@@ -40,7 +40,7 @@ from spherekit.velocities.transmission_measure import (
 )
 
 AT_CROSSING_RAD = 1e-8
-"""A configuration as near to a crossing is the crossing, as far as it can be known."""
+"""A configuration whose distance to a crossing is smaller is taken for the crossing."""
 PIECE_END_TOLERANCE_RAD = 1e-6
 """A piece of a curve includes points beyond its ends by less than this arc length."""
 
@@ -96,7 +96,8 @@ class SampledSingularities:
     curves
         The curves of `configurations`.
     curve, s
-        (n,) the number of the curve of each row, -1 without one, and its arc length there.
+        (n,) number of the curve on which each row is, -1 if it is on none, and (n,) the arc
+        length of the row on this curve.
     status
         (n,) status of each row. OK: the row is on a curve. AT_SINGULARITY: it is so near to
         a crossing of curves that no curve is followed to it. MODE_LOST: all other rows.
@@ -159,10 +160,10 @@ class SampledSingularities:
         """Locate each row on the configuration curves.
 
         The attributes `curve` and `s` get the number of the curve of each row and its arc
-        length there. `status` is OK on a curve. Where curves cross, the closure equations
-        are singular, so curves are followed only up to a little before the crossing. A row
-        on no curve is AT_SINGULARITY near a crossing, and MODE_LOST elsewhere. `crossed`
-        states whether the row is at a crossing itself.
+        length on this curve. `status` is OK on a curve. Where curves cross, the closure
+        equations are singular, so curves are followed only up to a little before the
+        crossing. A row on no curve is AT_SINGULARITY near a crossing, and MODE_LOST
+        elsewhere. `crossed` states whether the row is at a crossing itself.
 
         Parameters
         ----------

@@ -51,8 +51,8 @@ MAX_SHARED_ERROR_RAD = 1e-9
 """If input and output rest at the same point within error bounds larger than this, it is
 not certain that they rest together. Larger: fewer self-motions are marked as uncertain."""
 MAX_CROSSING_MISS_RAD = 1e-14
-"""A crossing that is missed by more may be none: rounding of the sizes decides. Larger:
-fewer crossings are marked as uncertain."""
+"""If a computed crossing is farther from an exact one, the curves may not cross at all:
+rounding of the sizes decides. Larger: fewer crossings are marked as uncertain."""
 SAME_CROSSING_RAD = 1e-7
 """Crossings whose variables differ by less are one crossing. Larger: crossings near each
 other are taken for one; smaller: one crossing is listed twice."""
@@ -65,10 +65,10 @@ VANISHING_RELATION = 1e-12
 """A relation whose coefficients are smaller on most of a curve vanishes on all of it.
 Larger: relations of mechanisms with small arcs are reported as useless."""
 SAMPLES_OF_FREEDOMS = 9
-"""Configurations of each mode at which a mechanism without curves is asked for its degrees
-of freedom."""
+"""Configurations of each mode at which the degrees of freedom of a mechanism without curves
+are computed."""
 TYPE_OF_REST = {**TYPE_OF_VANISHING, (True, True): Type.SELF_MOTION}
-"""The type by whether the input rests, and whether the output does."""
+"""The type of a singularity, by whether the input rests and whether the output rests."""
 NO_ZERO = np.array([[np.nan], [np.nan], [np.inf]])
 """Stands for a missing zero: arc length, whether it is double, and error bound."""
 

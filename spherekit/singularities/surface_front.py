@@ -46,8 +46,9 @@ VERTICES_COMPUTED_TOGETHER = 32
 MAX_FRONT_VERTICES = 20_000
 """Number of vertices at which a mesh ends, before halving."""
 SURFACE_CROSSING_CONDITION = 1e-4
-"""Below this reciprocal condition of its equations, surfaces cross at a point. Larger: the
-mesh ends farther away from crossings; smaller: it may change from surface to surface."""
+"""Surfaces cross at a point if the reciprocal condition number of its equations is smaller.
+Larger: the mesh ends farther away from crossings; smaller: it may change from surface to
+surface."""
 NEW_VERTEX = -1
 """Stands for the new vertex at the ideal apex of a triangle."""
 
