@@ -250,8 +250,8 @@ class SweepResult:
     def _tables(self) -> dict[str, dict[int, Path]]:
         """Return the paths of the files of each table, by the name of the table.
 
-        The paths of a table are given by the number of the part. A part has no file of a table
-        in which none of its designs has a row.
+        Each path has the number of its part as a key. A part has no file of a table in
+        which none of its designs has a row.
         """
         tables: dict[str, dict[int, Path]] = {}
         for number in range(self.sweep.part_count):
