@@ -422,7 +422,7 @@ def _numpy_simulation(case: DynamicsCase, tolerance: float) -> Simulate:
 
 
 def _reduced_simulation(case: DynamicsCase, tolerance: float) -> Simulate:
-    """Return a simulation by a reduced model, which is made here."""
+    """Make a reduced model, and return a simulation of its motion."""
     model = reduced_model(case.mechanism, poles=())
     (q,), (dq,) = case.start.each(case.inputs)
     # The first evaluation of a single state makes a table for single states.

@@ -133,7 +133,7 @@ def _measure_once(name: str) -> ReportTimes:
 
 
 def _output(mechanism: Mechanism) -> tuple[str, str]:
-    """Return the output link and the link from which it is seen."""
+    """Return the output link and the link relative to which it moves."""
     for output in mechanism.outputs:
         return output.link, output.relative_to
     return mechanism.links[-1], mechanism.links[0]

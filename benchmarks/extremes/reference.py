@@ -38,15 +38,17 @@ LONGEST_NEWTON_STEP_RAD = mp.mpf("0.3")
 """Longer steps (rad) are shortened, so that Newton's method stays near its start."""
 
 LAST_STEP_RAD = mp.mpf(10) ** (35 - DIGITS)
-"""The last step (rad) is smaller. The quadratic convergence makes the result exact."""
+"""Newton's method ends after a step (rad) that is smaller than this. Because it converges
+quadratically, the result is then exact to all digits."""
 
 CLOSURE_RESIDUAL_RAD = mp.mpf(10) ** (10 - DIGITS)
 """Loops count as closed if their residual (rad) is smaller."""
 
 LAST_SINGULAR_STEP = mp.mpf(10) ** (45 - DIGITS)
-"""The last step to a singular configuration is smaller.
+"""Newton's method for a singular configuration ends after a step smaller than this.
 
-Its derivatives are difference quotients, so that it converges linearly by 30 digits.
+Its derivatives are difference quotients. It therefore converges linearly, by 30 digits in
+each step.
 """
 
 Exact = Any
@@ -125,7 +127,7 @@ class GeometryData:
     radii
         (2, pairs) radii (rad) of circles; 1 for R pairs.
     directions
-        (2, pairs) 1, or -1 if a circle is run backwards.
+        (2, pairs) 1, or -1 if the arc length along a circle runs in the opposite sense.
     """
 
     frames: Exact

@@ -12,20 +12,20 @@ ROUNDOFF = EPS / 2
 """Unit roundoff of float64."""
 
 ALLOWED = 100.0
-"""Largest error that is allowed, over unit roundoff times conditioning."""
+"""Largest allowed error, as a multiple of the unit roundoff times the conditioning."""
 
 TRUSTED = 1e12
-"""Largest conditioning up to which numbers must be right within what it allows.
+"""Largest conditioning for which numbers must be right within the allowed error.
 
-A number without a status may not deviate by more than is allowed at this conditioning,
-however large the conditioning is.
+A number whose conditioning is larger, and which is given without a warning status, may
+deviate by at most the error that is allowed at this conditioning.
 """
 
 QUICK_VALUE_COUNT = 3
-"""Number of parameters of a case in a quick run, unless the case names them."""
+"""Number of values of the parameter in a quick run, unless the case states the values."""
 
 NO_RESERVE = "OK"
-"""Status of a number that is given without reserve."""
+"""Status of a number that spherekit returns without a warning."""
 
 
 @final

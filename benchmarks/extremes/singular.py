@@ -25,7 +25,8 @@ SINGULAR_FAMILY = "singularities"
 ALONG = "distance on the curve, rad"
 
 TO_DEAD_CENTRE = down(1e-1, 1e-8, 10**0.5)
-"""Distances (rad) from a dead centre. Those of the input are their squares: to 1e-16."""
+"""Distances (rad) from a dead centre along the curve. The distances of the input from its
+value at the dead centre are about the squares of these, and reach 1e-16."""
 
 TO_STANDSTILL = down(1e-1, 1e-15)
 """Distances (rad) from a configuration in which an output is stationary."""
@@ -73,10 +74,10 @@ def list_points_near(
 def find_standstill(
     mechanism: Mechanism, pair: str, other_inputs: Sequence[float] = ()
 ) -> Floats:
-    """Return a configuration (variables,) rad in which a pair is stationary, as doubles.
+    """Return a configuration (variables,), in rad, in which a pair is stationary.
 
-    It is the first one on the curve of the first input, in the first assembly mode that
-    has one.
+    It is the first such configuration on the curve along which the first input moves, in
+    the first assembly mode that has one. Its numbers are doubles.
 
     Parameters
     ----------

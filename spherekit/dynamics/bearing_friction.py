@@ -44,8 +44,8 @@ from spherekit.wording import listing
 CARRIED_LOAD_TOLERANCE = 1e-14
 """Relative change of the carried loads at which the iteration for friction has converged.
 
-The change is relative to the largest carried load.
-Larger: friction is less accurate. Smaller: rounding keeps the iteration from ending.
+The change is relative to the largest carried load. Larger: friction is less accurate.
+Smaller: rounding keeps the iteration from ending.
 """
 
 MAX_FRICTION_ITERATIONS = 100

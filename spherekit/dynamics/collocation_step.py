@@ -78,7 +78,7 @@ class CollocationStep:
 
     @property
     def end_state(self) -> Floats:
-        """(states,) the state at the end, to the order 2 N."""
+        """(states,) the state at the end. Its error has the order 2 N."""
         return self.state + self.length * self.series[0]
 
     @cached_property

@@ -52,9 +52,10 @@ steps hardly does. Smaller: more time.
 MAX_COARSE_STEP_TOLERANCE = 1e-7
 """Largest tolerance of a step with several degrees of freedom.
 
-Such an integration ends well before a crossing and continues with `MAX_STEP_TOLERANCE`, so
-the tolerance is not limited by the detection of crossings. Larger: it ends later and can
-miss a crossing.
+An integration with this tolerance ends well before a crossing of sets of configurations,
+and continues with `MAX_STEP_TOLERANCE`. Steps far from crossings can therefore be less
+accurate than those that have to detect crossings. Larger: the integration ends later and
+can miss a crossing.
 """
 
 
@@ -236,7 +237,7 @@ def compile_equation(
 
 
 def _compile_again(arguments: EquationArguments) -> CompiledEquation:
-    """Return the equation of a pickle."""
+    """Return the compiled equation that a pickle describes by its arguments."""
     equation, _ = compile_equation(*arguments)
     return equation
 

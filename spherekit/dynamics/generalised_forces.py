@@ -63,8 +63,8 @@ class Loads:
     friction_components
         Indices of the components whose friction follows from reactions.
     friction_coefficients
-        (k,) friction (N m) of each of these components per unit of the carried load, which
-        is a force (N) of a bearing or a moment (N m) of a contact.
+        (k,) friction (N m) of each of these components per unit of the load that the pair
+        carries. This load is a force (N) on a bearing or a moment (N m) at a contact.
     needs_step_probes
         Whether loads may change abruptly within an integration step: they have steep
         arguments, or are arbitrary Python functions.

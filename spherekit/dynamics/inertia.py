@@ -81,9 +81,9 @@ class Inertia:
 
 
 def inertia(mechanism: Mechanism, motion: CoordinateMotion) -> Inertia:
-    """Return the parts of the inertia matrix and its derivatives, at every row of a motion.
+    """Return the contribution of each link to the inertia matrix and to its derivatives.
 
-    There is one part for each link with mass. The sum of the parts is the matrix.
+    The inertia matrix is the sum of the contributions of all links with mass.
 
     Parameters
     ----------
@@ -180,9 +180,9 @@ def need_inertia(mechanism: Mechanism) -> None:
 
 
 def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
-    """Raise `SolveError` if a motion exists in which no link with mass moves.
+    """Raise `SolveError` if the mechanism can move without any motion of a link with mass.
 
-    Loads would accelerate such a motion endlessly.
+    The acceleration of such a motion by a load would be infinite.
 
     Parameters
     ----------

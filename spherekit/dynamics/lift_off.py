@@ -18,9 +18,10 @@ Larger: more time. Smaller: a contact that lifts off for a short time is missed.
 """
 
 FIRST_LIFT_OFF_STEPS = 8
-"""Number of first steps whose largest reaction is the least with which pulls are compared.
+"""Number of first steps whose largest reaction is a lower limit of the scale for pulls.
 
-Smaller: if a mechanism starts without reactions, their rounding ends the simulation.
+A contact lifts off if its pull is not small compared with this scale. Smaller: if a
+mechanism starts without reactions, their rounding ends the simulation.
 """
 
 LIFT_OFF_TOLERANCE_S = 1e-14

@@ -55,10 +55,10 @@ LAYOUT = (
     "are the halvings of the box, (direction, place, next below, next above), where -1 - c "
     "is cell c and 0 is outside the domain"
 )
-"""Description of the arrays, which is stored in the files."""
+"""Description of the arrays of a model, which is stored in each file of a model."""
 
 ZERO_SEARCH_DIVISIONS = 8
-"""Number of parts of each cell in which zeros of a variable are sought.
+"""Number of parts into which each cell is divided to search for zeros of a variable.
 
 Larger: two zeros that are closer together are both found.
 """
@@ -69,7 +69,7 @@ SINGLE_TYPES = (float, int)
 Coordinate = TypeVar("Coordinate", float, Floats)
 
 SingleFunction = Callable[[Any], list[float]]
-"""Returns the values of some functions at one point, in the least time."""
+"""A function of one point that returns the values of some stored functions as a list."""
 
 
 @dataclass(frozen=True)
@@ -80,10 +80,11 @@ class StoredModel:
     inputs. With one coordinate the functions are stored along the curve of configurations,
     with several coordinates over a box of their ranges.
 
-    A point is a number along a curve, and a sequence (m,) over a box. Every method takes
-    one point, which is evaluated in the least time. It also takes many points: an array of
-    any shape along a curve, and an array (n, m) over a box. Coordinates of a periodic curve
-    beyond its ends are further laps. Other models are not defined outside their range.
+    A point is a number along a curve, and a sequence (m,) over a box. Most methods take one
+    point, which is evaluated in the least time, or many points. Many points are an array of
+    any shape along a curve, and an array (n, m) over a box. If a curve is periodic,
+    coordinates beyond its ends are those of further laps. Other models are not defined
+    outside their range.
 
     Attributes
     ----------
@@ -561,16 +562,17 @@ class StoredModel:
 
     @cached_property
     def _single_functions(self) -> dict[Names, SingleFunction]:
-        """Functions that `_single_function` has made so far, by the names of their results.
+        """Cache of `_single_function`.
 
-        Each evaluates some stored functions at one point.
+        A key has the names of some stored functions of the model. The value is a function
+        that evaluates them at one point.
         """
         return {}
 
     def _single_function(self, *names: str) -> SingleFunction:
-        """Return the function of a single point that returns some stored functions.
+        """Return a Python function that evaluates some stored functions at one point.
 
-        `names` are the stored functions, all of one group.
+        `names` are the names of these stored functions. All belong to one group.
         """
         if names not in self._single_functions:
             group, _ = self.heading.locate_function(names[0])
@@ -598,9 +600,9 @@ class StoredModel:
         Raises
         ------
         SolveError
-            If points over a box have another number of inputs, or if a single one is
-            outside the domain. Many points may include some outside, where functions are
-            NaN.
+            If points over a box have a wrong number of inputs, or if a single point is
+            outside the domain. If there are many points, those outside are no error: the
+            functions are NaN there.
         """
         heading = self.heading
         m = len(heading.by)
@@ -692,7 +694,7 @@ class StoredModel:
         return values
 
     def combine_functions(self, group: int, factors: Floats) -> SingleFunction:
-        """Return the function of a single point that returns sums of stored functions.
+        """Return a Python function that computes sums of stored functions at one point.
 
         Functions of several inputs are stored as series in the cells of a box of input
         ranges. Functions of one coordinate are stored as series along a curve of
@@ -840,9 +842,9 @@ def _construct_model(
     where
         Name of the file, for error messages.
     header
-        Values of the fields of `StoredHeading` by name, which describe the stored functions
-        and loads. Loads and functions are dictionaries of their fields. A group is a list
-        of functions that are stored together.
+        Values of the fields of `StoredHeading` by their names. Each load and each function
+        is a dictionary of its fields. A group is a list of functions that are stored
+        together.
     arrays
         The arrays of all groups by their names, such as "coefficients_0" for group 0.
     """

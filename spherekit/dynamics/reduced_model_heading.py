@@ -62,8 +62,10 @@ class StoredLoad:
     components
         Expressions of the magnitudes in pair variables, their rates and the time. Empty if
         the torque is given by a table.
-    times, torques, repeats
-        The table (s, N m), and whether it repeats.
+    times, torques
+        The times (s) and the torques (N m) of the table, if there is one.
+    repeats
+        Whether the table repeats after its last time.
     """
 
     name: str
@@ -91,15 +93,19 @@ class StoredHeading:
 
     Attributes
     ----------
-    mechanism, mechanism_sha256
-        Name of the mechanism, and the checksum of its canonical file in radians.
+    mechanism
+        Name of the mechanism.
+    mechanism_sha256
+        SHA-256 checksum of the mechanism's file in its canonical form, in radians.
     made_by
-        The version of spherekit.
+        The version of spherekit that made the model.
     assembly_mode
         Number of the assembly mode (one of the ways to assemble the links at the same
         inputs).
-    variables, angles
-        Names of all pair variables, and of the R pairs.
+    variables
+        Names of all pair variables.
+    angles
+        Names of the R pairs.
     poles
         Names of the stored poles (axes of relative rotation of two links), as
         LINK/RELATIVE_TO.
@@ -118,8 +124,8 @@ class StoredHeading:
     periodic
         Whether a curve is continued periodically beyond its ends.
     covered
-        Part of a box in which the functions are known. Elsewhere the assembly mode does not
-        exist, or is too near to a singularity.
+        Share of a box in which the functions are known. In the rest, the assembly mode does
+        not exist, or is too near to a singularity.
     groups
         Functions that are stored together: first those of the motion, then for each pole of
         a curve its functions, in the order of `poles`.

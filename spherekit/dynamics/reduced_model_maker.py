@@ -52,10 +52,11 @@ Smaller: starting points of Newton's method are farther apart. Larger: more time
 """
 
 MAX_GRID_SAMPLES = 1200
-"""Samples of the whole grid over a box, which limits the samples of each of many inputs."""
+"""Largest number of samples of the grid over a box. With many inputs, it reduces the number
+of samples of each input."""
 
 ERROR_SAMPLES = 4000
-"""Random places of a box at which errors are measured.
+"""Number of random points of a box at which errors are measured.
 
 Smaller: a narrow maximum of the error is missed more easily. Larger: more time.
 """
@@ -90,8 +91,10 @@ def reduced_model(
     mechanism
         The mechanism. Its masses and loads are stored if it has any. Its joint limits end
         the curve.
-    input_pair, assembly_mode
-        The driven R pair, by default the first input, and the assembly mode.
+    input_pair
+        Name of the driven R pair, by default the first input.
+    assembly_mode
+        Number of the assembly mode.
     poles
         The poles to store, such as ``"3/1"``; all by default.
     tolerance
@@ -215,7 +218,7 @@ def reduced_grid_model(
         The mechanism. Its masses and loads are stored if it has any. The ranges of its
         inputs bound the domain.
     assembly_mode
-        Its number in runs over a grid of the inputs.
+        Number of the assembly mode, as in runs over a grid of the inputs.
     poles
         Pairs of links whose relative angular velocities are stored too, such as ``"3/1"``.
     tolerance
@@ -289,8 +292,10 @@ def _check_request(
     ----------
     mechanism
         The mechanism, or its name or file.
-    tolerance, min_tolerance
-        Requested relative error of the functions, and the smallest allowed one.
+    tolerance
+        Requested relative error of the functions.
+    min_tolerance
+        Smallest relative error that may be requested.
 
     Raises
     ------

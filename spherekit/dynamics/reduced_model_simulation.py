@@ -32,7 +32,8 @@ Smaller: more steps.
 """
 
 MIN_STEP_TOLERANCE = 1e-14
-"""Smallest tolerance of a step; with a smaller one rounding decides about steps."""
+"""Smallest tolerance of a step. With a smaller one, rounding errors would decide whether
+steps are accepted."""
 
 
 @dataclass(frozen=True)
@@ -99,16 +100,18 @@ def simulate_reduced(
     Parameters
     ----------
     model
-        A model with masses; `StoredModel.with_torque` adds a driving torque.
+        A reduced model of a mechanism with masses. `StoredModel.with_torque` adds a driving
+        torque to a model.
     times
-        (n,) increasing times, s, the first that of the start.
+        (n,) increasing times, s. The motion starts at the first one.
     x, dx
         Coordinate of the model and its rate at the start, in `angle_unit`, by default rad
         and rad/s.
     tolerance
         Intended error of x, rad.
     switches
-        Times (s) at which expressions have kinks; knots of torque tables are known.
+        Times (s) at which expressions of loads have kinks. The kinks of torque tables need
+        not be given.
     angle_unit
         Unit of `x` and `dx`, ``"rad"`` or ``"deg"`` (and per s). The result is in rad.
 

@@ -48,9 +48,10 @@ def reference_simulation(
     torque
         Expression of the driving torque (N m) at the input, such as ``"10*sin(2*t)"``. By
         default the input turns freely.
-    input_pair, assembly_mode
-        Name of the driven R pair, by default that of the file, and the number of the
-        assembly mode (way to assemble the links) at the start.
+    input_pair
+        Name of the driven R pair, by default that of the file.
+    assembly_mode
+        Number of the assembly mode (way to assemble the links) at the start.
     arithmetic
         The arithmetic, such as `Digits(n)` with n digits. By default it has 20 digits.
     angle_unit

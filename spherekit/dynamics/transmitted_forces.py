@@ -49,7 +49,7 @@ the last one, the reactions are reported as not determined.
 MAX_UNDETERMINED_PART = 1e-7
 """Largest squared part outside the span of the equations of a reaction that is determined.
 
-The unit vector along the axis of a reaction has a part outside this span, the row space.
+The part is that of the unit vector along the axis of the reaction outside the row space.
 Larger: reactions that are slightly indeterminate are reported as numbers. Smaller: rounding
 makes determined reactions indeterminate.
 """

@@ -31,7 +31,7 @@ FILES = {
 
 
 def split(text, *more):
-    """Return the words of a text, and more."""
+    """Return a list of the words of a text, followed by further words."""
     return [*text.split(), *more]
 
 
@@ -193,7 +193,7 @@ def commands(draw):
 
 
 def is_toml(text):
-    """Return whether Python's own reader takes a text."""
+    """Return whether Python's own TOML parser accepts a text."""
     try:
         tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError, ValueError):

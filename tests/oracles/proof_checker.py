@@ -26,7 +26,7 @@ shared = np.frompyfunc(lambda one, other: one.intersection(other), 2, 1)
 
 
 class Refused(Exception):
-    """What a certificate says is not so, or not shown."""
+    """A statement of a certificate is wrong, or is not proven."""
 
 
 def need(condition, message):
@@ -36,7 +36,7 @@ def need(condition, message):
 
 
 def matrix(entries):
-    """A matrix of flint, of real balls if all entries are."""
+    """Return a matrix of python-flint: of real balls if all entries are real."""
     try:
         return arb_mat(entries.tolist())
     except TypeError:
@@ -52,7 +52,7 @@ def inverse_near(entries):
 
 
 def about(radii):
-    """Balls about zero."""
+    """Return balls about zero with the given radii."""
     return np.array([arb(0, radius) for radius in radii])
 
 
@@ -65,13 +65,13 @@ def constant(value, count):
 
 
 def times(one, other, product=np.matmul):
-    """The dual product of two dual arrays."""
+    """Return the product of two dual arrays as a dual array, by the product rule."""
     slopes = product(one[1:], other[0]) + product(one[0], other[1:])
     return np.concatenate([product(one[0], other[0])[None], slopes])
 
 
 def crossed(one, other):
-    """The dual vector product of two dual columns."""
+    """Return the vector product of two dual columns as a dual array."""
     return times(one, other, lambda a, b: np.cross(a, b, axis=-2))
 
 
@@ -80,12 +80,12 @@ def unit(a):
 
 
 def farthest_coordinate_axis(axis):
-    """The x, y or z axis that is nearest to a right angle with a vector."""
+    """Return the x, y or z axis whose angle with a vector is nearest to a right angle."""
     return ball(np.eye(3))[np.argmin(np.abs(mid(axis).astype(float)))]
 
 
 def across(axis):
-    """The direction of azimuth 0 about the centre of a circle."""
+    """Return the unit vector (3,) of azimuth 0 about the centre `axis` of a circle."""
     first = int(abs(float(axis[0].mid())) > 0.9)
     return unit(np.eye(3, dtype=int)[first] - axis[first] * axis)
 
@@ -95,7 +95,7 @@ def number(text):
 
 
 class Sizes:
-    """The axes and zero directions of a file in the form of sizes."""
+    """The axes of all pairs and their zero directions, in each link of a mechanism file."""
 
     def __init__(self, text, tolerance, couplers=None, wheels=False):
         """Read the links and pairs of a mechanism file.
@@ -278,7 +278,7 @@ class Sizes:
 
 
 class System:
-    """The equations of a certificate's construction."""
+    """The closure equations that follow from the construction stated in a certificate."""
 
     def __init__(self, certificate):
         """Read the construction of a certificate and check that it places every link.
@@ -392,7 +392,10 @@ class System:
         return degrees_of_equations
 
     def values(self, unknown, driven):
-        """F (k,) and F' (k, unknowns) at balls of the unknowns."""
+        """Return the k closure equations F and their derivatives F' (k, unknowns).
+
+        They are evaluated at balls of the unknowns.
+        """
         angles = {**dict(zip(self.unknowns, unknown, strict=True)), **driven}
         links = [step["link"] for step in self.onto]
         return PolynomialEquations(self, links, [], [], self.unknowns).values([], angles)
@@ -413,7 +416,10 @@ class PolynomialEquations:
         self.steps = {step["link"]: step for step in system.made["steps"]}
 
     def values(self, centre, driven):
-        """P and its derivatives at balls of the points and of all other angles."""
+        """Return the polynomials P of all equations, and their derivatives.
+
+        `centre` has balls of the unknowns, and `driven` has those of all other angles.
+        """
         self.points = dict(zip(self.unknowns, centre, strict=True))
         self.driven, self.done = driven, {}
         return parts_of([self._place_on_axes(link)[0] for link in self.links])
@@ -519,7 +525,7 @@ class PolynomialEquations:
 
 
 def spin(c, s, still):
-    """A matrix about the third axis."""
+    """Return the matrix with cosine c, sine s and the entry `still` on the third axis."""
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, still]], dtype=object)
 
 
@@ -565,13 +571,13 @@ def place_on_axes(link, axes, axes_in_common, scales):
 
 
 def parts_of(duals):
-    """Values (k,) and derivatives (k, n) of dual arrays of one entry each."""
+    """Return the values (k,) and the derivatives (k, n) of k dual numbers."""
     table = np.array([dual[:, 0, 0] for dual in duals]).reshape(len(duals), -1)
     return table[:, 0], table[:, 1:]
 
 
 def split_common_start(one, other):
-    """What two ways share, and the rest of both."""
+    """Return the common beginning of two lists, and the rest of each list."""
     same = [a == b for a, b in zip(one, other, strict=False)]
     count = [*same, False].index(False)
     return one[:count], one[count:], other[count:]
@@ -1184,7 +1190,7 @@ def check(certificate):
 
 
 def recorded(certificate):
-    """Return a certificate as its file has it."""
+    """Return a certificate as it is read from its JSON file."""
     return json.loads(json.dumps(certificate))
 
 

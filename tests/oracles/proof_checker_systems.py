@@ -85,7 +85,7 @@ def check_subsystems(system, subsystems):
 
 
 def check_systems(system, certificate, driven):
-    """Show that there are as many real modes as roots are given."""
+    """Check that the number of real modes is the one that the certificate states."""
     ctx.prec = 80
     centre = [driven[name] for name in system.inputs]
     # A box without extent: the inputs themselves.

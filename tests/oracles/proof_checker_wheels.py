@@ -60,7 +60,7 @@ class RollingCircles(NamedTuple):
 
 
 class Wheels:
-    """The links of a file that hang on its R pairs without a loop."""
+    """The links of a file whose R pairs join all links without a loop."""
 
     def __init__(self, certificate):
         """Read the links, the contacts, and the stated rates of all pairs by the inputs.
