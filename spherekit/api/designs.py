@@ -60,7 +60,7 @@ def synthesize(
     Raises
     ------
     FileError
-        With one line for each fault in the file.
+        If the file has faults. The message has one line for each fault.
     DesignError
         If an objective or a condition has a name that is neither a figure nor a size that
         varies, or if no design meets the conditions.
@@ -98,7 +98,7 @@ def specification_of(
     Raises
     ------
     FileError
-        With one line for each fault in the file.
+        If the file has faults. The message has one line for each fault.
     """
     # Read the sizes that vary, the mechanism, and the figures of merit. A figure of merit
     # is a text such as "peak=max(abs(torque))".

@@ -133,7 +133,7 @@ def _closing_place(mode: Any, entry: Any, overview: Any, place_text: PlaceText) 
     mode
         The entry of the mode in ``assembly_modes`` of the summary.
     entry
-        Its entry in the overview, None if it has none.
+        The entry of the mode in the overview of the motion. None if there is no such entry.
     overview
         The entry ``overview`` of the summary.
     place_text

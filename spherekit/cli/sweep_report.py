@@ -226,8 +226,9 @@ def _heading(text: str, unit: str | None) -> str:
 def _warn_of_change_points(frame: Any) -> Lines:
     """Return a warning about four-bars that can pass a change point.
 
-    All four axes of such a four-bar can lie in one plane, where its assembly modes meet.
-    A sample at this configuration, or near it, has figures that no other design reaches.
+    All four axes of such a four-bar can be in one plane, and its assembly modes meet in
+    this configuration. At a sample in or near this configuration, figures of merit are
+    extreme. The design then seems to be the best or the worst only because of this sample.
 
     Parameters
     ----------

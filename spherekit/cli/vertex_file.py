@@ -41,14 +41,14 @@ TEMPLATE = Path(__file__).parent / "templates" / "vertex.toml.in"
 
 @dataclass(frozen=True)
 class FoldRange:
-    """Range in which the driven creases fold together.
+    """Range of fold angles in which the driven creases fold, all by the same magnitude.
 
     Attributes
     ----------
     signs
         Sign of each driven fold angle: +1 for a valley, -1 for a mountain.
     low, high
-        Ends of the range of their magnitude, whole degrees.
+        Ends of the range of the magnitude, in whole degrees.
     """
 
     signs: tuple[int, ...]

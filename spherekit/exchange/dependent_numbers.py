@@ -38,7 +38,7 @@ def express_dependent_numbers(
     design_expressions: DesignExpressions,
     arguments: Sequence[ExpressionNode],
 ) -> dict[ExpressionNode, Expr]:
-    """Return the numbers that follow from the file as expressions of its numbers.
+    """Return numbers of the formulas as expressions of the numbers of the file that vary.
 
     They are numbers of masses and loads, and of links that replace contacts. The inertia of
     a mass that is given by axes of pairs is an expression of the sizes. Any other number is

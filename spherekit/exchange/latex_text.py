@@ -127,9 +127,10 @@ def _print_number(value: float) -> LatexText:
 def _print_operation(node: ExpressionNode, arguments: list[LatexText]) -> LatexText:
     """Return a node of an expression as LaTeX.
 
-    The result also has two properties for larger expressions. The binding tells where it
-    needs brackets: a symbol nowhere, a product and a sum in what binds more tightly. The
-    rank is its position among the factors of a product: scalars come before vectors.
+    The result has two properties by which larger expressions are printed. The binding tells
+    whether brackets are necessary: a sum needs them as a factor of a product, for example,
+    and a symbol never needs them. The rank is the position among the factors of a product:
+    scalars come before vectors.
 
     Parameters
     ----------

@@ -48,7 +48,7 @@ class ModelNames:
 
     @property
     def notes(self) -> Iterator[str]:
-        """Sentences on the elements that cannot have their name of the mechanism file.
+        """Sentences on elements that have another name in the model than in the file.
 
         Some elements exist only in the model, such as second bodies of links, and have no
         name in the file. Sites of outputs always have the names of the outputs.

@@ -30,8 +30,8 @@ def round_to_short_decimal(
     value
         The number.
     scale
-        A size that the number is compared with, such as the length of its vector. A number
-        not larger than `rounding` times the scale becomes 0.0.
+        Size of the quantity to which the number belongs, such as the length of its vector.
+        A number not larger than `rounding` times the scale becomes 0.0.
     rounding
         Largest change, relative to the larger one of scale and number.
     """

@@ -142,7 +142,7 @@ def loads(text: str, name: str = "text") -> Mechanism:
     Raises
     ------
     FileError
-        With one line for each fault.
+        If the text has faults. The message has one line for each fault.
     """
     return read(parse(text, name))
 

@@ -58,11 +58,13 @@ _QUANTITY_BY_NAME: Mapping[str, PoleQuantity] = {
 
 @dataclass(frozen=True)
 class Batch:
-    """A read-only block of samples of all assembly modes, limited to declared needs.
+    """The data of a block of samples that an analysis may read.
 
-    Arrays have n rows, one assembly mode after another, and in each mode the samples in
-    order. Failed rows are NaN. The arrays cannot be written to; copy one to change it.
-    Signs of directions and `continued_value` continue from block to block.
+    An analysis may read only the quantities that it has declared as its needs. Arrays have
+    n rows: all samples in the first assembly mode (way to assemble the mechanism), then all
+    samples in the next mode, and so on. Failed rows are NaN. The arrays cannot be written
+    to; copy one to change it. Signs of directions and `continued_value` continue from block
+    to block.
 
     A method with the parameter `moved` returns a quantity while one input moves and the
     others are locked. `moved` is the index of that input, by default the first.
@@ -72,12 +74,13 @@ class Batch:
     mechanism
         The mechanism, with the inputs of the run.
     plans
-        The plan of the poles for each input.
+        For each input, the plan by which pole axes are computed while this input moves and
+        the others are locked.
     needs
         What the analysis has declared. Other quantities raise `UndeclaredNeed`.
     timed
-        Whether the samples are times, of a law or of a simulation. Otherwise the time
-        follows from an input that moves at 1 rad/s.
+        Whether the samples are times of a time law or of a simulation. Otherwise the
+        samples are values of inputs, and times are those of an input that moves at 1 rad/s.
     """
 
     mechanism: Mechanism
@@ -617,8 +620,9 @@ def _read_only(values: ArrayT) -> ArrayT:
 def run_status(motion: Motion, pole_fields: PoleFields) -> SmallIntegers:
     """Return (n,) status codes of the rows of a run.
 
-    The code of a row is that of its configuration if this has failed. Otherwise it is that
-    of the first input whose velocities have failed. If nothing has failed, it is OK.
+    If the configuration of a row has failed, the row has the code of this failure.
+    Otherwise it has the code of the first input whose velocities have failed. If nothing
+    has failed, the code is OK.
     """
     status = motion.status
     for pole_field in pole_fields:

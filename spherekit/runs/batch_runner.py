@@ -663,11 +663,11 @@ class BatchRunner:
         The samples of the run.
     requests
         The poles to evaluate, for each input that moves while the others are locked. A pole
-        is the axis about which one link rotates relative to another. kernel
-            Evaluates the rows.
-        predict
-            Function that predicts configurations along a path. None if there is a closed
-            form.
+        is the axis about which one link rotates relative to another.
+    kernel
+        Evaluates the rows.
+    predict
+        Function that predicts configurations along a path. None if there is a closed form.
     is_recorded
         Whether the run is recorded. Blocks are then as small as without a kernel.
     looks_ahead

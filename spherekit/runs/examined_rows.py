@@ -315,16 +315,15 @@ class ExaminedRows:
         inputs: Floats,
         places: Floats,
     ) -> None:
-        """Extend the range of an angle along a path, and note where its output rests.
+        """Extend the range of the angle of an output, and note where the output rests.
 
-        An output comes to rest where its angle turns back. Samples are identified by a
-        number, their place: the time (s), the first input (rad) or the number of the
-        sample.
+        An output comes to rest where its angle turns back. A sample is identified by a
+        number, its place: the time (s), the first input (rad) or the number of the sample.
 
-        The rows are those of a block of samples. If the motion does not close in some of
-        them, they are divided into segments. The angle is continued within a segment: whole
-        turns are added so that it has no jumps. A segment at the start of the block
-        continues that at the end of the block before, through `overview.last_row`.
+        The rows are those of a block of samples. If some rows have no configuration, they
+        divide the others into segments. Within a segment, whole turns are added to the
+        angle so that it has no jumps. The first segment of a block continues the last
+        segment of the block before, through `overview.last_row`.
 
         Parameters
         ----------

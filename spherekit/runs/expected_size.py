@@ -65,10 +65,10 @@ def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int
     Returns
     -------
     dict
-        - ``assembly_modes``: the number of assembly modes. If all groups are dyads and
-          there are not many poles, they are found as the run will find them. Otherwise the
-          search can take long. The entry is None then, and all other numbers are those of a
-          single assembly mode.
+        - ``assembly_modes``: the number of assembly modes (ways to assemble the mechanism).
+          It is known only if all groups are dyads (two links with three R pairs) and there
+          are not many poles. In all other cases the search for modes can take long. The
+          entry is then None, and all other numbers are those of a single assembly mode.
         - ``configurations``: the number of configurations.
         - ``tables``: for each table the numbers of its rows, columns and bytes.
         - ``velocity_equation_solves``: how often velocity equations are solved.

@@ -200,7 +200,10 @@ class OutputOverview:
             self.further_rests += 1
 
     def add_gains(self, gains: Floats, places: Floats) -> None:
-        """Extend the range of the smallest singular value of the Jacobian.
+        """Extend the range of the smallest singular value of the velocity Jacobian.
+
+        The smallest singular value is zero at a singularity of type I, at which the output
+        loses a direction of motion.
 
         Parameters
         ----------

@@ -67,8 +67,9 @@ class Recorder(Protocol):
 class RecordingSession:
     """Passes what a run shows to its recorder.
 
-    The ground and the graph are passed at the start. Links and the scenes of analyses are
-    passed block by block. Only one of `every` successive samples is recorded. In a grid of
+    The ground and the graph of links and pairs are passed at the start. Moving links and
+    the scenes (drawings) of analyses are passed block by block. Only one of `every`
+    successive samples is recorded. In a grid of
     inputs the count starts again in each row of the grid. Along a path of samples the last
     sample is recorded too.
     """

@@ -427,7 +427,7 @@ def _leave_out_failed_configurations(
 
 
 def _find_batch_status(batch: Batch, data: TableData, rows: Indices) -> SmallIntegers:
-    """Return the status (k,) of the configuration of each of some rows of a table.
+    """Return the status (k,) of the configurations to which k rows of a table belong.
 
     Parameters
     ----------

@@ -67,8 +67,9 @@ class TradeOptions:
         Settings to measure. By default they are all settings of a simulation if the run is
         one, otherwise all settings with which velocities at samples are computed.
     checked
-        Largest number of samples at which errors are measured. By default a limit for the
-        samples and one for the rows of all assembly modes apply.
+        Largest number of samples at which errors are measured. By default there are two
+        limits: one for the number of samples, and one for the number of rows in all
+        assembly modes.
     rounds
         Number of times that each setting is run. Each round has another order.
     budget

@@ -117,7 +117,7 @@ def _subjects(
     table
         The declaration of the table.
     frame
-        Its columns.
+        The columns of the table.
     """
     if not table.in_assembly_modes:
         yield "", "", frame

@@ -64,7 +64,8 @@ def draw_curves(
     marks
         Marked inputs, with the pages on which they are.
     curves
-        Pairs of a scene, which has the axis and the page, and a series of numbers over it.
+        For each curve two objects: its scene, which has the axis and the page, and its
+        series of numbers over the axis.
     sheet
         Size of the figure, and titles of pages.
     """
@@ -119,8 +120,8 @@ def _draw_panel(
     panel
         The panel of the figure.
     curves
-        Pairs of a scene, which has the axis, and a series of numbers over it. All series
-        have one unit.
+        For each curve two objects: its scene, which has the axis, and its series of numbers
+        over the axis. All series have the same unit.
     scale
         Largest magnitude of the quantities of the figure. Differences below `resolution`
         (a property of a series) times this are rounding errors.

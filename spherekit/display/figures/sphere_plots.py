@@ -186,7 +186,7 @@ def _draw_graticule(panel: Any, view: SphereView, title: str) -> None:
     panel
         A polar panel.
     view
-        Its map.
+        The projection of the sphere onto this panel.
     title
         Title of the panel.
     """

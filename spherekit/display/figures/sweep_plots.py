@@ -73,14 +73,15 @@ def _draw_merit(
     units: Mapping[str, str | None],
     columns: int,
 ) -> Figure:
-    """Return the figure of one figure of merit.
+    """Draw one figure of merit of a sweep over the sizes that vary.
 
     Parameters
     ----------
     rows
-        The rows in which it is a number; each is a design in one assembly mode.
+        The rows in which the figure of merit is a number. A row is a design in one assembly
+        mode.
     merit
-        Its column.
+        Name of the column of the figure of merit.
     sizes
         The columns of the varied sizes.
     units

@@ -32,7 +32,11 @@ class OutputPath(NamedTuple):
 
 
 class SignedPole(NamedTuple):
-    """A pole axis with two senses: that of two links that no R pair joins.
+    """The pole axis of two links that no R pair joins.
+
+    A pole axis is the axis of the relative rotation of two links. The axis of an R pair has
+    a sense in the file. Any other pole axis has two possible senses, one of which the page
+    chooses.
 
     Attributes
     ----------

@@ -107,8 +107,8 @@ class RerunRecorder:
     order. The end of the block finishes the recording. After an exception, the data so far
     are kept in ``NAME.rrd.part``.
 
-    Positions and directions are stored as float32 and are no results. Only series keep all
-    their digits.
+    Positions and directions are only for display and are stored as float32. Series, the
+    numbers that are plotted over the samples, keep all their digits.
     """
 
     def __init__(

@@ -38,7 +38,7 @@ def describe_difference(
     table
         The declaration of the table.
     expected, compared
-        Its columns.
+        The columns of the two tables.
     is_variant
         Whether `compared` is of a variant. Its numbers differ more by rounding. Columns
         that describe the computation, such as error bounds, are then not compared.
@@ -180,9 +180,10 @@ def match_rows(
     """Return the rows that two tables share, in the same order.
 
     `compared` is the table of the same mechanism, computed with other names and numbers of
-    links. The old names have been put back into it. A row is identified by its texts and
-    whole numbers, its key. If keys occur twice, rows cannot be identified: both tables are
-    returned unchanged, to be compared in their own order.
+    links. The old names have been put back into this table. The key of a row consists of
+    its texts and whole numbers, and identifies the row. If a key occurs twice, rows cannot
+    be identified. Both tables are then returned unchanged, to be compared in their own
+    order.
 
     A row about one link relative to another may be missing, because with another order of
     links it is about the second relative to the first.
@@ -192,7 +193,7 @@ def match_rows(
     table
         The declaration of the table.
     expected, compared
-        Its columns.
+        The columns of the two tables.
     links
         The names of all links.
 
