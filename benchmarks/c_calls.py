@@ -59,7 +59,7 @@ CallJob = Callable[[], MeasuredCalls]
 def compile_calls(
     source_path: Path, call: str, motions: Floats, places: Floats, result_count: int
 ) -> CallJob:
-    """Compile a driver of a C function, and return a job that calls it at all samples.
+    """Compile a C function and a driver, and return a job that calls it at all samples.
 
     Parameters
     ----------
@@ -70,8 +70,8 @@ def compile_calls(
     motions
         (samples, k) inputs, their rates and accelerations.
     places
-        (samples, m) pair variables at all samples, or (1, m) those before the first sample,
-        if the call updates them.
+        (samples, m) pair variables at all samples. If each call updates them, (1, m) the
+        pair variables before the first sample.
     result_count
         Number of results of a call.
     """

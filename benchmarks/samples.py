@@ -1,4 +1,4 @@
-"""Random mechanisms, which are those of the tests."""
+"""Random mechanisms. The functions that make them are those of the tests."""
 
 import sys
 from collections.abc import Callable, Sequence

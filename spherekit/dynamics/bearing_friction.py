@@ -103,7 +103,7 @@ def diagnose_indeterminate_forces(
     """Return the information that a file lacks, so that forces of pairs are not determined.
 
     It consists of centres of mass, distances of contacts, and pairs that would have to
-    float: to let their links slide along the axis. These pairs are chosen here.
+    float: to let their links slide along the axis. The function chooses these pairs.
 
     Reactions that balance each other without loads form a linear space, and no equation
     determines their sizes. A pair that floats has no axial force. This removes one

@@ -103,7 +103,7 @@ END_BY_RUN_END: dict[RunEnd, tuple[EndKind, str]] = {
     "sticking": ("sticking", STICKS),
     "too_many": ("too_fast", too_many_steps_message(MAX_TAYLOR_STEPS)),
 }
-"""Kind and message of ends of a simulation that need no further numbers."""
+"""Kind and message of the end of a simulation, for ends whose message has no numbers."""
 
 
 @dataclass(frozen=True)
@@ -413,8 +413,10 @@ def _collect_events(
     problem
         The problem. Its `switches` are the times (s) of abrupt changes of loads that the
         user has stated.
-    path, runs
-        The states of the simulation, and the runs of which it consists.
+    path
+        The states of the simulation.
+    runs
+        The runs of which the simulation consists.
     """
     # The mapping `angles` gives the index of the pair variable of each R pair; this one
     # gives the R pair of each index.
@@ -447,8 +449,10 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
 
     Parameters
     ----------
-    problem, path
-        The problem, and the states of the simulation.
+    problem
+        The mechanism with its loads, and the start of the motion.
+    path
+        The states of the simulation.
     run
         The last run of the compiled equation.
     """

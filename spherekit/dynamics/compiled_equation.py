@@ -1,8 +1,8 @@
 """Compiles the equation of motion of a mechanism into a Taylor integrator.
 
-The expressions are those of `spherekit.dynamics.single_dof_equation` or of
-`spherekit.dynamics.multi_dof_equation`; joint limits, switches of loads and checks of steep
-loads are added here.
+`spherekit.dynamics.single_dof_equation` and `spherekit.dynamics.multi_dof_equation` derive
+the expressions of the equation. This module adds joint limits, switches of loads and checks
+of steep loads.
 """
 
 from collections.abc import Callable, Sequence
@@ -92,10 +92,10 @@ class CompiledEquation:
         run. The functions may be called by several threads at once.
     rates_function
         Computes from the variables the homogeneous rates of all variables by each
-        coordinate, then the measure of independence of the loop-closure equations.
-        Homogeneous rates are those per unit rate of the coordinate, times the determinant D
-        of the velocity equations for given rates of the coordinates. They stay finite where
-        D is zero, and the coordinates do not determine the rates.
+        coordinate, then the measure of independence of the loop-closure equations. A
+        homogeneous rate is the rate per unit rate of the coordinate, times the determinant
+        D of the velocity equations for given rates of the coordinates. It stays finite
+        where D is zero, that is where the coordinates do not determine the rates.
     switch_function
         Computes from state, time and parameters the switch conditions, then their rates by
         time. A load changes abruptly where a condition is zero. None without conditions.
@@ -128,7 +128,7 @@ class CompiledEquation:
 
         They are the rates of all variables per unit rate of a coordinate, multiplied by the
         determinant of the velocity equations. They stay finite where this determinant is
-        zero, and the coordinates do not determine the rates.
+        zero, that is where the coordinates do not determine the rates.
 
         Parameters
         ----------

@@ -68,8 +68,8 @@ class CoordinateMotion(ArrayRows):
     def with_senses(self, senses: Floats) -> "CoordinateMotion":
         """Return the motion with all coordinates reversed in rows whose sense is -1.
 
-        First derivatives change their signs. Second derivatives change them twice, also
-        those by two different coordinates, and so stay the same.
+        First derivatives change their signs. Second derivatives stay the same, because they
+        change their signs twice, even if they are by two different coordinates.
 
         Parameters
         ----------

@@ -286,5 +286,8 @@ class Loads:
 
 
 def rates_by_time(motion: CoordinateMotion, speed: Floats) -> Floats:
-    """Return the rates by time (n, variables), given those (n, m) of the coordinates."""
+    """Return the rates by time (n, variables) of all variables.
+
+    `speed` (n, m) are the rates of the coordinates of `motion` by time.
+    """
     return (speed[:, None] @ motion.rates)[:, 0]

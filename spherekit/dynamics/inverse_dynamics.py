@@ -133,15 +133,19 @@ class InverseSolution(InputMotion):
     ----------
     mechanism
         The mechanism with its inputs.
-    sample, assembly_mode
-        (n,) numbers of the sample and of the assembly mode.
+    sample
+        (n,) number of the sample.
+    assembly_mode
+        (n,) number of the assembly mode.
     t
         (n,) time, s.
     inputs, input_rates, input_accelerations
-        (n, inputs) motion of the inputs (rad, s).
-    M_parts, dM_parts
-        (n, masses, inputs, inputs) kg m2 and (n, masses, inputs, inputs, inputs): the part
-        of each link in the inertia matrix, and its derivatives by the inputs.
+        (n, inputs) values (rad), rates (rad/s) and accelerations (rad/s2) of the inputs.
+    M_parts
+        (n, masses, inputs, inputs) contribution of each link to the inertia matrix, kg m2.
+    dM_parts
+        (n, masses, inputs, inputs, inputs) derivatives of `M_parts` by the inputs, which
+        are the last axis, kg m2/rad.
     Q_parts
         (n, inputs, loads) generalised force of each load, N m.
     torques
@@ -152,8 +156,11 @@ class InverseSolution(InputMotion):
         The configurations with their derivatives by the inputs.
     residual
         (n,) closure residual (rad).
-    status, rate_status
-        (n,) status of the torques, and of the rates on which inertia depends.
+    status
+        (n,) status of the torques.
+    rate_status
+        (n,) status of the rates of the links per unit rate of the inputs. The inertia
+        matrix follows from these rates.
     carried
         (n, k) sums of the bearing forces (N) for each of the k loads that are friction of
         bearings. The friction is proportional to them. None without such loads.
@@ -354,7 +361,7 @@ def inverse_dynamics(
 def _driven(
     mechanism: Mechanism, law: TimeLaw | Mapping[str, TimeLaw], input_pair: str | None
 ) -> tuple[Mechanism, Mapping[str, TimeLaw]]:
-    """Return a mechanism whose inputs are those of the laws, and the law of each input.
+    """Return a mechanism whose inputs are the pairs with a time law, and these laws.
 
     Laws given by name can drive other pairs than the inputs that the mechanism declares.
     There have to be at least as many laws as declared inputs. Whether these pairs determine
@@ -499,7 +506,7 @@ def balancing(
     locked: Bools | bool = False,
     carried: Floats | None = None,
 ) -> InverseSolution:
-    """Return the torques at the inputs that balance inertia and loads.
+    """Return the torques at the inputs that balance inertia forces and loads.
 
     Parameters
     ----------

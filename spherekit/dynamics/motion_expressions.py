@@ -45,12 +45,16 @@ class EquationLayout:
 
     Attributes
     ----------
-    variable_count, freedoms
-        Numbers of the pair variables and of the degrees of freedom.
-    variables, momenta, works, state
-        Symbols of the parts of the state, and of all of it.
+    variable_count
+        Number of pair variables.
+    freedoms
+        Number of degrees of freedom.
+    variables, momenta, works
+        Symbols of the three parts of the state.
+    state
+        Symbols of the whole state.
     momentum_slice, work_slice
-        Positions of momenta and works in a state.
+        Positions of the momenta and of the works in a state.
     unit_parameter
         Number of the parameter that is the unit of momentum.
     min_independence_parameter
@@ -196,7 +200,7 @@ class EquationExpressions:
         of configurations cross.
     events
         Events at which a run ends, or continues with other pair variables as coordinates.
-        Those of joint limits and of loads that change abruptly are not among them.
+        Events of joint limits and of loads that change abruptly are not included.
     load_state
         Symbols that expressions of loads contain: variables, rates, orientations of links
         and the time.

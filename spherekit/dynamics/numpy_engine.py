@@ -925,9 +925,11 @@ class Collocation:
 
         Parameters
         ----------
-        step, error
-            The last rejected step, and the remaining error of the iteration by which its
-            equations were solved, divided by the tolerance.
+        step
+            The last rejected step.
+        error
+            The remaining error of the iteration by which the equations of this step were
+            solved, divided by the tolerance.
         dynamics
             Motion and forces at the nodes of this step.
         """

@@ -63,8 +63,10 @@ def output_stiffness(
     solution
         Result of the computation of torques. Only the angular velocities of the links per
         unit rate of each input are used.
-    link, relative_to
-        Names of the link, and of the link relative to which it moves.
+    link
+        Name of the link.
+    relative_to
+        Name of the link relative to which it moves.
     stiffness
         (inputs,) stiffness of each input, N m/rad.
 

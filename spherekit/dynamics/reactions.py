@@ -109,8 +109,8 @@ class Reactions(JointReactions):
         """Sizes of the bearing forces that the moment of a pair causes, N.
 
         The key is the name of the load (`Bearings`) that describes the bearings of a pair.
-        The sizes (n, bearings) are those of the forces if the pair transmits only its
-        moment about the centre O, and no force through O.
+        The sizes (n, bearings) are computed as if the pair transmitted only its moment
+        about the centre O, and no force through O.
         """
         return {
             load.name: np.linalg.norm(

@@ -233,7 +233,7 @@ class StoredModel:
         ----------
         names
             Names of the functions. All of them belong to one group of functions whose
-            series are stored together: those of the motion, or those of one pole.
+            series are stored together: the functions of the motion, or of one pole.
         x
             (...) coordinates along a curve of configurations, or (..., m) the m inputs over
             a box of their ranges.
@@ -887,7 +887,7 @@ def _construct_series(
     k
         Index of the group.
     arrays
-        All arrays of the file. The names of those of this group end in "_k".
+        All arrays of the file. The arrays of this group have names that end in "_k".
 
     Raises
     ------

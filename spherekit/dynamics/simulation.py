@@ -171,7 +171,7 @@ class History(InputMotion):
     t
         (n,) times, s.
     inputs, input_rates, input_accelerations
-        (n, inputs) motion of the inputs (rad, s).
+        (n, inputs) values (rad), rates (rad/s) and accelerations (rad/s2) of the inputs.
     values, value_rates
         (n, variables) pair variables (rad) and their rates (rad/s).
     rotations

@@ -24,7 +24,7 @@ EndKind = Literal[
     "no_inertia",
     "too_fast",
 ]
-"""Kinds of ends. "time" is the end that was asked for."""
+"""Kinds of ends. "time" is the end at the requested time."""
 
 TIME_MESSAGE = "the requested time has passed"
 CROSSING_MESSAGE = (
@@ -108,8 +108,10 @@ def no_step_end(
 
     Parameters
     ----------
-    equation, path
-        The equation of motion, and the states so far.
+    equation
+        The equation of motion.
+    path
+        The states so far.
     t
         Time of the end, s.
     message

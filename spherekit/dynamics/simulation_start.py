@@ -70,7 +70,7 @@ Torque = float | str | TorqueFunction
 """A driving torque (N m): a number, an expression, or a function f(t, q, dq)."""
 
 Torques = Torque | Mapping[str, Torque]
-"""A driving torque of the only input, or those of inputs by their names."""
+"""A driving torque of the only input, or a mapping from names of inputs to torques."""
 
 
 @checked_class(SolveError)
@@ -174,8 +174,9 @@ def prepare(
 ) -> Problem:
     """Return the problem that the arguments of `simulate` describe.
 
-    The parameters are those of `spherekit.dynamics.forward_dynamics.simulate`; `passes`
-    is whether crossings are passed.
+    The parameters are those of `spherekit.dynamics.forward_dynamics.simulate`, except for
+    `passes`. It says whether the motion continues straight on at a crossing of curves of
+    configurations.
 
     Raises
     ------
@@ -368,7 +369,10 @@ def make_input_torques(mechanism: Mechanism, torque: Torques | None) -> list[Pai
 
 
 def variable_of(mechanism: Mechanism, pair: str) -> int:
-    """Return the number of an R pair's variable; `SpherekitError` for other names."""
+    """Return the index of the variable of an R pair.
+
+    `SpherekitError` is raised if the name `pair` is not that of an R pair.
+    """
     if not mechanism.pair(pair).kind.has_axis:
         raise SolveError(f"{mechanism.name}: pair {pair} is a contact; name an R pair")
     return mechanism.angles[pair]

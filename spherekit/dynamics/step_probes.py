@@ -110,8 +110,8 @@ def _find_critical_places(
     Parameters
     ----------
     probe
-        Returns the errors of steps (n,) at places (n,), which are not used here, and the
-        values (n, arguments) of the steep arguments.
+        Returns the errors of steps (n,) at places (n,) and the values (n, arguments) of the
+        steep arguments. Only the arguments are used.
     arguments
         (steps, places, arguments) values of the arguments at the even places.
     even_places

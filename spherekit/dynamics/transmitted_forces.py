@@ -359,9 +359,9 @@ class NewtonEuler:
     def subtract_torques(self, link_wrenches: Floats, torques: Floats) -> Floats:
         """Return the wrenches (n, links, 6) that the reactions have to exert on the links.
 
-        They are the wrenches that the links need, less those that the torques of loads and
-        drives at pairs exert. A wrench is a moment about O followed by a force, in ground
-        axes.
+        The motion needs certain wrenches on the links. The torques of loads and drives at
+        pairs exert a part of them, and the reactions have to exert the rest. A wrench is a
+        moment about O followed by a force, in ground axes.
 
         Parameters
         ----------
@@ -395,7 +395,7 @@ class NewtonEuler:
         return reactions[..., 0], residual
 
     def solve(self, link_wrenches: Floats, torques: Floats) -> Equilibrium:
-        """Return the equilibrium; the parameters are those of `subtract_torques`."""
+        """Solve the equations. The parameters are those of `subtract_torques`."""
         reaction_wrenches = self.subtract_torques(link_wrenches, torques)
         reactions, residual = self.solve_reactions(reaction_wrenches)
         return Equilibrium(reaction_wrenches, torques, reactions, residual)

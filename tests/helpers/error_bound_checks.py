@@ -302,7 +302,7 @@ def _compare_rows(
 
 
 def _errors_of_rows(motion, field, pole_request, rows, moving_input, is_decimal, digits):
-    """Return errors and bounds of some rows against a reference in so many digits.
+    """Return errors and bounds of some rows, with a reference in `digits`.
 
     Parameters
     ----------

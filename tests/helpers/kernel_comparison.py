@@ -35,7 +35,8 @@ class KernelAndReference:
         Motion by a row kernel, and its poles for each input that moves while the others
         are locked.
     reference_motion, reference_fields
-        The same by the position analysis and the pole evaluation without a kernel.
+        Motion and poles at the same samples by the position analysis and the pole
+        evaluation, without a kernel.
     """
 
     kernel_motion: Motion

@@ -8,8 +8,10 @@ class SceneListener:
 
     Attributes
     ----------
-    scenes, row_counts
-        Scenes in the order in which they arrived, and the number of samples of each.
+    scenes
+        Scenes in the order in which they arrived.
+    row_counts
+        Number of samples of each scene.
     primitives_by_page
         Primitives (lines, points, texts, ...) of all scenes by the name of their page.
     samples_by_primitive
