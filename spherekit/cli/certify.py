@@ -168,8 +168,12 @@ class Certification:
 def execute(options: Namespace) -> int:
     """Prove assembly modes, curves and singularities; write the certificate.
 
-    One of four proofs is made: the modes at given inputs, a mechanism of wheels only, a map
-    over the ranges of two inputs, or the curves of modes over the range of one input.
+    One of four proofs is made:
+
+    - all assembly modes (ways to assemble the mechanism) at given inputs,
+    - the ratios of a mechanism in which toothed wheels determine all angles,
+    - a map of the number of modes over the ranges of two inputs,
+    - the curves of configurations over the range of one input.
 
     Returns
     -------

@@ -363,7 +363,7 @@ def _describe_type_1(summary: Any, number: int) -> _Statement:
 
 
 def _rests_throughout(motion: Any) -> bool:
-    """Return whether an output has the same pose at all samples and no velocity ratio.
+    """Return whether an output has one pose at all samples, and velocity ratios of 0.
 
     Parameters
     ----------

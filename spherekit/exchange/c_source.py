@@ -334,10 +334,10 @@ def _write_series(
 ) -> Iterator[str]:
     """Yield the functions that evaluate the stored series.
 
-    A stored series is a table of Chebyshev coefficients by which a formula is computed. It
-    has cells, the intervals between `edges` of its variable, with `coefficients` each. A
-    closed curve is periodic: its variable is moved into the period. Outside of an open
-    curve the results are NaN.
+    A stored series is a table of Chebyshev coefficients by which functions of one variable
+    are computed. The range of the variable is divided at the `edges` into cells, and each
+    cell has its own `coefficients`. Functions on a closed curve are periodic, so the
+    variable is moved into the period. Outside of an open curve the results are NaN.
 
     Parameters
     ----------

@@ -462,9 +462,10 @@ class ImportedLinkage:
     def _add_loop_pairs(self) -> None:
         """Add a pair for each two links that are held together at points.
 
-        Both links turn about the centre of the sphere, so a common point is a pair, whose
-        axis leads from the centre to the point. The farthest of several points is taken,
-        because its direction is the most accurate.
+        Both links turn about the centre of the sphere. If they have a point in common, they
+        are therefore joined by an R pair, whose axis leads from the centre to the point. If
+        there are several points, the farthest one is used, because its direction is the
+        most accurate.
         """
         for links, points in self.loop_points.items():
             arms = np.array([point.point for point in points]) - self.centre

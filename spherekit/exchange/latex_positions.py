@@ -742,12 +742,12 @@ class PositionFormulas:
         return angle.cosine * vector + sense * angle.sine * cross_product(axis, vector)
 
     def _write_pair_angles(self) -> None:
-        """Write the variables of pairs that are not inputs, and name those of all pairs.
+        """Write the variables of passive pairs, and name the variables of all pairs.
 
-        The tangent t of a link at the axis u of a pair is that of the arc from u to the
-        first other axis of the link. The zero direction z is where the tangent of the
-        second link is when the pair variable is zero. The variable is the angle about u
-        from z to the tangent t of the second link, by the tangent of its half:
+        Let u be the axis of a pair. An arc leads from u to the first other axis of the
+        second link, and t is the tangent of this arc at u. The zero direction z is the
+        value of t at which the pair variable is zero. The variable is the angle about u
+        from z to t. It is computed from the tangent of its half:
 
             theta = 2 atan((u x z) . t / (1 + z . t)).
         """

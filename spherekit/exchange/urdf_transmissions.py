@@ -107,8 +107,9 @@ def read_transmissions(
     Raises
     ------
     FileError
-        If a transmission has too few actuators or joints, a reduction (a ratio of angles)
-        that is no number or zero, or drives two joints of which neither carries the other.
+        If a transmission has too few actuators or joints, or if it drives two joints of
+        which neither carries the other. Also if a reduction (a ratio of angles) is zero or
+        is no number.
     """
     links_by_joint = _find_joined_links(root)
     driven: list[DrivenJoint | DrivenWheel] = []

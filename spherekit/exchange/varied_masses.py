@@ -35,10 +35,10 @@ def express_masses(
 ) -> tuple[Mass, ...]:
     """Return the masses of a mechanism as expressions of the numbers that can vary.
 
-    A mass has an inertia tensor, and may have an amount (kg) and a centre of mass. They
-    become expressions if one of their numbers has an expression, or if the file states them
-    by axes of pairs whose directions depend on sizes of links. All other masses stay as
-    they are.
+    A mass has an inertia tensor, and may have an amount (kg) and a centre of mass. The mass
+    becomes an expression in two cases: if one of its numbers in the file has an expression,
+    or if the file states it by axes of pairs whose directions depend on sizes of links. All
+    other masses are returned unchanged.
 
     Parameters
     ----------

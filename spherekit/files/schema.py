@@ -421,8 +421,9 @@ def _meaning_of_key(key: str, part: Table, kind: Kind) -> str:
 def _meaning(part: Table) -> str:
     """Return the description of a part of the schema, as the last sentence of a message.
 
-    The description states for pages that a value has no unit, or is true or false. A
-    message does not repeat this. It adds the allowed words, if there are some.
+    Descriptions are written for the pages of the documentation. They also state that a
+    value has no unit, or that it is true or false. The message leaves this out. It adds the
+    allowed words, if the schema lists some.
     """
     if "pattern" in part:  # a name
         return f"; {_NAME_RULE}"

@@ -255,7 +255,8 @@ class _StudyReader:
         Raises
         ------
         FileError
-            If the numbers are no such law, or a table of the law is shorter than the study.
+            If the numbers do not fit the kind of the law, or if the times in a table do
+            not cover the duration of the study.
         """
         kind: Callable[..., Law] = LAW_KINDS[item["kind"]]
         try:

@@ -127,9 +127,9 @@ class FigureOfMerit:
 
         It is known in two cases:
 
-        - The figure is the input at which the expression is smallest or largest, as by
-          ``argmax``. The input has the name ``q``. Of several inputs, `place` is the pair
-          of one of them, whose name is then such as ``q_21``.
+        - The figure is the input at which the expression is smallest or largest (reductions
+          ``argmin`` and ``argmax``). The name of this input in `names` is ``q``. With
+          several inputs, it is for example ``q_21`` if `place` is the pair 21.
         - The expression is a single quantity or its absolute value.
 
         Parameters

@@ -560,9 +560,9 @@ def motion_table(sampling: Sampling) -> Table:
 def motion_rows(sampling: Sampling, motion: Motion, pole_fields: PoleFields) -> TableArrays:
     """Return the columns of the table of configurations for a block of samples.
 
-    The declaration of the table is `motion_table`. The status of a row is that of its
-    configuration or, if this is OK, that of its poles. A pole is the axis about which one
-    link rotates relative to another.
+    `motion_table` declares the columns. The status of a row is the status of its
+    configuration. If this status is OK, it is the status of the poles. A pole is the axis
+    about which one link rotates relative to another.
     """
     mechanism = sampling.position_analysis.mechanism
     times = {}

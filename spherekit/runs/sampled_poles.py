@@ -25,9 +25,9 @@ numbers have another size after thousands of poles. Smaller: they become equal b
 def evaluate_sample(motion: Motion, request: Request, max_poles: int) -> PoleField:
     """Evaluate some of the requested poles, and fill in the others with similar numbers.
 
-    The result serves to predict the size of tables with many poles in little time. The
-    numbers of poles that are not evaluated are those of an evaluated pole with other last
-    digits. They take as many bytes as the right numbers, and mean nothing.
+    The result serves to predict the size of tables with many poles in little time. A pole
+    that is not evaluated gets the numbers of an evaluated pole with other last digits.
+    These numbers take as many bytes as the right ones, but are meaningless.
 
     A pole is the axis about which one link rotates relative to another. All poles that are
     the axis of a pair are evaluated, because their numbers have fewer digits. About
@@ -40,9 +40,9 @@ def evaluate_sample(motion: Motion, request: Request, max_poles: int) -> PoleFie
     request
         The poles of the tables.
     max_poles
-        Largest number of poles that are evaluated, spread evenly over all poles that are
-        not the axis of a pair. Poles of which great circles are requested are added if
-        these are no more than this number.
+        Largest number of evaluated poles. They are spread evenly over all poles that are
+        not the axis of a pair. Poles whose great circles are requested are evaluated in
+        addition, unless there are more of them than this number.
 
     Returns
     -------

@@ -74,9 +74,10 @@ def convert_to_graph(
         """Return the full and the reduced value of an operation.
 
         A reduced value differs from the full value by a number of whole revolutions. An
-        angle of many revolutions has fewer exact digits. Sines, cosines and tangents
-        therefore take the reduced values of their operands, at which they have the same
-        value. All other operations compute their full value from full values.
+        angle of many revolutions has fewer exact digits than a reduced angle. Sines,
+        cosines and tangents are the same at both, so they are computed from the reduced
+        values of their operands. All other operations compute their full value from full
+        values.
 
         Parameters
         ----------

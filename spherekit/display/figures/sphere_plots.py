@@ -322,9 +322,9 @@ def _draw_sphere_map(
 def _draw_sphere_curves(panel: Axes, view: SphereView, sphere_curves: SphereCurves) -> None:
     """Draw curves on the sphere, and marks (labelled points).
 
-    A mark with the same label as the curves only carries the name of the curves, for
-    drawings without a legend. It is left out here, because the legend names the curves.
-    Without curves, each mark is a result of its own and is drawn.
+    If a mark has the label of the curves, it only names the curves in drawings without a
+    legend. Such a mark is left out here, because the legend names the curves. If there are
+    no curves, each mark is a result of its own and is drawn.
 
     Parameters
     ----------

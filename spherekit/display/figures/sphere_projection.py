@@ -63,8 +63,8 @@ class SphereView:
     Attributes
     ----------
     frame
-        (3, 3) rows are the directions to the right, up and out of the map, along axes of
-        the ground.
+        (3, 3) matrix whose rows are three unit vectors: to the right, up, and out of the
+        map. Each is along an axis of the ground.
     projection
         The projection.
     rim

@@ -36,9 +36,9 @@ def rotate_mechanism(mechanism: Mechanism, rotation: Floats) -> Mechanism:
     Raises
     ------
     NotApplicableError
-        If a contact has a profile other than one through points. The start of its arc
-        length is defined by the ground axes or link axes, so that the rotated profile would
-        have other arc lengths.
+        If a contact has a profile that is not given by points. The arc length of such a
+        profile starts at a place that depends on the ground axes or link axes. The rotated
+        profile would therefore have other arc lengths.
     """
     geometry = mechanism.geometry
     rotated_links: Names = (mechanism.ground,)
