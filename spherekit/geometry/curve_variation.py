@@ -141,7 +141,7 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
 
     The curve is a spline, whose knots are the parameters of the points. They are to be
     nearly arc lengths, which depend on the spline in turn. So the spline is fitted several
-    times. The knots of the first fit are the sums of the arcs between points. Those of
+    times. The knots of the first fit are the sums of the arcs between points. The knots of
     every other fit are the arc lengths of the points on the fit before it.
 
     Parameters

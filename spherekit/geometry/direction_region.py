@@ -51,7 +51,8 @@ class Boundary:
     """A closed curve of the border of a region of directions.
 
     The region has the directions in which all margins (functions of the direction) are at
-    least 0. Its connected parts are components, those of the outside are gaps.
+    least 0. The connected parts of the region are called components. The connected parts of
+    the outside are called gaps.
 
     Attributes
     ----------

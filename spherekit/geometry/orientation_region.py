@@ -266,8 +266,8 @@ class _OrientationCells:
     def __init__(self, evaluate: MarginEvaluator) -> None:
         """Halve the cubes of quaternions `FIRST_HALVINGS` times, and measure the cells.
 
-        `evaluate` returns margins (n, k) at unit quaternions (n, 4). The set of
-        orientations to be measured is that in which all margins are at least 0.
+        `evaluate` returns margins (n, k) at unit quaternions (n, 4). The orientations at
+        which all margins are at least 0 form the set to be measured.
         """
         self.evaluate = evaluate
         # The depth of an orientation is its smallest margin. `_sample` stores the
@@ -296,9 +296,9 @@ class _OrientationCells:
     def halve(self, selected: Indices) -> None:
         """Replace some cells (k,) by their eight parts, and measure the parts.
 
-        A cell is a box in one of the four cubes that contain all unit quaternions. The
-        volume of the set in the parts is more accurate than that in the whole cell, so the
-        change of the volume is taken as an estimate of the error.
+        A cell is a box in one of the four cubes that contain all unit quaternions. The sum
+        of the volumes of the set in the parts is more accurate than its volume in the whole
+        cell. The change of the volume is therefore taken as an estimate of the error.
         """
         # Each cell is repeated for its parts. Corners and widths are integers: an uncut
         # cube has a power of two as its width, so the half width is a whole number.

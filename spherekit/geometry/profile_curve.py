@@ -106,8 +106,8 @@ class Curve:
         Returns
         -------
         parameters
-            (n,) parameters of the path. Beyond an end of an open curve it is that of the
-            end; it is NaN for an arc length that is not finite.
+            (n,) parameters of the path. Beyond an end of an open curve it is the parameter
+            of the end. It is NaN for an arc length that is not finite.
         inside
             (n,) whether the arc length is finite and not beyond an end of an open curve.
         """
@@ -282,8 +282,9 @@ def spline_fits(points: ArrayLike, closed: bool) -> Iterator[tuple[SplinePath, A
     spline follow from the one before.
 
     Knots are the parameters of the spline at the points. The knots of the first spline are
-    the sums of the arcs between the points. Those of every later spline are the arc lengths
-    of the points on the spline before it. So the parameter becomes nearly the arc length.
+    the sums of the arcs between the points. The knots of every later spline are the arc
+    lengths of the points on the spline before it. So the parameter becomes nearly the arc
+    length.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ Larger: fewer cells and a larger error. Smaller: cells are halved for rounding e
 """
 
 SERIES_ROUNDING_TOLERANCE = 1e-9
-"""The same error, as far as it is accepted if halving the cells does not reduce it.
+"""Accepted error of the series, if halving the cells does not reduce it any further.
 
 Curvatures, and their derivatives even more, lose digits by rounding. Larger: cells with
 kinks get a larger error. Smaller: such profiles get as many cells as allowed.

@@ -1,8 +1,9 @@
 """A mesh over the sphere that is refined until the border of a region is known.
 
 Each triangle of the mesh has a class (`spherekit.geometry.triangle_class`). Triangles that
-may hide a part of the region are cut. In triangles that the border crosses it is stored as
-`BorderSegments`. Both give the area of the region, its surface and its border curves.
+may hide a part of the region are cut. In triangles that the border crosses, the border is
+stored as `BorderSegments`. The triangles and the segments together give the area of the
+region, its surface and its border curves.
 """
 
 from dataclasses import dataclass
@@ -29,13 +30,13 @@ MIN_EDGE_RAD = 1e-6
 """Triangles with shorter edges are not cut to reach the tolerance of the area."""
 
 MAX_BROKEN_EDGE_RAD = 0.05
-"""Triangles at the border of where the margins are defined are cut to shorter edges."""
+"""A triangle with a longer edge is cut if the margins are defined in only a part of it."""
 
 EVALUATIONS_PER_CUT = 50
 """Approximate number of evaluations that cutting a triangle costs."""
 
 ROUNDING_FACTOR = 16.0
-"""A segment whose error is below this times rounding is not improved further."""
+"""A segment is not improved further if its error is below this times the rounding error."""
 
 UNCLASSIFIED = -1
 """Class of a new triangle."""
@@ -202,7 +203,7 @@ class RegionRefinement:
 
     @property
     def is_open(self) -> Bools:
-        """(T,) whether a part of the region, or a hole of it, may be hidden in it."""
+        """(T,) whether a triangle may hide a part of the region, or a hole of it."""
         return self.classes == TriangleClass.OPEN
 
     def areas_inside(self) -> Floats:

@@ -20,7 +20,8 @@ TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
 
 _MESH_ROTATION = np.array([[0.36, 0.48, -0.8], [-0.8, 0.60, 0.0], [0.48, 0.64, 0.6]])
 """A rotation that keeps the vertices of the icosahedron away from the coordinate axes.
-Regions of mechanisms are often symmetric about these, and have corners or borders there."""
+Regions of mechanisms are often symmetric about these axes, and have corners or borders on
+them."""
 
 
 def spiral_directions(count: int, min_z: float = -1.0) -> Floats:
@@ -87,7 +88,7 @@ def hemisphere(spacing: float) -> tuple[Floats, Indices]:
     """Return a mesh of the half of the sphere with z >= 0.
 
     It is the upper half of a refined octahedron, so that edges run along the equator.
-    Parameter and results are those of `icosahedron`.
+    Parameter and results are as in `icosahedron`.
     """
     points = np.concatenate([np.eye(3), -np.eye(2, 3)])
     return quarter_until_short(

@@ -18,8 +18,8 @@ VALUE_SAFETY_FACTOR = 3.0
 For a polynomial of degree 3 the factor 2 is enough."""
 
 SLOPE_SAFETY_FACTOR = 12.0
-"""The same for the slope of the margin. For a polynomial of degree 3 the factor 11 is
-enough."""
+"""Bound of the error of the slope of a margin, over the same largest error of the margin.
+For a polynomial of degree 3 the factor 11 is enough."""
 
 MIN_CORNER_RAD = 0.25
 """Corners of the region that are sharper than this are cut out by ever smaller triangles.
@@ -116,7 +116,7 @@ def classify_triangles(
     """Return the class of each triangle, and whether several margins are uncertain in it.
 
     Margins are functions of the direction that are at least 0 inside a region. A margin is
-    uncertain in a triangle if its bounds there have different signs.
+    uncertain in a triangle if its bounds in the triangle have different signs.
 
     - A triangle is outside if a margin is certainly negative, and inside if all margins are
       certainly positive.

@@ -36,8 +36,11 @@ from spherekit.geometry.vectors import all_finite, max_abs
 Numbers = NDArray[np.inexact[Any]]
 
 FIRST_SAMPLE_RAD = 0.3183
-"""First angle at which the eliminant is sampled. Sizes in whole degrees have no special
-configuration there, such as an equation that loses an angle."""
+"""First angle at which the eliminant is sampled.
+
+With sizes in whole degrees, the configuration at this angle is not special. In a special
+configuration an equation can lose an angle, for example.
+"""
 
 SAMPLES_PER_DEGREE = 4
 """Samples of the eliminant for each of its degrees. Two and one sample determine it; the
@@ -96,8 +99,10 @@ FLAT_JACOBIAN_RATIO = 1e-5
 largest value that the lengths of the columns allow."""
 
 ELIMINATION_STRIDE = 8
-"""Of so many neighbouring systems of three equations one is solved by elimination. The
-others start Newton's method from its solutions, which is faster."""
+"""Number of neighbouring systems of three equations of which one is solved by elimination.
+
+For the other systems, Newton's method starts from its solutions, which is faster.
+"""
 
 MAX_ROOT_NEWTON_STEPS = 10
 """Largest number of steps of Newton's method from a start to a solution. Larger: more

@@ -98,8 +98,8 @@ def redescribe(
     def redescribe_part(part: Any) -> Any:
         """Return a pair, output, mass or load with new names of links and in new axes.
 
-        The new names and the rotations from old to new axes are those that `redescribe` was
-        called with. Vectors, tensors, profiles and expressions are rotated.
+        The new names, and the rotations from old to new axes, are the arguments of
+        `redescribe`. Vectors, tensors, profiles and expressions are rotated.
         """
         # Vectors of numbers, such as a centre of mass, are in the axes of the link to which
         # the part belongs. Those of a part without a link, such as the acceleration of

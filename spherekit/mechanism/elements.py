@@ -177,7 +177,7 @@ class LinkSizes:
     Attributes
     ----------
     axes
-        Names of the axes, which are those of their pairs. The first is the z axis of the
+        Names of the axes. An axis has the name of its pair. The first is the z axis of the
         link. The second is in the half-plane x = 0, y > 0 (the frame of Di Gregorio 2024,
         Fig. 3).
     arcs

@@ -278,8 +278,8 @@ class ContactFriction(BearingFriction):
 def sliding_rate_name(pair: str) -> str:
     """Return the name of the rate at which a contact slides.
 
-    It is used in the expression of the magnitude of a load. The rate is that of the second
-    link along the first (rad/s).
+    The name is used in the expression of the magnitude of a load. It stands for the rate
+    (rad/s) at which the second link slides along the first.
     """
     return f"sliding_{pair}"
 

@@ -98,7 +98,7 @@ class ContactProfile(NamedTuple):
     curve
         The profile, in the axes of its link.
     variable
-        Index of the variable among those of the joint.
+        Index of the variable among the variables of the joint.
     start
         Arc length (rad) at which the variable is zero.
     """

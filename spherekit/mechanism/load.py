@@ -30,7 +30,7 @@ TorqueFunction = Callable[[float, float, float], float]
 """A torque (N m) from the time t (s), the variable q (rad) and the rate dq (rad/s)."""
 
 Axes = Literal["ground", "link"]
-"""Axes of vector components: those of the ground, or those of the link acted on."""
+"""Axes of vector components: ground axes, or the axes of the link that is loaded."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,9 @@ class LinkMoment:
     link
         Name of the link.
     direction
-        (3,) direction of the moment. If `arm` is given, it is that of a force at this
-        point, whose moment about the centre of the sphere acts on the link.
+        (3,) direction of the moment. If `arm` is given, it is the direction of a force at
+        this point. The moment of the force about the centre of the sphere then acts on the
+        link.
     axes
         Axes of the components of `direction`: "ground" or "link".
     arm
@@ -232,14 +233,17 @@ class Load(ABC):
     """Values of fields that files may leave out although the class has no default."""
 
     velocity_unit: ClassVar[str] = ""
-    """Unit of the generalised force divided by that of the magnitudes; empty for 1.
+    """Unit of the velocity at which the load works; empty if it has no unit.
 
-    A generalised force is a magnitude times the velocity, per unit rate of a coordinate, on
-    which the load works. This is the unit of that velocity.
+    The velocity is that per unit rate of a coordinate. The generalised force of the load is
+    its magnitude times this velocity.
     """
 
     torque_template: ClassVar[str] = ""
-    """The torque at its pair as an expression with fields in braces, if that is all."""
+    """Expression of the torque of a load that is one torque at a pair, otherwise empty.
+
+    Fields of the load are in braces.
+    """
 
     def check(self, key: str, mechanism: LoadedMechanism) -> None:
         """Check the values of the fields of the load.

@@ -14,7 +14,7 @@ from spherekit.mechanism.mechanism import Mechanism
 
 
 def used_pairs(mechanism: Mechanism) -> frozenset[str]:
-    """Return the R pairs at which loads act, or whose variable or rate they depend on."""
+    """Return the R pairs at which loads act, or on whose variable or rate loads depend."""
     used_names = _used_names(mechanism)
     pairs_acted_on = {component.pair for component in _components(mechanism)}
     return frozenset(
@@ -27,7 +27,7 @@ def used_pairs(mechanism: Mechanism) -> frozenset[str]:
 def acting_links(mechanism: Mechanism) -> frozenset[int]:
     """Return the numbers of the links that matter to the dynamics.
 
-    They have mass, or the loads depend on their orientation or angular velocity, or they
+    These links have mass, or loads depend on their orientation or angular velocity, or they
     are links of the `used_pairs`.
     """
     names = {mass.link for mass in mechanism.masses} | used_links(mechanism)
@@ -36,9 +36,9 @@ def acting_links(mechanism: Mechanism) -> frozenset[int]:
 
 
 def wound_pairs(mechanism: Mechanism) -> Names:
-    """Return the R pairs whose variable the loads depend on, in the order of the pairs.
+    """Return the R pairs on whose variable loads depend, in the order of the pairs.
 
-    The loads may depend on its whole revolutions too, as a spring does.
+    Such a load may also depend on the whole revolutions of the pair, as a spring does.
     """
     used_names = _used_names(mechanism)
     return tuple(pair for pair in mechanism.angles if f"theta_{pair}" in used_names)
@@ -71,7 +71,7 @@ def find_steep_arguments(mechanism: Mechanism) -> tuple[Expression, ...]:
 
 
 def used_links(mechanism: Mechanism) -> frozenset[str]:
-    """Return the links whose angular velocity or orientation the loads depend on."""
+    """Return the links on whose angular velocity or orientation loads depend."""
     return frozenset(
         moment.link for component in _components(mechanism) for moment in component.moments
     )

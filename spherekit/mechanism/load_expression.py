@@ -33,8 +33,9 @@ NON_SMOOTH_FUNCTIONS = ("abs", "sign", "min", "max")
 ENTIRE_OPERATIONS = ("+", "-", "*", "negative", "sin", "cos")
 """Operations whose power series at any point gives their value everywhere, to all digits.
 
-Some of the others have poles or branch points next to the real axis. Others become so flat
-that float64 does not show what follows: tanh(20) is 1, and all its derivatives are 0.
+Some other functions have poles or branch points next to the real axis. Others become so
+flat that a series in float64 does not show how they continue: tanh(20) is 1, and all its
+derivatives are 0.
 """
 
 _OPERATORS: Mapping[type[ast.operator], str] = MappingProxyType(
@@ -160,15 +161,15 @@ class Expression:
     def steep_arguments(self) -> "tuple[Expression, ...]":
         """Arguments at whose zeros and extrema the value may change suddenly.
 
-        A power series need not show what happens there. They are the arguments of all
-        functions that are not among `ENTIRE_OPERATIONS`, the denominators, and the bases of
-        powers whose exponent is not a natural number.
+        A power series need not show such a change. The steep arguments are the arguments of
+        all functions that are not among `ENTIRE_OPERATIONS`, the denominators, and the
+        bases of powers whose exponent is not a natural number.
         """
         return self._find_steep_arguments(NON_SMOOTH_FUNCTIONS)
 
     @cached_property
     def smooth_steep_arguments(self) -> "tuple[Expression, ...]":
-        """The `steep_arguments` without those of functions with kinks or jumps."""
+        """The `steep_arguments` without the arguments of functions with kinks or jumps."""
         return self._find_steep_arguments(())
 
     def _find_steep_arguments(
@@ -288,7 +289,7 @@ def _parse_python(text: str, indentation: int) -> ast.expr:
     text
         The expression without spaces at its start, which the parser refuses.
     indentation
-        Number of spaces that were removed there. Columns in messages count them.
+        Number of spaces that were removed from the start. Columns in messages count them.
 
     Raises
     ------
@@ -466,8 +467,8 @@ def _iterate_steep_arguments(
     node
         Root of the tree.
     non_smooth_functions
-        Those of the functions with kinks or jumps (abs, sign, min, max) whose arguments are
-        yielded too: all of them, or none.
+        Functions with kinks or jumps whose arguments are yielded too: either all of them
+        (abs, sign, min, max), or none.
     """
     if not isinstance(node, tuple):
         return

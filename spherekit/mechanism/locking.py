@@ -40,7 +40,10 @@ description by arcs and angles although the reference pose could be kept.
 """
 
 DISPLACEMENT_SHIFT_TOLERANCE_RAD = 1e-12
-"""A smaller change of the zero of a displacement is caused by rounding, and not stated."""
+"""Smallest change of the zero of a displacement that a warning states.
+
+A smaller change is caused by rounding.
+"""
 
 
 @checked(ModelError)
@@ -53,7 +56,7 @@ def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mecha
     between both links.
 
     A mechanism can be given by the axes of its pairs in a reference pose. If a pair is
-    locked at another value than it has there, this pose is impossible afterwards. The
+    locked at another value than it has in this pose, the pose is impossible afterwards. The
     result is then given by the arcs and angles of its links.
 
     If both links have contacts, the profiles of one of them get new link axes. These define
@@ -100,8 +103,8 @@ def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
     """Return the mechanism with one R pair locked, its two links being one.
 
     The new link has the name and the axes of one of them, the kept link. The parts of the
-    removed link are moved to it. The geometry stays a reference pose only if the pair is
-    locked at its value there; otherwise it becomes sizes of links.
+    removed link are moved to it. If the geometry is a reference pose, it stays one only if
+    the pair is locked at its value in this pose. Otherwise it becomes sizes of links.
 
     Parameters
     ----------
@@ -143,8 +146,8 @@ def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
         define this azimuth, so in rotated axes another point is the start, from which arc
         lengths are counted. That changes the position of a Fourier series, and the rolling
         of a contact (Cr), in which both arc lengths belong together. These two are refused.
-        Of a circle that slides, only the displacement along it gets another zero, which a
-        warning states.
+        If a circle slides, only the displacement along it gets another zero. A warning
+        states this.
         """
         if contact.type == "Cr" or profile.kind == "fourier":
             raise ModelError(
@@ -382,8 +385,8 @@ def _merge_masses(masses: Iterable[Mass]) -> tuple[Mass, ...]:
 def _merge_two_masses(first: Mass, second: Mass) -> Mass:
     """Return the inertia of two bodies of one link together.
 
-    Tensors about the centre of the sphere add up. Mass and centre of mass are known only if
-    those of both bodies are.
+    Tensors about the centre of the sphere add up. Mass and centre of mass of the result are
+    known only if they are known for both bodies.
     """
     mass = None
     centre = None

@@ -60,8 +60,8 @@ _FIELD_KINDS: Mapping[type, Mapping[str, str]] = {
 def field_kinds(part: Any) -> Mapping[str, str]:
     """Return what the fields of a part of a mechanism contain, by the name of the field.
 
-    The kinds, such as ``link`` or ``vector``, are those of `Load.field_kinds`. Fields that
-    do not depend on names or axes may be missing.
+    `Load.field_kinds` describes the kinds, such as ``link`` or ``vector``. Fields that do
+    not depend on names or axes may be missing.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ class Mechanism:
 
     @cached_property
     def content(self) -> str:
-        """Text of all fields except `UNCOMPARED`; mechanisms are equal if it is."""
+        """Text of all fields except `UNCOMPARED`. Mechanisms with equal texts are equal."""
         compared = [part.name for part in fields(self) if part.name not in UNCOMPARED]
         with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
             return repr([getattr(self, name) for name in compared])
@@ -417,7 +417,7 @@ class Mechanism:
             Sizes by link: a number if the link has only one, all of them in a sequence, or
             some of them by the pair to which they lead, as in ``{"3": {"43": 70.0}}``.
         zeros
-            Angle at which the variable of a pair reads zero, by pair.
+            Angle at which the variable of a pair is zero, by pair.
         axes, values
             For a mechanism given in a reference pose, by pair: its axis (3,) of any length,
             and the value of its variable.
@@ -850,7 +850,7 @@ def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> No
 def _advise_on_axes(
     link: str, mechanism: Mechanism, geometry: SizeGeometry, r_pairs: Sequence[str]
 ) -> str:
-    """Return what to change so that the axes of a link are those of its R pairs.
+    """Return what to change so that the axes of a link are the axes of its R pairs.
 
     An axis for which the mechanism has no pair was probably meant to have one. It joins the
     links that list this axis. Other faults are a pair on the wrong link, or an axis that is

@@ -41,10 +41,10 @@ def pose_sizes(mechanism: Mechanism, link: str) -> tuple[PoseSize, ...]:
     """Return the arcs and angles of a link of a mechanism given in a reference pose.
 
     All arcs begin at the axis of the link's first pair. For the axes 1, 2 and 3, the arcs
-    are 1-2 and 1-3. The angle of axis 3 is that at axis 1 from the arc 1-2 to the arc 1-3,
-    counter-clockwise about axis 1. The order of the sizes is then: arc 1-2, arc 1-3, angle
-    of axis 3. An axis on the line of the first one has no arc and no angle. Axes are in the
-    order of the mechanism's pairs.
+    are 1-2 and 1-3. The angle of axis 3 is measured at axis 1, from the arc 1-2 to the arc
+    1-3, counter-clockwise about axis 1. The order of the sizes is then: arc 1-2, arc 1-3,
+    angle of axis 3. An axis on the line of the first one has no arc and no angle. Axes are
+    in the order of the mechanism's pairs.
     """
     assert isinstance(mechanism.geometry, PoseGeometry)
     axes = [

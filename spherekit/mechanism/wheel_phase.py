@@ -1,8 +1,9 @@
 """The contact point of two wheels at given angles of their shafts.
 
 A wheel is a link with a circular profile in a rolling contact. The phase of two wheels is
-stated in files by the values of their shafts in one configuration. From it follow the arc
-lengths along both circles at which they touch when the variable of the contact is zero.
+stated in files by the values of their shafts in one configuration. This determines the arc
+lengths along both circles at which the wheels touch when the variable of the contact is
+zero.
 """
 
 from collections.abc import Callable, Sequence
@@ -110,8 +111,8 @@ def find_contact_start(mechanism: Mechanism, contact: Pair, phase: Angles) -> En
     Returns
     -------
     Arc lengths (rad) along the circles of the first and the second link. If one of the
-    shafts is driven, the wheels are rolled to the configuration where this shaft reads
-    zero, from which revolutions are counted.
+    shafts is driven, the arc lengths belong to the configuration in which the variable of
+    this shaft is zero. Revolutions are counted from there.
 
     Raises
     ------

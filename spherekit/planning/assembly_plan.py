@@ -94,8 +94,8 @@ class Group(NamedTuple):
     pairs
         Numbers of the pairs between these bodies.
     ends
-        For each pair the positions in `bodies` of the two bodies that it joins, that of its
-        first link first.
+        For each pair the positions in `bodies` of the two bodies that it joins. The body of
+        its first link comes first.
     revolute
         Whether all pairs are R pairs whose equations are independent.
     redundant

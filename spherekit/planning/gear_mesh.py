@@ -94,8 +94,8 @@ class CarriedContact(NamedTuple):
     keeps sin(r) f - sin(s) g constant.
 
     A circle on the sphere has two centres, opposite to each other. If the wheels touch from
-    outside, one circle is described by the centre opposite to that of its wheel. The same
-    relation, that of an internal contact, then holds for all wheels.
+    outside, one circle is described by the centre opposite to that of its wheel. The
+    relation of an internal contact then applies to all wheels.
 
     Attributes
     ----------

@@ -108,8 +108,9 @@ def find_gear_train(
     driven
         Numbers of the driven pairs.
     max_gap
-        Largest deviation of the cosine of the arc between the centres of two wheels from
-        that of circles that touch. Such wheels roll at their nearest points, as gears do.
+        Tolerance of the arc between the centres of two wheels: the largest deviation of its
+        cosine from the cosine for circles that touch. Wheels with such a gap roll at their
+        nearest points, as gears do.
     whole
         Whether all rolling contacts have to belong to the train. Otherwise contacts whose
         angles do not follow from the inputs alone are left out.
@@ -216,9 +217,9 @@ def _solve_train(
     driven. With the factors F of the followers and G of the inputs, the derivatives of the
     follower angles by the inputs are -F^-1 G.
 
-    The relation of a contact may follow from those of other contacts. The angles of its
-    wheels are then known from the others, and the teeth that mesh in it are chosen to fit
-    to these angles.
+    The relation of a contact may follow from the relations of other contacts. The angles of
+    its wheels are then known from the other contacts. The teeth that mesh in this contact
+    are chosen such that they fit these angles.
 
     Parameters
     ----------

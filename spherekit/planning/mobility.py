@@ -202,8 +202,8 @@ def check_mobility(
     driven
         Numbers of all driven pairs.
     locked
-        Numbers of those that are locked. Parts that only the locked inputs could move
-        become one body each.
+        Numbers of the driven pairs that are locked. Each part of the mechanism that only
+        the locked inputs could move becomes one body.
     by_rank
         Whether the rank of the velocity equations at a configuration is known to leave
         enough degrees of freedom, although the count does not.
@@ -369,7 +369,7 @@ def _play_with_locked_inputs(
     mechanism
         The mechanism.
     driven, locked
-        Numbers of all driven pairs, and of those that are locked.
+        Numbers of all driven pairs, and numbers of the driven pairs that are locked.
 
     Returns
     -------

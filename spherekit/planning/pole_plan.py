@@ -92,9 +92,9 @@ class LinePole:
     def case(self) -> str:
         """The letter of the two lines that determine the pole.
 
-        It is stated where a plan is written to a file. The letters are those of R. Di
-        Gregorio's lecture: (a) two great circles through poles, (b) one great circle and
-        one contact plane, (c) two contact planes.
+        It is written to files with the plan. The letters are taken from R. Di Gregorio's
+        lecture: (a) two great circles through poles, (b) one great circle and one contact
+        plane, (c) two contact planes.
         """
         # Without a third body (`via`) there is no great circle, but there are two contacts.
         needed_circles = 1 if self.contacts else 2
@@ -169,7 +169,7 @@ class Plan:
 
     A pole is the axis of the relative rotation of two bodies. If there are several inputs,
     the others are locked. Links that cannot move relative to each other then form one body.
-    A body has the number of its smallest link, and poles are those of bodies.
+    A body has the number of its smallest link. Each pole is the pole of two bodies.
 
     Attributes
     ----------

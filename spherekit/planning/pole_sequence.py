@@ -68,7 +68,7 @@ class KnownPoles:
             self.partners[j].add(i)
 
     def unknown_of(self, poles: Iterable[Pole]) -> list[Pole]:
-        """Return those of some poles that are not known."""
+        """Return which of some poles are not known."""
         return [(i, j) for i, j in poles if j not in self.partners[i]]
 
     def third_bodies(self, pole: Pole) -> set[int]:

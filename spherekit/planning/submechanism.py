@@ -144,8 +144,9 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
     Raises
     ------
     PlanError
-        If the number of freedoms is not that of the inputs, an input is a contact, two
-        inputs drive the same freedom, or some links cannot move relative to each other.
+        If the number of degrees of freedom is not the number of inputs, an input is a
+        contact, two inputs drive the same degree of freedom, or some links cannot move
+        relative to each other.
     """
     try:
         assembly = plan_assembly(mechanism)

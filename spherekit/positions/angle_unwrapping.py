@@ -29,7 +29,7 @@ from spherekit.status import Status
 from spherekit.tolerances import SINGULAR_GROUP_CONDITION
 
 SAME_MODE_TOLERANCE_RAD = 0.3
-"""Angles that differ more from those of a followed mode belong to another mode.
+"""Angles that differ more from the angles of a followed mode belong to another mode.
 
 The comparison is between verified configurations at equal inputs. Larger: neighbouring
 modes are confused. Smaller: interpolated angles are no longer recognised.
@@ -192,8 +192,8 @@ class AngleUnwrapping:
             (n, variables) configurations of the mode (rad). With several inputs each is
             followed from the one before.
         q
-            (n, inputs) inputs (rad) over full revolutions. They may differ from those of
-            the configurations by whole periods, after which configurations repeat.
+            (n, inputs) inputs (rad) over full revolutions. They may differ from the inputs
+            in `values` by whole periods, after which configurations repeat.
         requested
             Numbers of the variables whose revolutions are needed. The revolutions of other
             variables may be returned as zero, which saves time.
@@ -241,8 +241,8 @@ class AngleUnwrapping:
 
         At a crossing, two curves of configurations intersect. The mode consists of pieces:
         from each crossing on, it is another assembly mode of the mechanism, which lies on
-        the same smooth curve. Angles are counted on each piece alone, and then shifted so
-        that they continue those of the piece before.
+        the same smooth curve. Angles are counted on each piece alone. They are then shifted
+        so that they continue the angles of the piece before.
 
         Parameters
         ----------
@@ -258,8 +258,8 @@ class AngleUnwrapping:
 
         Returns
         -------
-        (n, variables) whole revolutions. Below the first crossing they are those of the
-        first piece.
+        (n, variables) whole revolutions. Below the first crossing they are the revolutions
+        of the first piece.
         """
         revolutions = np.zeros_like(values)
         piece_numbers = mode.pieces_at(q[:, 0])
@@ -520,7 +520,7 @@ class AngleUnwrapping:
         return revolutions[len(chain) - len(values) :]
 
     def _follow_to(self, values: Floats, targets: Floats) -> RevolutionSteps:
-        """Follow configurations to the inputs of others, and compare the angles there.
+        """Follow configurations to the inputs of other ones, and compare the angles.
 
         Parameters
         ----------
@@ -566,14 +566,15 @@ def continue_angles(
         Counts the revolutions for the mechanism of the motion.
     last
         For each mode, by its number, the last configuration of the block before, over full
-        revolutions. It is changed in place to that of this block. With one input it is
-        neither used nor changed.
+        revolutions. The mapping is changed in place to the last configurations of this
+        block. With one input it is neither used nor changed.
 
     Returns
     -------
     mapping from the name of each pair to (n,) values. The value of a driven pair is the
-    input of the row. Arc lengths are those of the motion, and so are all variables of a
-    motion with a `sense`, which comes from a simulation and is continuous already.
+    input of the row. Arc lengths are taken from the motion without a change. If the motion
+    has a `sense`, it comes from a simulation and is continuous already, so all its
+    variables are taken without a change.
     """
     mechanism = motion.mechanism
     inputs = motion.assembly.inputs

@@ -430,7 +430,7 @@ def random_starts(
     Yields
     ------
     starts
-        Number of starts of the round, also of those that led to no configuration.
+        Number of starts of the round, including starts that led to no configuration.
     values
         (k, variables) closed configurations (rad), passive angles in (-pi, pi].
     rows

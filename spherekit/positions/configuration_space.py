@@ -53,9 +53,9 @@ Larger: more time. Smaller: curves of short modes can be missed.
 EQUAL_CONFIGURATION_RAD = 1e-6
 """Two configurations at the same input belong to one mode if they differ by less.
 
-A piece of a curve belongs to the mode whose variables agree with those at its middle.
-Larger: a neighbouring mode near a crossing may be taken. Smaller: rounding errors leave
-pieces without a mode.
+A piece of a curve belongs to the mode that has the same variables at the middle of the
+piece. Larger: a neighbouring mode near a crossing may be taken. Smaller: rounding errors
+leave pieces without a mode.
 """
 LONGEST_CURVE_RAD = 200.0
 """Length after which a curve that does not close is ended in each sense.
@@ -90,8 +90,8 @@ curves are searched again from each end, which takes time.
 UNCHECKED_CROSSING_DISTANCE_RAD = 1e-3
 """Distance from a crossing of curves at which nothing is checked.
 
-Inputs nearer to that of a crossing are not checked, and failures of curves that start
-nearer to a crossing are no problem.
+Inputs nearer to the input of a crossing are not checked. If a curve that starts nearer to a
+crossing fails, this is not reported as a problem.
 """
 
 
@@ -207,8 +207,8 @@ def _may_reach_range(
 ) -> bool:
     """Return whether the input of a curve may be in the range, by the nodes alone.
 
-    Nodes take no time, while the arc length of a curve does. The parameters are those of
-    `monotone_pieces`, and `period` is that of this curve.
+    The nodes are known already, whereas the arc length of a curve takes time to compute.
+    The parameters are described in `monotone_pieces`; `period` is the period of this curve.
     """
     # On the curve between two nodes, the input differs from its value at the nearer node
     # by less than the length of the chord that joins them.
@@ -450,8 +450,8 @@ class _CurveSearch:
         Parameters
         ----------
         values
-            (n, variables) configurations (rad), often those of an assembly mode in the
-            order of the input.
+            (n, variables) configurations (rad), often of one assembly mode in the order of
+            the input.
         """
         failures: list[tuple[Floats, str]] = []
         for curve in self.curves:
@@ -544,7 +544,7 @@ class _CurveSearch:
     def search_from_random_starts(self) -> Completeness:
         """Follow the curves to which random starts over the range lead.
 
-        The starts differ from those by which a run finds its assembly modes. The search
+        Other starts are used than in the search of a run for assembly modes. The search
         ends when many starts have led to each known curve, because few curves can then be
         missing. The reason of the returned statement has these numbers.
 

@@ -215,8 +215,8 @@ def correct(
         (n, variables) corrected points (rad). The caller checks whether they have
         converged: otherwise they are NaN or have a closure residual.
     step_sizes
-        (2, n) the largest change of a variable in the first step (rad), and that in the
-        second step relative to the first. Both are small if the prediction was good.
+        (2, n) the largest change of a variable in the first step (rad), and its ratio in
+        the second step to the first. Both are small if the prediction was good.
     """
 
     def compute_steps(current_values: Floats, rows: Indices) -> Floats:

@@ -26,8 +26,9 @@ from spherekit.tolerances import EPS
 
 INPUT_ROUNDING = 2.0 * EPS
 """Rounding error of an input, relative to the input or to 1 rad, whichever is larger. An
-input that is nearer to a dead centre is taken to be at it. The float64 number can stand for
-a decimal number of degrees, as that of pi for 180 degrees."""
+input that is nearer to a dead centre is taken to be at it. A float64 number in rad can
+stand for a decimal number of degrees, as pi does for 180 degrees.
+"""
 LARGEST_MODEL_ERROR = 0.25
 """The quadratic model f is used if it differs from the closure residual by at most this
 part of s x, or of h x^2 / 2 near a fold, at the bound. Larger: more configurations have a
@@ -152,7 +153,7 @@ def place_at_folds(
     Returns
     -------
     Configurations with bounds. The bounds contain the rounding of the sizes of the file to
-    float64, and at a fold that of the inputs.
+    float64. At a fold they also contain the rounding of the inputs.
     """
     driven = list(driven)
     passive = np.delete(np.arange(values.shape[1]), driven)
@@ -274,7 +275,7 @@ class _FoldModel:
         """Return the step (n, free) that closes the loops in all directions but u.
 
         u is the left singular vector of the smallest singular value of the Jacobian.
-        `residual` (n, equations) is that of the loops, in rad.
+        `residual` (n, equations) is the closure residual of the loops, in rad.
         """
         sizes = self._sizes[:, :-1]
         with np.errstate(divide="ignore", invalid="ignore"):

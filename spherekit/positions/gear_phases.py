@@ -4,8 +4,8 @@ Two wheels that are put together one tooth or one revolution further on also clo
 loops, but the mechanism then has another configuration. The rolled length of a contact is
 therefore not reduced by whole revolutions, as an angle is. Which assembly a file means is
 fixed at one value of the inputs, the anchor. If the file has a reference pose, this is the
-anchor. Otherwise all inputs are zero at the anchor, and of all assemblies that one is
-meant in which the wheels have the smallest rolled lengths there
+anchor. Otherwise all inputs are zero at the anchor. The file then means the assembly in
+which the wheels have the smallest rolled lengths at the anchor
 (`spherekit.planning.least_rolling`). From the anchor the rolled lengths continue with the
 inputs over any number of revolutions. If a train of wheels leads from the inputs to a
 contact, its rolled length is a linear function of the inputs, also where the rest of the

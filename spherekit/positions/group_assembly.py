@@ -159,7 +159,7 @@ class AssemblyState:
         )
 
     def merge(self, group: Group, rotations: Floats) -> None:
-        """Make the bodies of a group one body, whose axes are those of the first one.
+        """Merge the bodies of a group into one body, which has the axes of the first body.
 
         A body is a set of links whose orientations are known in the axes of the body. Only
         these orientations, `body_from_link`, change. `read_values` computes the variables
@@ -263,7 +263,7 @@ def group_variables(state: AssemblyState, group: Group) -> list[int]:
 
 
 def group_tree(group: Group, joints: Sequence[Joint]) -> LoopTree:
-    """Return the loops of a group. `joints` are those of all pairs of the mechanism."""
+    """Return the loops of a group. `joints` has the joint of each pair of the mechanism."""
     variable_counts = [joints[pair].variable_count for pair in group.pairs]
     owners = np.repeat(np.arange(len(variable_counts)), variable_counts).tolist()
     return LoopTree(len(group.bodies), group.ends, tuple(owners))

@@ -85,7 +85,8 @@ def turns_in_range(
     Returns
     -------
     shifted
-        (k,) inputs (rad). Those of one given input follow each other in rising order.
+        (k,) inputs (rad). The shifted values of one given input follow each other in rising
+        order.
     sources
         (k,) positions of the given inputs from which they come.
     """

@@ -70,7 +70,8 @@ class InputTurningPoints(NamedTuple):
         (d, 2) intervals (rad) in which turning inputs may be missing. The whole range is
         doubtful if no functions with zeros at these inputs are known for the mechanism.
     crossings
-        Configurations at which curves cross: modes meet there, but none of them ends.
+        Configurations at which curves cross. Modes meet in them, but none of the modes
+        ends.
     crossing_inputs
         (c,) inputs (rad) of the crossings, each once, rising.
     """

@@ -9,7 +9,7 @@ REDUNDANT_EQUATION_RATIO = 1e-10
 """Singular values of redundant equations below this part of the largest count as zero.
 
 Larger: well-determined equations near a singularity count as singular. Smaller: rounding
-errors of equations that repeat each other are taken for independent equations.
+errors of redundant equations are taken for independent equations.
 """
 
 

@@ -64,8 +64,8 @@ def newton(
     values
         (n, variables) values after the last step, converged or not.
     step_sizes
-        (2, n) the largest change of a variable in the first step (rad), and that in the
-        second step relative to the first, which is 0 if there was one step only. Both are
+        (2, n) the largest change of a variable in the first step (rad), and its ratio in
+        the second step to the first. The ratio is 0 if there was one step only. Both are
         small if the start was near a solution.
     """
     values = values.copy()
@@ -189,7 +189,7 @@ class Closure:
         values
             (n, variables) start values (rad).
         fixed
-            Numbers of the variables that are not changed.
+            Numbers of the variables that stay constant.
         max_steps, longest_step
             Largest number of steps, and largest change (rad) of a variable in one step.
 
@@ -198,8 +198,8 @@ class Closure:
         linearisation
             The closure at the last values.
         step_sizes
-            (2, n) the largest change of a variable in the first step (rad), and that in the
-            second step relative to the first.
+            (2, n) the largest change of a variable in the first step (rad), and its ratio
+            in the second step to the first.
         """
         # The passive variables, which are not fixed, are the unknowns of Newton's method.
         passive = np.delete(np.arange(values.shape[1]), fixed)

@@ -24,8 +24,8 @@ from spherekit.mechanism.mechanism import Mechanism
 RANK_TOLERANCE = 1e-9
 """Singular values of the velocity equations below this part of the largest count as zero.
 
-Larger: configurations near singular ones have a higher mobility. Smaller: rounding hides
-that constraints repeat each other.
+Larger: configurations near singular ones have a higher mobility. Smaller: because of
+rounding, redundant constraints are not recognised.
 """
 
 
@@ -198,7 +198,7 @@ def rank_mobility(
 
 
 def redundancy(tree: LoopTree, vectors: Floats) -> tuple[int, tuple[int, ...]]:
-    """Return how many velocity equations repeat others, and which pairs take part.
+    """Return the number of redundant velocity equations, and the pairs in their loops.
 
     The velocity equations state that the angular velocities of the pairs around each loop
     add up to zero. They are three equations for each loop.

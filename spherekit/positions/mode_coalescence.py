@@ -126,10 +126,10 @@ class ModeCoalescence:
         """Choose an elimination order for each group, and find on which groups it depends.
 
         A group is a set of bodies that are placed together, by equations for the unknown
-        angles. A mode is one solution of these equations. Its determinant is that of the
-        derivatives of the equations by the angles. An instance computes, for each group,
-        the product of the determinants of all modes. As a function of the input, this
-        product changes its sign where two modes coincide.
+        angles. A mode is one solution of these equations. The determinant of a mode is that
+        of the matrix of derivatives of the equations by the angles. An instance computes,
+        for each group, the product of the determinants of all modes. As a function of the
+        input, this product changes its sign where two modes coincide.
 
         An elimination order states in which order the angles are eliminated. The first
         order whose determinants are finite at some test inputs is used. If there is none,
@@ -254,8 +254,8 @@ class ModeCoalescence:
         """Return the determinants of a group's equations in all complex modes.
 
         A group is a set of bodies that are placed together. A mode is one real or complex
-        solution of its equations. Its determinant is that of the derivatives of the
-        equations by the unknown angles.
+        solution of its equations. The determinant of a mode is that of the matrix of
+        derivatives of the equations by the unknown angles.
 
         Parameters
         ----------
@@ -269,9 +269,10 @@ class ModeCoalescence:
 
         Returns
         -------
-        (n, modes) determinants. The number of modes is that of the group times those of the
-        groups in `dependence`. A determinant is zero where two modes meet. A train of
-        wheels has a single mode, which meets no other: its value is 1.
+        (n, modes) determinants. The number of modes is the product of the numbers of modes
+        of the group and of the groups in `dependence`. A determinant is zero where two
+        modes meet. A train of wheels has a single mode, which meets no other: its value is
+        1.
         """
         # The order in which the angles are eliminated; None for a train of wheels.
         order = self._orders[position]
@@ -406,8 +407,8 @@ class ModeCoalescence:
         position
             Position of the group in solving order.
         determinants
-            (test inputs, modes) its determinants: for each mode of the earlier groups those
-            in all modes of the group itself.
+            (test inputs, modes) determinants of the group. For each mode of the earlier
+            groups, the determinants in all modes of the group itself follow one another.
         """
         counts = [self._count_modes(number) for number in range(position + 1)]
         # The determinants have the axes test input, mode of each earlier group, mode of the

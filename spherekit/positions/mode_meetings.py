@@ -1,4 +1,4 @@
-"""Finds the inputs at which curves of assembly modes cross, and how modes continue there.
+"""Finds the inputs at which curves of assembly modes cross, and how the modes continue.
 
 The configurations of a mechanism with one input form curves in the space of its variables.
 Two curves cross at a change point of a four-bar, for example, or in the flat state of a

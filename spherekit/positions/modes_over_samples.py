@@ -52,8 +52,7 @@ MAX_SEARCHED_SAMPLES = 5
 """Largest number of samples that are chosen for a search from random starts, or for a test
 whether configurations can be computed. Larger: fewer missed configurations, more time."""
 REFERENCE_ONLY = Completeness(Guarantee.COMPONENT, "the mode of the reference pose")
-"""Statement of completeness if no other mode than that of the reference pose was looked
-for."""
+"""Statement of completeness if only the mode of the reference pose was searched."""
 
 
 class SampledModes:
@@ -106,7 +105,7 @@ class SampledModes:
         modes. A sheet is the set of nodes that such paths reach from one start. `search`
         says whether to look for modes other than that of the reference pose.
 
-        Every group of links has a sign in a mode, that of a determinant. If
+        In each mode, every group of links has a sign: the sign of a determinant. If
         `shares_numbers` is true, modes with the same signs that occur on separate parts of
         a path of samples count as one mode, so that there are fewer of them.
         """
@@ -345,7 +344,7 @@ class SampledModes:
         """Add the configurations of a sheet as nodes to the graph, and number the sheet.
 
         A sheet is the set of configurations that verified steps reach from one start, at
-        most one at each sample. Those that are nodes already keep their number.
+        most one at each sample. Configurations that are nodes already keep their number.
         """
         self._graph.add_sheet(sheet.values)
         new_count = len(self._graph.sample) - len(self._solution_of_node)

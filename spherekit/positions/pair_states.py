@@ -30,7 +30,8 @@ def pair_angle(first_frames: Floats, second_frames: Floats) -> Floats:
 
     Returns
     -------
-    Angle about the pair axis from the x column of the first to that of the second frame.
+    Angle about the pair axis, from the x column of the first frame to the x column of the
+    second.
     """
     # The x column of the second frame has the components cos and sin of the angle along the
     # x and y columns of the first frame.
@@ -84,8 +85,8 @@ def iterate_contact_profiles(
 ) -> Iterator[tuple[int, tuple[ContactProfile, ...]]]:
     """Yield the number of each contact pair, and the profiles of its two links.
 
-    R pairs have no profiles and are left out. `ContactProfile.variable` is numbered among
-    the variables of all joints here, not among those of its own joint.
+    R pairs have no profiles and are left out. In the result, `ContactProfile.variable` is
+    an index among the variables of all joints, not among the variables of one joint.
     """
     for pair, first_variable, joint in enumerate_joints(joints):
         profiles = joint.contact_profiles
@@ -102,7 +103,7 @@ def list_rolling_variables(joints: Sequence[Joint]) -> list[tuple[int, Joint]]:
 
     Returns
     -------
-    The number of each such variable among those of all joints, with its joint.
+    For each such variable its number among the variables of all joints, and its joint.
     """
     return [
         (first_variable + variable, joint)

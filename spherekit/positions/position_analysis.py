@@ -70,8 +70,8 @@ class PositionAnalysis:
     path
         (n, inputs) values of the inputs (rad), instead of their ranges.
     follow
-        Whether configurations are computed. If not, there is no assembly mode, not even
-        that of a reference pose, and every motion is empty.
+        Whether configurations are computed. If not, there is no assembly mode, not even the
+        mode of a reference pose, and every motion is empty.
     crossings
         What an assembly mode does where configuration curves cross. With "end" it keeps
         the signs of its dyads. With "pass" it follows its smooth curve through the
@@ -105,8 +105,8 @@ class PositionAnalysis:
     other_modes
         The modes that were found beside the wanted one; empty if all are wanted.
     numbering_input
-        With "pass": the input (rad) at which each smooth curve has the number and the
-        signs of the mode there.
+        With "pass": an input (rad). Each smooth curve has the number and the signs of the
+        mode to which it belongs at this input.
 
     Raises
     ------
@@ -134,8 +134,8 @@ class PositionAnalysis:
 
         An assembly mode is one of the ways in which the mechanism can be put together at
         given inputs. `crossings` is "end" or "pass": what modes do where curves of
-        configurations cross. Without `follow` there are no modes. `independent` says that
-        the samples are unrelated and no motion. Other parameters: see the class.
+        configurations cross. If `follow` is false, there are no modes. `independent` says
+        that the samples are unrelated and no motion. The class describes all parameters.
         """
         self._follow = follow
         self._independent = independent
@@ -465,8 +465,8 @@ def trace(
     """Return the motion of a mechanism over the ranges of its inputs.
 
     The motion contains the configurations of all assembly modes at all samples. Parameters
-    and errors are those of `PositionAnalysis`; the mechanism may also be a name or a file.
-    `path` is in `angle_unit`, ``"rad"`` or ``"deg"``. The motion is in rad.
+    and errors are described in `PositionAnalysis`. The mechanism may also be given by a
+    name or a file. `path` is in `angle_unit`, ``"rad"`` or ``"deg"``. The motion is in rad.
     """
     position_analysis = PositionAnalysis(
         mechanism_of(mechanism),

@@ -53,9 +53,9 @@ from spherekit.tolerances import (
 )
 
 LAST_NODE_DISTANCE_RAD = 1e-9
-"""The last node of a mode's curve is nearer than this to the dead centre at its end.
+"""Largest distance of the last node of a mode's curve from the dead centre at its end.
 
-Inputs so little beyond the node count as beside the dead centre, not as out of reach.
+An input that exceeds the last node by less is beside the dead centre, not out of reach.
 """
 SAME_INPUT_TOLERANCE = 1e-15
 """Deviation (rad, relative above 1 rad) of an input that is caused by rounding only."""
@@ -106,11 +106,12 @@ class PositionSolver:
     driven
         Numbers of the variables that are inputs.
     anchor_inputs
-        (inputs,) inputs (rad) of the reference pose, or zero. There passive angles are in
-        (-pi, pi]; elsewhere they are counted from there over full revolutions.
+        (inputs,) inputs (rad) of the reference pose, or zero. At these inputs passive
+        angles are in (-pi, pi]. At other inputs they include the full revolutions that the
+        pairs make on the way from there.
     exact_configurations
-        Configurations (variables,) that are known but for rounding: the reference pose,
-        and those at which curves cross. A closed form has only half the digits there.
+        Configurations (variables,) that are known up to rounding: the reference pose, and
+        those at which curves cross. A closed form would give only half the digits at them.
     """
 
     def __init__(self, mechanism: Mechanism, assembly: Assembly) -> None:
@@ -175,7 +176,7 @@ class PositionSolver:
         return self.gear_phases.periods
 
     def reduce_inputs(self, q: Floats) -> Floats:
-        """Return inputs (n, inputs) less whole periods, in half a period around zero."""
+        """Return inputs (n, inputs) reduced by whole periods, nearest to zero."""
         periods = self.periods
         is_periodic = np.isfinite(periods)
         revolutions = np.where(is_periodic, periods, TURN) / TURN
@@ -185,8 +186,8 @@ class PositionSolver:
         """Return the same configurations at inputs that are whole periods away.
 
         A period is the growth of an input after which the configurations repeat: one
-        revolution, or several if wheels roll on each other. Wheels have rolled further then
-        (`gear_phases`, None without rolling contacts).
+        revolution, or several if wheels roll on each other. In the returned configurations,
+        wheels have rolled farther by the whole periods.
 
         Parameters
         ----------
@@ -473,9 +474,9 @@ class PositionSolver:
         """Replace singular configurations by exact ones that are near to them.
 
         A configuration at a dead centre has been computed with half the digits only.
-        `exact_configurations` are those that are known but for rounding: the reference
-        pose, and those at which curves of configurations cross. One of them replaces a
-        singular configuration that has the same inputs and differs from it by less than
+        `exact_configurations` are those that are known up to rounding: the reference pose,
+        and those at which curves of configurations cross. One of them replaces a singular
+        configuration that has the same inputs and differs from it by less than
         `EXACT_DISTANCE_RAD`.
 
         Parameters
@@ -632,7 +633,8 @@ class PositionSolver:
 def _set_status(status: SmallIntegers, where: Bools, code: Status) -> None:
     """Set the status of some samples that have not failed before.
 
-    A sample keeps the first failure. AT_SINGULARITY is not a failure and is overwritten.
+    A sample keeps the status of its first failure. AT_SINGULARITY is no failure, so it is
+    overwritten.
     """
     can_change = status == Status.OK
     if code != Status.AT_SINGULARITY:

@@ -1,8 +1,9 @@
 """Loop equations of groups that are not dyads, and their folds, in quad precision.
 
 At a fold two configurations of the group meet, and the Jacobian has one singular value
-zero. Near it, Newton's method converges slowly or to the wrong configuration. The quadratic
-function along the singular vector tells then whether the group closes, and where.
+zero. Near a fold, Newton's method converges slowly or to the wrong configuration. If the
+variables move along the singular vector, the loops open by a quadratic function of the
+distance. This function then shows whether the group closes, and where.
 """
 
 from collections.abc import Sequence
@@ -31,12 +32,14 @@ MAX_FOLD_STEPS = 6
 FOLD_PROBE_RAD = 1e-4
 """The step over which the curvature at a fold is measured."""
 FOLD_STEP_RAD = 1e-12
-"""The fold is found if the last step is smaller. Its residual is then known to the square
-of this."""
+"""Largest last step of Newton's method with which a fold counts as found.
+
+The residual at the fold is then known up to the square of this number.
+"""
 LEAST_CURVATURE = 1e-3
-"""Smaller curvatures (1/rad) of f are not told from those of third order."""
+"""A smaller curvature h (1/rad) cannot be distinguished from terms of third order."""
 LARGEST_NEWTON_STEP_RAD = 0.1
-"""Newton's method is given up if a step is larger."""
+"""Newton's method ends without a result if a step is larger."""
 CONVERGED_QUAD_STEP_RAD = 1e-27
 """Newton's method has converged to a simple root if its last step is smaller."""
 NEAREST_START_RAD = 1e-3

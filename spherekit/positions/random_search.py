@@ -2,8 +2,9 @@
 
 From each start the sum of squared closure residuals is minimised by the Levenberg-Marquardt
 method. The search proves nothing. But the number of starts that led to each configuration
-tells when to stop, and what the search is worth: a configuration that attracts as many
-starts as the rarest one found would hardly have been missed.
+is counted. It decides when the search stops, and shows how reliable the search is: a
+configuration to which as many starts lead as to the rarest one found would hardly have been
+missed.
 """
 
 from collections import Counter
@@ -36,12 +37,12 @@ MAX_WORK = 5e6
 The time of a start grows with about this square. Larger: more time for large mechanisms.
 """
 MIN_HITS = 8
-"""A search ends when each configuration was reached by so many starts.
+"""A search ends when at least this number of starts has led to each configuration.
 
 Larger: fewer configurations are missed, in more time.
 """
 MISS_PROBABILITY = 0.01
-"""Probability with which a search misses a configuration of the stated share of starts."""
+"""Probability of missing a configuration to which the reported share of starts leads."""
 
 NEWTON_START_RAD = 1e-6
 """Root of the sum of squared residuals below which Newton's method closes the loops.
@@ -60,15 +61,18 @@ Larger: modes that nearly coincide are taken for one. Smaller: one mode counts s
 times.
 """
 SAME_DEAD_CENTRE = 1e-3
-"""The same at a dead centre, where errors are largest, at most."""
+"""Upper limit of the tolerance `SAME_MODE` at a dead centre, where errors are largest."""
 MAX_MODES = 64
-"""Configurations of one group that are kept. A group that can move has infinitely many."""
+"""Largest number of configurations of one group that are kept.
+
+A group that can move has infinitely many configurations.
+"""
 MAX_SINGULAR_MODES = 4
-"""Configurations of these that are kept in which the group can move, or nearly so."""
+"""Largest number of kept configurations in which the group can move, or nearly so."""
 SINGULAR_MODE_RATIO = 1e-9
 """Relative singular value of the closure Jacobian below which a group can move."""
 ERROR_SPREAD = 8.0
-"""Computed copies of one solution differ by at most so many first-order errors."""
+"""Largest difference of two copies of one solution, over the error to first order."""
 
 
 @dataclass
@@ -162,7 +166,7 @@ class SearchStatistics:
         )
 
     def progress_text(self, things: str) -> str:
-        """Return how far the search is, in a few words.
+        """Return the progress of the search in a few words.
 
         Parameters
         ----------
@@ -400,9 +404,9 @@ class DistinctConfigurations:
         turned on its bearing. Such configurations follow from each other by whole
         revolutions of inputs.
 
-        Rolled lengths of different modes can also differ by whole revolutions by chance.
-        Then more is different than the other wheel, or this wheel is held by more than its
-        bearing and this contact.
+        Rolled lengths of different modes can also differ by whole revolutions by chance. In
+        this case other links have different orientations too, or the other wheel is held by
+        more than its bearing and this contact.
 
         Parameters
         ----------

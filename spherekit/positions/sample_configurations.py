@@ -60,8 +60,10 @@ MAX_CONDITION_NUMBER = 1e5
 """Samples with a configuration at which the Jacobian of the group has a larger condition
 number are examined one by one. Two configurations may coincide there up to rounding."""
 LARGEST_POLISHING_STEP_RAD = 1e-12
-"""Longer last Newton steps are skipped. The residual of a closed group is too small to
-cause them, except next to a singular configuration."""
+"""Largest length of the last Newton step of a configuration. A longer step is not made.
+
+The residual of a closed group causes a longer step only next to a singular configuration.
+"""
 SAME_FRAME_TOLERANCE = 1e-13
 """Pair frames whose components all differ by less have the same solutions."""
 MAX_EXAMINED_SAMPLES = 200
@@ -333,8 +335,8 @@ def _eliminate_samples(group: Group, closure: Closure) -> SampleConfigurations:
 
     Returns
     -------
-    The configurations, sorted by sample and then by angles, whether those of each sample
-    are certainly all, and the first reason why not.
+    The configurations, sorted by sample and then by angles. The result also states for each
+    sample whether no configuration can be missing, and otherwise the first reason why.
     """
     assert closure.body_from_links is not None
     count = len(closure.body_from_links[0])

@@ -26,9 +26,9 @@ Splines are then as accurate as rounding, except near inputs where modes meet. L
 nodes are solved, and more predictions fail. Smaller: more nodes are solved.
 """
 MIN_SAMPLES_PER_NODE = 4
-"""With fewer samples per node, prediction takes longer than solving all samples."""
+"""Smallest number of samples per node. With fewer, solving all samples is faster."""
 MAX_SAMPLES_PER_NODE = 1024
-"""Most samples per node, also if the inputs hardly change."""
+"""Largest number of samples per node, also if the inputs hardly change."""
 NODES_PER_BLOCK = 1024
 """Nodes that are solved together. Larger: more memory. Smaller: more calls."""
 
@@ -139,7 +139,7 @@ def _fit_splines(
     position_analysis
         The samples and the modes.
     samples_per_node
-        Every so many samples there is a node. The last sample is a node too.
+        Number of samples from one node to the next. The last sample is a node too.
     passive
         Numbers of the variables that are no inputs.
     is_angle

@@ -38,8 +38,8 @@ class Verification:
     """Limits for the tests of a step along a path of configurations.
 
     A step is predicted from a node by its derivatives, and corrected by Newton's method.
-    The tests detect that the correction leads to another path. Larger limits accept longer,
-    less certain steps; of `turn`, smaller ones do.
+    The tests detect that the correction leads to another path. Larger limits accept longer
+    and less certain steps. For `turn`, a smaller number does.
 
     Attributes
     ----------
@@ -47,12 +47,13 @@ class Verification:
         The prediction may be wrong by `correction` times the length of the step, and in
         addition by `slack` (rad), which allows for rounding.
     settled
-        Newton's method need not contract after a first step smaller than this (rad), which
-        is rounding.
+        A first step of Newton's method that is smaller than this (rad) is rounding. The
+        method need not contract after it.
     change
-        Largest change of the derivatives of the equations in the step. With their matrix A
-        at the node and its change dA, it is the norm of A^-1 dA, or the largest magnitude
-        of its eigenvalues. Below 1, the matrix is regular all the way from A to A + dA.
+        Largest change of the derivatives of the equations in the step. If A is the matrix
+        of these derivatives at the node and dA its change, the number is the norm of A^-1
+        dA, or the largest magnitude of the eigenvalues of A^-1 dA. Below 1, the matrix is
+        regular all the way from A to A + dA.
     turn
         Least cosine of the angle between the tangents at both ends.
     middle

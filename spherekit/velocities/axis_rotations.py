@@ -58,7 +58,7 @@ class AxisRotation:
 
 
 VariableRotation = AxisRotation | Exprs
-"""A rotation about z, or a rotation matrix (3, 3) of profile columns."""
+"""A rotation about z, or a rotation matrix (3, 3) with profile columns as entries."""
 
 
 @dataclass(frozen=True)
@@ -260,7 +260,8 @@ def pair_rotations(
     Raises
     ------
     EngineError
-        If a profile is neither a circle nor a great circle, and has to be.
+        If a profile is neither a circle nor a great circle, and both `any_profile` and
+        `as_columns` are false.
     """
     design_frames = revolute_frames(mechanism, design) if design else {}
     joints = make_joints(mechanism)

@@ -92,9 +92,10 @@ def carried_vectors(
     """Return the vectors of all variables, and the contact lines of rolling contacts.
 
     The vector of a variable is the angular velocity of the second link of its pair relative
-    to the first, per unit rate of the variable. Of an R pair it is the axis. Of a contact
-    that moves along a profile, it is +-(n + k p), with the normal n, the contact point p
-    and the curvature k of the profile. For rolling profiles it is (k1 - k2) p.
+    to the first, per unit rate of the variable. The vector of an R pair is its axis. If a
+    contact moves along a profile, the vector is +-(n + k p), with the normal n, the contact
+    point p and the curvature k of the profile. If two profiles with the curvatures k1 and
+    k2 roll on each other, it is (k1 - k2) p.
 
     Parameters
     ----------

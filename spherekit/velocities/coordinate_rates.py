@@ -190,9 +190,9 @@ class CoordinateRates(VelocityEquations):
     def link_velocity(self, input_index: int, link: int) -> Exprs:
         """Return the homogeneous angular velocity of a link, along the link's basis.
 
-        A homogeneous velocity is that at the rate 1 of one input, while the others rest,
-        times the determinant of the velocity equations. It is regular even if the
-        determinant vanishes.
+        A homogeneous velocity is the velocity while one input has the rate 1 and the others
+        rest, multiplied by the determinant of the velocity equations. It is regular even if
+        the determinant vanishes.
 
         Parameters
         ----------

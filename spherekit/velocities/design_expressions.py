@@ -232,7 +232,7 @@ class DesignExpressions:
 
         Profiles other than circles are described by symbols, the profile columns: tangent,
         point, curvature k and its derivative dk/ds by the arc length at the contact. The
-        derivatives by these columns follow after those by the sizes.
+        derivatives by these columns follow after the derivatives by the sizes.
 
         Expressions with d2k/ds2 are refused. They occur in linearised motions, which are
         derivatives of accelerations. If the contact moves, d2k/ds2 changes by the third
@@ -361,7 +361,7 @@ class DesignExpressions:
     def sample_variable(self, index: int) -> Expr:
         """Return the symbol of an angle, rate or acceleration of an input, or of the time.
 
-        `index` is that in `sample_symbols`.
+        `index` is the position in `sample_symbols`.
         """
         return self.sample_symbols[index]
 
@@ -504,10 +504,10 @@ class DesignExpressions:
     def relative_loop_residual(self) -> Expr:
         """Return the residual of the loop equations at the computed rates.
 
-        If equations repeat each other, the rates are computed from equations that are
-        independent at one configuration. At another configuration they can depend on each
-        other, and the computed rates do not satisfy the remaining equations. The residual
-        shows this. It is zero up to rounding otherwise.
+        If equations are redundant, the rates are computed from some that are independent at
+        one configuration. At another configuration these can depend on each other. The
+        computed rates then do not satisfy the remaining equations, which the residual
+        shows. Otherwise the residual is zero up to rounding.
 
         Returns
         -------

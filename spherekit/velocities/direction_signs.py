@@ -61,10 +61,11 @@ class SignContinuation:
     Attributes
     ----------
     last
-        The keys are three numbers: that of the assembly mode, and the two links of a pole.
-        The values are eight numbers of the last sample, and the sign of the direction
-        there. The eight numbers (`VelocityPath`) are the input, the sense in which it
-        moves, the relative angular velocity of the links (3) and its derivative (3).
+        The keys are three numbers: the number of the assembly mode, and the numbers of the
+        two links of a pole. The values are eight numbers of the last sample, and the sign
+        of the direction there. The eight numbers (`VelocityPath`) are the input, the sense
+        in which it moves, the relative angular velocity of the links (3) and its derivative
+        (3).
     first_axis_sums
         By the number of the assembly mode, the sum (3,) of the axes and contact points of
         all pairs at the first sample of the mode. There, directions of poles are chosen
@@ -221,8 +222,8 @@ def signs_by_first_axis_sums(
     has_configuration
         (modes, samples) which rows have a configuration.
     sign_continuation
-        The vectors of modes that have rows in earlier blocks. Those of other modes are
-        added in place.
+        The vectors of modes that have rows in earlier blocks. The vectors of other modes
+        are added in place.
     """
     axis_sums = np.zeros((len(motion.assembly_modes), 3))
     # A motion can also be a selection of rows. It still lists all modes, but

@@ -393,8 +393,8 @@ def pair_angle(
 ) -> Expr:
     """Return the variable (rad, in (-pi, pi]) of an R pair between placed links.
 
-    It is the angle from the zero direction of the pair in its first link to that in its
-    second link, about the axis.
+    It is the angle about the axis, from the zero direction of the pair in its first link to
+    the zero direction in its second link.
 
     Parameters
     ----------

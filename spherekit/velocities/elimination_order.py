@@ -39,9 +39,10 @@ FILL_COST = 4
 """Cost, in products, of an entry of the Jacobian that is zero before a pivot and not after
 it. Such an entry needs further products in later steps."""
 MAX_AMPLIFICATION = 100.0
-"""Largest norm of the inverse that an elimination order gives, relative to that of the
-smallest left inverse, if the order is well conditioned. Larger: rows lose more digits and
-need quad precision. Smaller: more orders are needed, each with expressions of its own."""
+"""Largest norm of the inverse that a well-conditioned elimination order gives, relative to
+the norm of the smallest left inverse. Larger: rows lose more digits and need quad
+precision. Smaller: more orders are needed, each with expressions of its own.
+"""
 MAX_LEFT_INVERSE_ERROR = 1e-6
 """Largest component of B A - 1 for an inverse B that an elimination order gives for the
 equations A. Beyond it a pivot was only rounding, and B is no inverse, whatever its size.
@@ -62,7 +63,7 @@ def assign_elimination_orders(
     which loop, one loop after another. It is well conditioned at a configuration if the
     inverse that it leads to is not much larger than the smallest left inverse. The first
     order is chosen for all configurations whose equations are regular. Each further order
-    is chosen for those at which no order so far is well conditioned.
+    is chosen for the configurations at which no order so far is well conditioned.
 
     Parameters
     ----------

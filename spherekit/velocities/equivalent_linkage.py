@@ -83,7 +83,7 @@ class EquivalentLinkage:
     def numbers(self) -> list[float]:
         """The Euler angles (rad) of all constant rotations, then the numbers of the train.
 
-        They determine the linkage among those with the same `form`.
+        They determine the linkage among all linkages with the same `form`.
         """
         rotations = np.concatenate(self.constant_rotations)
         euler_angles = euler_zyz(rotations).ravel().tolist()
@@ -129,7 +129,7 @@ class EquivalentLinkage:
         Parameters
         ----------
         symbol_by_index
-            Symbols that replace some of the `numbers`, by their index there.
+            Symbols that replace some of the `numbers`, by the index of the number.
         """
         # All numbers in order, some of them as symbols. Each rotation takes the next three
         # of them.

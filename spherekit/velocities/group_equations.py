@@ -42,11 +42,14 @@ GROUND_DIRECTIONS = constants(np.eye(3))
 """Directions (3, 3) of the equations of a loop without private variables."""
 
 WITHOUT_PRIVATE = -1
-"""Stands for the equation of a loop that is free of its private variables, where otherwise
-the number of a variable stands for the equation along the vector of this variable."""
+"""Stands for the equation of a loop that does not contain its two private variables.
+
+Private variables occur in no other loop. All other equations are components along the
+vector of a variable, and the number of this variable stands for them.
+"""
 
 MIN_INDEPENDENCE = 1e-6
-"""Smallest part of an equation of unit size that is no combination of other equations.
+"""Smallest part of an equation of unit size that no other equations determine.
 
 Smaller parts count as rounding errors. Larger: mechanisms whose equations are nearly
 dependent are refused. Smaller: equations that repeat each other can be chosen together.
@@ -251,8 +254,9 @@ class GroupEquations:
     def has_independent_equations(self, vectors: Floats) -> bool:
         """Return whether the equations that are solved determine the rates.
 
-        If equations of the group repeat each other, some were chosen at one configuration.
-        In other assembly modes these can be dependent, where others would not be.
+        If equations of the group are redundant, independent ones were chosen at one
+        configuration. In other assembly modes the chosen equations can depend on each
+        other.
 
         Parameters
         ----------

@@ -41,7 +41,11 @@ recomputed in quad precision, where bounds are measured instead of estimated by 
 """
 
 MAX_CERTIFIED_DW_ERROR = 1e-8
-"""The same for the derivatives dw, relative to those of all links together, or to 1."""
+"""Largest error bound of dw in such a row.
+
+It is relative to dw of all links together, or to 1. dw are the derivatives of the angular
+velocities of links with respect to the input.
+"""
 
 FIELD_PARTS = (*(x.name for x in POLE_QUANTITIES), *POLE_ERRORS, "w", "dw")
 """Fields of a `PoleField` that are columns."""
@@ -414,10 +418,10 @@ class InputColumns:
     ) -> Floats:
         """Return the relative angular velocities v of the two links of poles.
 
-        A pole is the axis about which its second link turns relative to its first, so v is
-        the angular velocity w of the second link minus that of the first, per unit rate of
-        the moving input. Poles that are the axis of a pair are left out. Their direction
-        is that of the pair, which is known without v.
+        A pole is the axis about which its second link turns relative to its first. v is
+        therefore the angular velocity w of the second link minus the angular velocity of
+        the first, per unit rate of the moving input. Poles that are the axis of a pair are left
+        out. Their direction is that of the pair, which is known without v.
 
         Parameters
         ----------

@@ -162,8 +162,8 @@ class KinematicStructure:
     def has_independent_equations(self, values: Floats) -> bool:
         """Return whether the velocity equations that are solved determine the rates.
 
-        If equations repeat each other, independent ones were chosen at one configuration.
-        In another assembly mode these can be dependent.
+        If equations are redundant, independent ones were chosen at one configuration. In
+        another assembly mode the chosen equations can depend on each other.
 
         Parameters
         ----------

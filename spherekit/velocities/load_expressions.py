@@ -162,7 +162,8 @@ def steep_arguments(load: Load, load_state: LoadState) -> list[Expr]:
 
     An example is the argument of a hyperbolic tangent that smooths friction. An integrator
     compares its steps with the loads at zeros and extrema of these arguments. Arguments of
-    functions with kinks or jumps are left out, because integration steps end there anyway.
+    functions with kinks or jumps are left out, because integration steps end at kinks and
+    jumps anyway.
     """
     arguments: list[Expr] = []
     for component in load.components(load_state.mechanism):
@@ -182,7 +183,8 @@ def _ground_moment(
     orientation
         Orientation of the link.
     axes
-        Axes along which `components` are given: "ground", otherwise those of the link.
+        Axes along which `components` are given: ground axes for "ground", otherwise link
+        axes.
     arm
         (3,) the point of the link, in link axes, at which a force acts (m). None for a
         moment.

@@ -1,8 +1,8 @@
 """The inverse of the loop equations as expressions, by block elimination.
 
 The pivots are three variables of a loop at a time. The inverse of their three axes consists
-of vector products, which do not depend on the choice of the ground axes. If equations of a
-loop repeat others, the loop gives a pivot of two variables, or of one.
+of vector products, which do not depend on the choice of the ground axes. If some equations
+of a loop follow from others, the loop gives a pivot of two variables, or of one.
 `elimination_order.py` chooses the pivots and their order.
 """
 

@@ -125,9 +125,9 @@ def evaluate_unsigned(
         As for `evaluate`.
     order
         The order in which variables are eliminated from the velocity equations, for all
-        rows. By default an order is chosen that is regular at as many rows as possible,
-        which means that it does not nearly divide by zero there. The remaining rows are
-        then computed with orders that suit them.
+        rows. By default an order is chosen that is regular at as many rows as possible: in
+        these rows it never divides by nearly zero. The remaining rows are then computed
+        with orders that suit them.
     """
     links = range(len(motion.mechanism.links))
     # All links are computed. Their largest rate is the scale of relative errors.
@@ -182,9 +182,9 @@ class _PoleColumns:
     Attributes
     ----------
     quantities
-        (components, n) of each of the `POLE_QUANTITIES` by name.
+        Values (components, n) of each of the `POLE_QUANTITIES`, by its name.
     errors
-        (n,) of each of the `POLE_ERRORS` by name.
+        Values (n,) of each of the `POLE_ERRORS`, by its name.
     """
 
     quantities: dict[str, Floats]
@@ -280,7 +280,7 @@ def _take_planned_direction(
     rows: Bools,
     is_open: Bools,
 ) -> None:
-    """Replace the direction of a pole by that of the plan, in place.
+    """Replace the direction of a pole by the direction that the plan gives, in place.
 
     A pole is the axis about which two links turn relative to each other. The plan finds
     poles one after another, as intersections of great circles. The coefficients, which are

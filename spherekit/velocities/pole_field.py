@@ -165,8 +165,8 @@ class PoleField(ArrayRows):
     acceleration_coefficient
         (n,) derivative of the velocity coefficient (1/rad).
     conditioning
-        (n,) for each pole |w_j - w_i| / (|w_i| + |w_j|). Digits cancel in the pole if it is
-        small. It is 1 for the axis of a pair.
+        (n,) for each pole |w_j - w_i| / (|w_i| + |w_j|). If this number is small, digits
+        cancel in the pole. It is 1 for the axis of a pair.
     direction_error
         (n,) bound of the error of the direction (rad).
     velocity_coefficient_error, acceleration_coefficient_error
@@ -179,8 +179,8 @@ class PoleField(ArrayRows):
     status
         (n,) status of the motion, and AT_SINGULARITY if the rates are not finite.
     pole_status
-        (n,) for each pole the same, and NO_POLE or ILL_CONDITIONED if only this pole is not
-        determined.
+        (n,) status of each pole: NO_POLE or ILL_CONDITIONED if only this pole is not
+        determined, otherwise the `status` of the row.
     is_quad_precision
         (n,) rows that were computed a second time, in quad precision. On the route
         "equations" all rows are counted as such.
@@ -194,7 +194,7 @@ class PoleField(ArrayRows):
     direction_dq
         (n, 3) derivative of each direction (1/rad).
     direction_dq_error
-        (n,) bound of its error.
+        (n,) bound of the error of this derivative.
     """
 
     direction: MutableMapping[Pole, Floats] = field(default_factory=dict)

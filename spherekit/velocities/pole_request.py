@@ -76,7 +76,7 @@ class MechanismKey:
 
 @lru_cache
 def _plan_all_poles(mechanism_key: MechanismKey, input_pair: str, by_rank: bool) -> Plan:
-    """Return the plan of all poles; the arguments are those of `request`."""
+    """Return the plan of all poles. The function `request` describes the arguments."""
     return plan(mechanism_key.mechanism, None, input_pair, by_rank)
 
 

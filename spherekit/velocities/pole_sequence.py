@@ -265,9 +265,9 @@ class PlannedPoles:
         w
             (3, n) angular velocity of each body relative to the ground, in ground axes.
         error
-            (n,) bound of the relative error of w. For a body k it is the sum of the error
-            bounds of u_ak and u_bk, divided by the sine of the angle between these axes.
-            The largest one of all bodies is taken. It is `MAX_DIRECTION_ERROR_RAD` where
+            (n,) bound of the relative error of w, the largest one of all bodies. For a body
+            k it is the sum of the error bounds of u_ak and u_bk, divided by the sine of the
+            angle between these axes. It is `MAX_DIRECTION_ERROR_RAD` in rows in which
             nothing is known.
         """
         a, b = self.plan.ends[self.plan.input]

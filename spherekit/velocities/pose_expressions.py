@@ -1,4 +1,4 @@
-"""Orientations of links as expressions of the pair variables."""
+"""Orientations of links as symbolic expressions of the pair variables."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

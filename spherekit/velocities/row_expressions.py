@@ -1,4 +1,4 @@
-"""Expressions of a row that do not depend on which input moves, with error bounds.
+"""Expressions of a configuration that do not depend on which input moves, and error bounds.
 
 A configuration closes its loops only up to their closure residual and the rounding of the
 sizes of the mechanism. Because a loop stays open by a small rotation, links are turned,
@@ -289,9 +289,9 @@ def curvature_uncertainties(rows: RowExpressions) -> list[Expr]:
 
     Profiles of equal curvature fit into each other, and do not determine their relative
     motion. The number is 2 `EQUAL_CURVATURE` / (k1 - k2), with the curvatures k1 and k2 of
-    the first and the second profile. So it exceeds 1 if their difference is below
-    2 `EQUAL_CURVATURE`. A row is undetermined only below `EQUAL_CURVATURE`. The factor 2
-    keeps rows near this limit from being certified, that is, accepted without another
+    the first and the second profile. So it exceeds 1 if their difference is below 2
+    `EQUAL_CURVATURE`. A row is undetermined only below `EQUAL_CURVATURE`. Because of the
+    factor 2, rows near this limit are not certified, that is, not accepted without another
     computation. The number is NaN if k2 exceeds k1: the profiles then overlap.
 
     Contacts of two circles are left out, because their curvatures do not change.

@@ -40,7 +40,7 @@ singular configurations, with looser bounds.
 """
 
 REFERENCES = 32
-"""Most configurations from which the elimination order is chosen.
+"""Largest number of configurations from which the elimination order is chosen.
 
 Larger: the order suits more rows, and takes longer to find.
 """
@@ -48,18 +48,18 @@ Larger: the order suits more rows, and takes longer to find.
 MAX_REFERENCE_ERROR_RAD = 1e-6
 """Largest error of a configuration from which the elimination order is chosen.
 
-If there are none, any configuration is taken. Larger: the order can suit configurations
-that are nearly singular. Smaller: fewer configurations contribute.
+If all configurations have larger errors, any of them is taken. Larger: the order can suit
+configurations that are nearly singular. Smaller: fewer configurations contribute.
 """
 
 MAX_NEWTON_STEPS = 8
-"""Most steps of Newton's method that close the loops of a single row."""
+"""Largest number of steps of Newton's method that close the loops of a single row."""
 
 MAX_KANTOROVICH_NUMBER = 0.5
 """Largest number in Kantorovich's theorem for which exactly one solution is near."""
 
 KernelEngine = Literal["numpy", "compiled"]
-"""What evaluates the functions of a kernel: NumPy, or heyoka."""
+"""What evaluates the functions of a kernel: NumPy, or functions compiled by heyoka."""
 
 
 class ColumnFunction:
@@ -520,8 +520,8 @@ def choose_order(motion: Motion) -> EliminationOrder | None:
 
     The order says which variables are eliminated from the equations of which loop, one loop
     after another. It is regular at a row if no step divides by nearly zero. If equations of
-    some loops repeat those of others, there may be no order that is regular in all assembly
-    modes (ways to assemble the links).
+    loops are redundant, there may be no order that is regular in all assembly modes (ways
+    to assemble the links).
 
     Returns
     -------

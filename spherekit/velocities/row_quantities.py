@@ -56,13 +56,13 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
       ``pole_LINK_OTHER_x``: the coefficients, and the unit vector that gives the relative
       angular velocity when multiplied by the velocity coefficient. It is NaN if the links
       rest relative to each other.
-    - ``direction_OUTPUT_x``: for outputs that point, in the axes of the link from which the
-      output is seen.
+    - ``direction_OUTPUT_x``: for outputs that are directions, in the axes of the reference
+      link of the output.
     - ``condition_number_OUTPUT``: with several inputs, that of the Jacobian of the output's
-      rotation by the inputs. With two inputs, an output that points has the Jacobian of its
-      direction instead.
+      rotation by the inputs. With two inputs, an output that is a direction has the
+      Jacobian of this direction instead.
     - ``jacobian_determinant_OUTPUT``: the determinant of this Jacobian. It exists if there
-      are three inputs, or two inputs and an output that points.
+      are three inputs, or two inputs and an output that is a direction.
     - ``determinant``: 0 if the inputs do not determine the rates of all variables.
 
     With masses:

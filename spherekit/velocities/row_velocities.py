@@ -2,8 +2,8 @@
 
 1. A kernel evaluates all rows in float64. Bounds by norms certify most of them.
 2. The other rows are computed again in quad precision, and their errors are measured.
-3. Rows so near to a singularity that the rounded sizes determine no digit of the rates are
-   computed from the decimal sizes of the file.
+3. Very near a singularity, sizes rounded to float64 determine no digit of the rates. Such
+   rows are computed from the decimal sizes of the file.
 
 Symbols: w are the angular velocities of links per unit rate of the moving input, dw their
 derivatives with respect to this input. v and dv are the differences of these for the two
@@ -59,8 +59,11 @@ from spherekit.velocities.row_kernel import (
 )
 
 SECOND_ORDER_FACTOR = 4.0
-"""Bound of the terms of second order in an error, relative to those of first order and to
-the number in Kantorovich's theorem, which measures how strongly the loops are curved."""
+"""Factor in the bound of the terms of second order in an error.
+
+The bound is this factor times the terms of first order, times the number in Kantorovich's
+theorem. The number measures how strongly the loops are curved.
+"""
 
 COMPONENT_COUNTS = SIGNED_COMPONENTS | {"w": 3, "dw": 3}
 """Number of components of the quantities of a row. Other quantities have one."""
@@ -100,9 +103,10 @@ class RowVelocities:
         (3, n) by link, angular velocities that the plan of the poles gives. Empty if the
         velocity equations give them.
     reordered
-        Elimination orders with the rows (k,) that they suit better than that of the kernel.
-        The velocity equations are regular at these rows, but the kernel's elimination meets
-        a pivot that is nearly zero. The rows are not computed here.
+        Further elimination orders, each with the rows (k,) that it suits better than the
+        order of the kernel. The velocity equations are regular at these rows, but the
+        elimination in the kernel meets a pivot that is nearly zero. These rows are not
+        computed here.
     """
 
     def __init__(
@@ -122,7 +126,8 @@ class RowVelocities:
             What evaluates the expressions.
         order
             The order in which variables are eliminated. By default an order is chosen that
-            is regular at as many rows as possible. Only then other rows can be `reordered`.
+            is regular at as many rows as possible, and `reordered` can have further orders
+            for the other rows.
         """
         self.motion = motion
         self.request = request
@@ -274,9 +279,9 @@ class RowVelocities:
         links do not move relative to each other.
 
         The direction is the unit vector u along the relative angular velocity v of the
-        links. With the derivative dv of v with respect to the input, that of u is
+        links. With the derivative dv of v with respect to the input, the derivative of u is
 
-            du = (dv - (dv . u) u) / norm(v).
+        du = (dv - (dv . u) u) / norm(v).
         """
         is_certified = self._bound("condition_number") <= 1.0 / MIN_RECIPROCAL_CONDITION
         # The curvature uncertainty exceeds 1 if the two profiles of a contact have nearly
@@ -320,11 +325,11 @@ class RowVelocities:
     def _find_reordered_rows(
         self, condition_numbers: Floats
     ) -> list[tuple[EliminationOrder, Indices]]:
-        """Return elimination orders for rows at which that of the kernel is not regular.
+        """Return elimination orders for rows at which the kernel's order is not regular.
 
         An elimination order says which variables are eliminated from which loop of the
-        velocity equations, one after another. It is not regular at a row if the equations
-        are, but a pivot of the elimination is nearly zero.
+        velocity equations, one after another. At some rows an order may not be regular
+        although the equations are: a pivot of the elimination is nearly zero.
 
         Parameters
         ----------

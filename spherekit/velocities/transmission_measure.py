@@ -7,8 +7,8 @@ if all pairs are locked:
 
     transmission^2 = rho min (sum of |m_e|^2)   over all rates that turn the output by 1.
 
-rho is the resistance between the output link and the link it is seen from, in the graph
-whose edges are the pairs with unit resistances.
+The number rho belongs to an electric network in which each link is a node and each pair is
+a resistance of 1. It is the resistance between the output link and its reference link.
 
 - The transmission is 0 exactly at singularities of type II: the output can move while the
   inputs rest, because its Jacobian is singular or because loops lose their rank.
@@ -16,9 +16,10 @@ whose edges are the pairs with unit resistances.
   output more than in this case.
 - It does not depend on the choice of loops, ground, frame, or units of the variables.
 
-It is computed as follows. Misfits that go around no loop move the output alone. The others
-are J x, for the rates x of the passive pairs and the loop equations J on an orthonormal
-basis of the cycles of the graph. With A x the part of x on the path to the output,
+It is computed as follows. Misfits that go around no loop only move the output. All other
+misfits are J x, where x are the rates of the passive pairs, and J are the loop equations on
+an orthonormal basis of the cycles of the graph. If A x is the part of x on the path to the
+output, then
 
     transmission^-2 = 1 + |A J^+|^2 / rho.
 """
@@ -114,7 +115,7 @@ class Transmission:
         return self.measure(linearisation.vectors, directions)
 
     def output_directions(self, rotations: Floats) -> Floats | None:
-        """Return the directions (n, 3) of an output that points, otherwise None.
+        """Return the directions (n, 3) of the output; None if its whole orientation counts.
 
         Parameters
         ----------
@@ -151,7 +152,7 @@ class Transmission:
             velocity of the second link of a pair relative to the first, per unit rate of
             the variable. Their lengths do not matter, because they are scaled to 1.
         directions
-            (n, 3) unit vectors of an output that points, in the same frame.
+            (n, 3) unit vectors of an output that is a direction, in the same frame.
         """
         transmission = nans(len(vectors))
         is_finite = all_finite(vectors, (1, 2))
