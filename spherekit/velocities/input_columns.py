@@ -420,8 +420,8 @@ class InputColumns:
 
         A pole is the axis about which its second link turns relative to its first. v is
         therefore the angular velocity w of the second link minus the angular velocity of
-        the first, per unit rate of the moving input. Poles that are the axis of a pair are left
-        out. Their direction is that of the pair, which is known without v.
+        the first, per unit rate of the moving input. Poles that are the axis of a pair are
+        left out. Their direction is that of the pair, which is known without v.
 
         Parameters
         ----------
