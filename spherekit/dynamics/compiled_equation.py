@@ -162,7 +162,7 @@ def compile_equation(
     coordinates: Sequence[str] = (),
     values: Floats | None = None,
 ) -> tuple[CompiledEquation, bool]:
-    """Return the equation of motion of a mechanism, and whether it was in the cache.
+    """Return the compiled equation of motion, and whether it had been compiled before.
 
     Parameters
     ----------

@@ -335,7 +335,7 @@ class EquationOfMotion:
         return motion.with_senses(np.where(cosines < 0.0, -1.0, 1.0))
 
     def project_once(self, values: Floats) -> tuple[Floats, float]:
-        """Return a configuration (variables,) after one Newton step to a closed one.
+        """Return a configuration (variables,) after one Newton step that closes its loops.
 
         The second value is the closure residual before the step, rad.
         """

@@ -135,7 +135,7 @@ class Loads:
     def unit_wrenches(
         self, component: LoadComponent, rotations: Floats
     ) -> Iterator[UnitWrench]:
-        """Yield the forces and moments on links of a component of magnitude 1.
+        """Yield the forces and moments on links by a load component of magnitude 1.
 
         Moments are about the centre of the sphere. Forces and moments are in ground axes:
         (n, 3) if they turn with a link, or (3,) if they are the same in all n rows. A

@@ -284,9 +284,10 @@ class InverseSolution(InputMotion):
         return only_column(np.moveaxis(self.rates, 1, 2))
 
     def torque_at(self, pair: str) -> Floats:
-        """Return the torque (n,) in N m at another R pair with the same effect.
+        """Return the torque (n,), N m, at another R pair that replaces the driving torque.
 
-        It is not finite at dead centres of that pair, where no torque has this effect.
+        It has the same effect on the motion. It is not finite at dead centres of this pair,
+        where no torque at the pair has this effect.
         """
         (variable,) = self.mechanism.variables_of(self.mechanism.pair_number[pair])
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -518,7 +519,7 @@ def balancing(
     timing
         Times, rates and accelerations of the inputs.
     coordinates
-        The motion by the inputs.
+        The configurations at n rows, and their derivatives by the inputs.
     rate_status
         (n,) status of the rates.
     locked

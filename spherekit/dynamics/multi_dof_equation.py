@@ -63,8 +63,8 @@ def derive_multi_dof_equation(
     mechanism
         The mechanism with the pairs of the coordinates as its inputs.
     values
-        (variables,) a closed configuration, rad. Where closure equations are redundant,
-        independent ones are chosen there.
+        (variables,) a closed configuration, rad. If closure equations are redundant, those
+        that are independent in this configuration are used.
     input_variables
         Numbers of the variables of the inputs that the user chose, for the event "type_2".
     """

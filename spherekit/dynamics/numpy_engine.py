@@ -128,10 +128,12 @@ NOISY_STEP_FRACTION = 1e-4
 """Length of a step, relative to the whole time, below which a noisy step is short."""
 
 ERROR_DIVISOR = 4 * NODE_COUNT - 2
-"""Divisor in the error of a step: its length times its last coefficients, over this.
+"""The error of a step is the length of the step times its last coefficients, divided by
+this number.
 
-The integral of the Legendre polynomial of order k is the difference of two others over
-2 k + 1. The last coefficient has k = N - 1, and a step has half its length for each unit.
+The integral of the Legendre polynomial of order k is the difference of two others, divided
+by 2 k + 1. The last coefficient has k = N - 1. The interval [-1, 1] of the polynomials has
+the length 2, so the integral over a step has the additional factor length / 2.
 """
 
 MAX_PROBE_ERROR_RATIO = 1.0
@@ -454,10 +456,10 @@ class Collocation:
     def _choose_first_length(self) -> float:
         """Return the length (s) of the first step, from speed and acceleration.
 
-        It is chosen so that the mechanism moves along about `FIRST_STEP_ARC` in the step,
-        and is at most 1 s: the smallest of FIRST_STEP_ARC / speed,
-        sqrt(FIRST_STEP_ARC / acceleration) and 1. It is not longer than the simulation, nor
-        shorter than the part `MIN_STEP_FRACTION` of it, the least that a step may have.
+        The length is chosen so that the mechanism moves by about `FIRST_STEP_ARC` in the
+        step. It is the smallest of FIRST_STEP_ARC / speed,
+        sqrt(FIRST_STEP_ARC / acceleration) and 1 s. It is at most the duration of the
+        simulation, and at least `MIN_STEP_FRACTION` times this duration.
         """
         until = self.problem.until
         dynamics = self._evaluate_dynamics(np.zeros(1), self.start_state[None])
@@ -977,16 +979,16 @@ class StepAttempt:
 
 
 def _length_factor(error: float, iterations: int) -> float:
-    """Return the ratio of the length of the next step to that of a step with this error.
+    """Return the length of the next step, relative to the length of the present step.
 
     Parameters
     ----------
     error
-        Error of the step relative to the tolerance. It is proportional to the N-th power of
-        the length, with the number N of nodes (times in the step at which the equation of
-        motion is satisfied).
+        Error of the present step relative to the tolerance. It is proportional to the N-th
+        power of the length, with the number N of nodes (times in the step at which the
+        equation of motion is satisfied).
     iterations
-        Number of iterations by which the equations of the step were solved.
+        Number of iterations by which the equations of the present step were solved.
     """
     if not np.isfinite(error):
         return MIN_STEP_SHRINKAGE

@@ -39,11 +39,11 @@ from spherekit.tolerances import MAX_ROW_PULL
 class Reactions(JointReactions):
     """The moments and forces that every pair transmits, at n rows of a motion.
 
-    Components are along the pair axes, the columns of `frames`. For an R pair these are
-    fixed in its second link, and z is its axis; the moment about z is the torque of loads
-    and drives. For a contact, x is the tangent, y the normal on the side of the first body,
-    and z points from the centre O to the contact. Failed rows, and components that
-    redundant constraints leave undetermined, are NaN.
+    Components are along the pair axes, the columns of `frames`. The axes of an R pair are
+    fixed in its second link, and z is the axis of the pair. The moment about z is the
+    torque of loads and drives. At a contact, x is the tangent, y the normal on the side of
+    the first body, and z points from the centre O to the contact. Failed rows, and
+    components that redundant constraints leave undetermined, are NaN.
 
     Attributes
     ----------

@@ -152,7 +152,7 @@ class StoredModel:
         return self._restore_shape(torque_rows.T, arrays.shape)
 
     def forces(self, x: ArrayLike, dx: ArrayLike, t: ArrayLike = 0.0) -> dict[str, Floats]:
-        """Return the generalised forces Q (N m) of each load by its name.
+        """Return the generalised forces Q (N m) of each load, by the name of the load.
 
         Parameters
         ----------
@@ -163,7 +163,8 @@ class StoredModel:
 
         Returns
         -------
-        For each load an array of the shape of `x`, the forces by each coordinate.
+        For each load an array with the shape of `x`. Over a box, the last axis is the
+        coordinate to which a force belongs.
         """
         # The expressions of the forces have the accelerations as arguments, too, because
         # they share their arguments with the torques. Forces do not depend on them, so any

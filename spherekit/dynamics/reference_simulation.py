@@ -89,9 +89,11 @@ def refined(
     simulation
         A simulation in float64 with the smallest tolerance, from which the iteration in
         many digits starts.
-    start, until
-        Start and end time (s) of this simulation. Angle and rate of the input at the start
+    start
+        Angle (rad) and rate (rad/s) of the input at the start of this simulation. They
         count as exact numbers.
+    until
+        Time (s) at which the reference ends.
     arithmetic
         As in `reference_simulation`.
 

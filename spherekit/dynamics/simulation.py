@@ -39,7 +39,7 @@ A simulation with a larger error misses its tolerance. The momentum error of an 
 step is an error of dp/dt times the length of the step. It may exceed the tolerance: the
 NumPy engine divides such an error by 94 (`numpy_engine.ERROR_DIVISOR`) to estimate the
 error of a step. Larger: missed tolerances are not reported. Smaller: accurate simulations
-are.
+are reported as inaccurate.
 """
 
 BALANCE_FRACTIONS = (0.03, 0.35, 0.7)

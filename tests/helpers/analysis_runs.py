@@ -27,7 +27,7 @@ def run_single_analysis(analysis, mechanism, **parameters):
 
 
 def evaluate_poles_of_motion(mechanism, samples=361, search=True, wanted=None):
-    """Return the motion over the range of the first input, and its pole field.
+    """Return the motion over the range of the first input, and the poles of this motion.
 
     Parameters
     ----------
