@@ -510,10 +510,10 @@ class SensitivityAnalysis(AbstractAnalysis):
     def _zero_spread(self) -> float:
         """The spread up to which a quantity does not depend on the sizes.
 
-        It is proportional to the largest deviation, because rounding is. `deviation` can be
-        zero if single numbers have deviations of their own. The unit of their file is not
-        known here, so numbers without a unit are taken as degrees. This limit is far below
-        any spread of interest, with either unit.
+        It is proportional to the largest deviation, because rounding errors are, too.
+        `deviation` can be zero if single numbers have deviations of their own. The unit of
+        their file is not known here, so numbers without a unit are taken as degrees. This
+        limit is far below any spread of interest, with either unit.
         """
         single_deviations = [
             read_quantity(text, ANGLE, "deg", "deg", is_limited=False)

@@ -346,7 +346,8 @@ def _convert_rows(
     rows
         (n, k) numbers, angles in rad.
     locations, where
-        Position of each row in its source, and the source, for error messages.
+        For error messages: the position of each row in its source, and the name of the
+        source.
 
     Returns
     -------

@@ -186,7 +186,10 @@ class SeveralInputs:
 
     @cached_property
     def slice_count(self) -> int:
-        """The number of values of each input for slices, 0 for random starts."""
+        """The number of values of each input for slices, 0 for random starts.
+
+        A slice is the set of configurations in which all inputs but one are locked.
+        """
         if self.slices is not None:
             return self.slices
         has_two_inputs = len(self.batch.moving_inputs) == 2
@@ -871,7 +874,8 @@ def _output_directions(points: SingularPoints) -> Floats:
 def _certainty_columns(claim: Completeness) -> Columns:
     """Return the columns on the certainty of the points of a locus.
 
-    `claim` says how complete the search for the locus was.
+    A locus has all singular configurations of one kind. `claim` says how complete the
+    search for it was.
     """
     return {"double": "no", "certain": "yes", "guarantee": claim.guarantee.value}
 

@@ -449,7 +449,8 @@ class Sensitivity:
     def _kernel_variables(self, values: Floats) -> Floats:
         """Return the variables (n, w) of the kernel for those (n, v) of the mechanism.
 
-        They differ if contacts are replaced by links.
+        The kernel is the function that evaluates the quantities. Its variables differ from
+        those of the mechanism if contacts are replaced by links.
         """
         linkage = self._varied_mechanism.equivalent_linkage
         return values if linkage is None else linkage.values(values)

@@ -164,11 +164,12 @@ class ExploredDesigns:
 def synthesize_dimensions(specification: Specification, starts: int = 12) -> Synthesis:
     """Find the best designs: a sweep, then descents from its best rows.
 
-    With several objectives an evolution (NSGA-II, Deb and others 2002, by pymoo) improves
-    the front between sweep and descents, and afterwards each point of the front is
-    challenged from other starts. Descents follow exact gradients: SciPy's SLSQP, and
-    cutting planes where objectives have kinks. Each descent keeps its assembly mode and the
-    inputs at which this mode closes.
+    With several objectives the best designs are a front: no other design is better in all
+    objectives. Before the descents, an evolution (NSGA-II, Deb and others 2002, by pymoo)
+    improves this front. After them, descents from other starts try to find a better design
+    for each point of the front. Descents follow exact gradients: SciPy's SLSQP, and cutting
+    planes where objectives have kinks. Each descent keeps its assembly mode and the inputs
+    at which this mode closes.
 
     Parameters
     ----------

@@ -1,7 +1,8 @@
 """A mechanism in which numbers of its file vary: the sizes that kernels need of a design.
 
-Kernels take arcs, angles and axes of R pairs directly. Numbers of masses and loads, and of
-contacts of circles, are computed from the file of each design, with the checks of the file.
+Kernels are functions that evaluate many designs at once. They take arcs, angles and axes of
+R pairs directly. Numbers of masses and loads, and of contacts of circles, are computed from
+the file of each design, with the checks of the file.
 """
 
 from contextlib import suppress
@@ -196,7 +197,8 @@ class DesignPoint:
 class VariedMechanism:
     """All designs of a mechanism file, in which some numbers vary.
 
-    The *sizes* of a kernel are, in this order:
+    A kernel is a function that evaluates many designs at once. Its *sizes* are the
+    arguments that depend on the design, in this order:
 
     1. the variables that are sizes of R pairs, unless contacts are replaced,
     2. numbers that are read from the file of each design and follow the variables: angles
@@ -216,7 +218,8 @@ class VariedMechanism:
         The mechanism with links instead of contacts of circles. If given, all numbers of
         designs are read from their files.
     masses_follow_sizes
-        Whether masses are stated by sizes of links, so that they follow these.
+        Whether the file states masses by sizes of links, so that masses change with these
+        sizes.
     wheel_gap_rad
         Largest distance (rad) of wheels that still roll on each other.
     """

@@ -53,7 +53,8 @@ class DyadKinematics(ClosedKinematics):
         An output is a link as it is seen from another one. The inverse kinematics joins
         these two links by a virtual chain of two links and three R pairs, which holds the
         output in its pose. A dyad of the mechanism can end at a pair of this chain, which
-        users do not know.
+        users do not know. The leg then has the name of a real pair with the same axis, if
+        there is one.
 
         Parameters
         ----------
@@ -307,9 +308,9 @@ class _GearedMode:
 
         The angle of an entry pair is known up to whole revolutions. With wheels, a
         revolution of it changes the inputs by an angle that is no whole revolution, while
-        the pose remains the same. Of these inputs, those with the smallest sum of absolute
-        values are returned. The angle of each entry pair is first reduced to (-pi, pi]. One
-        revolution less, none, and one more are tried.
+        the pose remains the same. The inputs with the smallest sum of absolute values are
+        returned. The angle of each entry pair is first reduced to (-pi, pi]. One revolution
+        less, none, and one more are tried.
         """
         kinematics = self.kinematics
         # `wheelless_number` is the number of a pair in the mechanism without wheels, by its

@@ -759,7 +759,7 @@ class InverseKinematics:
 def _close_mode(
     closing_link: DyadsWithClosingLink, directions: Floats, near: Floats, signs: Signs
 ) -> WorkingMode:
-    """Return one working mode of a pointing output, with the search of its turn.
+    """Return one working mode of a pointing output, whose turn is searched.
 
     The output link points in a given direction and can turn about it. All other links but
     one are dyads that follow. The remaining one, the closing link, joins two of them. The

@@ -175,8 +175,9 @@ class NearestPoseSearch:
     Attributes
     ----------
     margins
-        Function that returns the margins of poses. It is smooth across the border of the
-        workspace, if it has a value there.
+        Function that returns the margins of poses: one for each limit of the mechanism,
+        negative beyond the limit. It is smooth across the border of the workspace, if it
+        has a value beyond the border.
     is_inside
         Function that takes poses (n, 3 or 4) and returns which are reachable (n,). It is
         the exact test of the result, whereas `margins` guides the search.
@@ -335,6 +336,8 @@ class NearestPoseSearch:
     ) -> tuple[Floats, Floats]:
         """Compute margins and their gradients by central differences.
 
+        A margin is how much is left to one limit of the mechanism, negative beyond it.
+
         Parameters
         ----------
         chart
@@ -368,7 +371,10 @@ class NearestPoseSearch:
         return centre[:, 0], np.swapaxes(np.nan_to_num(gradients), 1, 2)
 
     def _evaluate_margins(self, chart: NormalCoordinates, v: Floats) -> Floats:
-        """Return the margins (k, m, bounds) at coordinates v (k, m, d)."""
+        """Return the margins (k, m, bounds) at coordinates v (k, m, d).
+
+        A margin is how much is left to one limit of the mechanism, negative beyond it.
+        """
         poses = chart.poses(v).reshape(-1, chart.dimension + 1)
         with np.errstate(all="ignore"):
             values = self.margins(poses)
@@ -511,7 +517,8 @@ def _merit(v: Floats, values: Floats, penalty: Floats) -> Floats:
     """Return the merit function that the search for the nearest pose minimises.
 
     It is |v|^2 / 2, half the squared distance from the target, plus `penalty` times the sum
-    of violations of the margins (exact penalty function).
+    of the amounts by which margins are negative (exact penalty function). A margin is
+    negative beyond a limit of the mechanism.
 
     Parameters
     ----------

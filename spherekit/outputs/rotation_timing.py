@@ -313,7 +313,7 @@ def time_optimal(
         A rotation about a fixed axis that the mechanism follows all the way.
     speed, acceleration
         Limits of the inputs, in `angle_unit` per s and per s2: one for all, or one for
-        each; None for none.
+        each. None stands for no limits.
     shape
         A name in `SHAPES`, or a law from 0 at t = 0 to 1 at t = 1.
     cycle
@@ -412,7 +412,7 @@ def schedule_limits(
     inputs
         Names of the driven pairs.
     speed, acceleration
-        Limits (rad/s, rad/s2) of the inputs: one for all, or one for each; None for none.
+        Limits (rad/s, rad/s2) of the inputs: one for all, or one for each. None stands for no limits.
     shape
         Name of a law shape, or a law from 0 at t = 0 to 1 at t = 1.
     cycle

@@ -280,7 +280,10 @@ def certify_modes(
 def read_known_angles(
     decimal_mechanism: DecimalMechanism, inputs: Sequence[str]
 ) -> list[Ball]:
-    """Return the angles (rad) of inputs and followers from decimal input values."""
+    """Return the angles (rad) of inputs and followers from decimal input values.
+
+    Followers are the pairs whose angles follow from the inputs through wheels.
+    """
     input_angles = [decimal_mechanism.input_angle(text) for text in inputs]
     return decimal_mechanism.known_angles(input_angles)
 

@@ -91,7 +91,8 @@ class Chain:
     def successive_pieces(self) -> list[tuple[CertifiedArc, CertifiedArc]]:
         """Each piece together with the next one, whose centre it contains.
 
-        In a closed chain the last piece is followed by the first.
+        A piece is a box with one arc of the curve. In a closed chain the last piece is
+        followed by the first.
         """
         pieces = [*self.pieces]
         if self.closed:
@@ -213,7 +214,8 @@ def find_piece_ahead(
 def _find_next_piece(equations: ArcEquations, last: CertifiedArc) -> CertifiedArc | None:
     """Return the arc that continues a chain after its last arc, None if none is proven.
 
-    Shorter and shorter distances to the next centre are tried.
+    A chain is a configuration curve as a row of certified arcs. Shorter and shorter
+    distances to the next centre are tried.
     """
     ratio = NEXT_CENTRE_RATIO
     longest = min(LONGEST_ARC_RAD, LENGTH_GROWTH * last.half_length)

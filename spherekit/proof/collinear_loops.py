@@ -386,7 +386,10 @@ class Crossings:
         self.saddles: list[Saddle] = []
 
     def find(self, position: Floats) -> bool:
-        """Look for a saddle near a position (v,) rad, and return whether one was added."""
+        """Look for a saddle near a position (v,) rad, and return whether one was added.
+
+        A saddle is a place where configuration curves cross or narrowly miss each other.
+        """
         if len(self.saddles) >= MAX_SADDLES:
             return False
         saddle = find_saddle(
@@ -421,7 +424,8 @@ class Crossings:
     def may_contain(self, position: Floats, error: float) -> bool:
         """Return whether a saddle's box may contain a configuration within an error.
 
-        `position` (v,) and `error` are in rad.
+        A saddle is a place where configuration curves cross or nearly do. `position` (v,)
+        and `error` are in rad.
         """
         return any(saddle.may_contain(position, error) for saddle in self.saddles)
 
@@ -521,7 +525,10 @@ class Crossings:
         return False
 
     def _is_disjoint(self, box: OrientedBox) -> bool:
-        """Return whether a box has no point in common with those of all saddles."""
+        """Return whether a box has no point in common with the box of any saddle.
+
+        A saddle is a place where configuration curves cross or nearly do.
+        """
         return all(_are_disjoint(box, saddle) for saddle in self.saddles)
 
 

@@ -151,7 +151,8 @@ class CertifiedCurves:
     def input_stationary_points(self) -> list[StationaryPoints]:
         """For each chain the configurations in which the input is stationary.
 
-        These are singularities of type II, the dead centres of the input.
+        A chain is one configuration curve. The configurations are singularities of type II,
+        the dead centres of the input.
         """
         return self.locate_stationary_points(self.input_variable)
 
@@ -192,7 +193,10 @@ class CertifiedCurves:
         return self.find_constant_chains(self.input_variable)
 
     def find_constant_chains(self, variable: int) -> list[bool]:
-        """Return for each chain whether a variable is exactly constant along it."""
+        """Return for each chain whether a variable is exactly constant along it.
+
+        A chain is one configuration curve.
+        """
         with working_precision(CURVE_PRECISION_BITS):
             return [
                 self.crossings.is_constant(chain.pieces, variable) for chain in self.chains

@@ -182,7 +182,7 @@ class CurveSearch:
 
         Returns
         -------
-        Whether the number of chains or saddles has changed.
+        Whether the number of known curves (chains) or of crossings (saddles) has changed.
         """
         counts_before = len(self.chains), len(self.crossings.saddles)
         if not self.side(position[-1], OUTSIDE_RANGE_RAD):
@@ -289,13 +289,17 @@ class CurveSearch:
             )
 
     def _pieces_in_range(self, chain: Chain) -> list[CertifiedArc]:
-        """Return the arcs of a chain whose centre is in the range of the input."""
+        """Return the arcs of a chain whose centre is in the range of the input.
+
+        A chain is a configuration curve as a row of certified arcs.
+        """
         return [piece for piece in chain.pieces if not self.side(piece.centre[-1], 0.0)]
 
     def _is_known(self, position: Floats, error: float) -> bool:
         """Return whether a known arc or saddle may contain a configuration.
 
-        The configuration is at most `error` (rad) from `position` (v,) in each variable.
+        A saddle is a place where curves cross or nearly do. The configuration is at most
+        `error` (rad) from `position` (v,) in each variable.
         """
         # A negative reach also accepts positions that are outside of a box by the error.
         reach = -error - COORDINATE_ROUNDING_RAD
@@ -421,9 +425,10 @@ class CurveSearch:
         def count_on_arm(end_arm: Arm | None, arms_from_end: list[Arm | None]) -> int:
             """Return how many arcs at one end of the chain are on the arm of this end.
 
-            `end_arm` is the arm on which the chain ends there. `arms_from_end` has the arm
-            of each arc of the chain, beginning at this end. None stands for no arm. The
-            count stops at the first arc that is not on `end_arm`.
+            An arm is one of the branches of curves that leave a crossing. `end_arm` is the
+            arm on which the chain ends there. `arms_from_end` has the arm of each arc of
+            the chain, beginning at this end. None stands for no arm. The count stops at the
+            first arc that is not on `end_arm`.
             """
             on_arm = takewhile(
                 lambda arm: arm is not None and arm == end_arm, arms_from_end

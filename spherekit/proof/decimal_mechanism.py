@@ -174,7 +174,10 @@ class DecimalMechanism(DecimalGeometry):
         return [*inputs, *followers]
 
     def follower_ratios(self) -> Array:
-        """Return the rates (followers, inputs) of the followers at unit rates of inputs."""
+        """Return the rates (followers, inputs) of the followers at unit rates of inputs.
+
+        Followers are the pairs whose angles follow from the inputs through wheels.
+        """
         relations = self._mesh_relations()
         return self._solve_followers(relations, -relations[:, self.structure.inputs])
 

@@ -279,7 +279,7 @@ def _closure_status(motion: Motion, closure: LoopClosure) -> SmallIntegers:
 
     - NOT_CLOSED: the loops of the solution are open.
     - MODE_LOST: the solution may be in another assembly mode than the row. It is too far
-      from the row, or another solution may be as near.
+      from the row, or another solution may be as near to the row.
     - The row of the motion had failed. It keeps the status with the reason. A row that is
       OK but has values that are not finite is NOT_CONVERGED.
 

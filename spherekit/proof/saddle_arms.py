@@ -1,9 +1,10 @@
 """The four arms of a saddle: their directions, and the signs of rates along them.
 
-At a saddle the reduced equation g(u, v) = 0 is level + Q(u, v) / 2 = 0 up to small errors,
-with the quadratic form Q of g''. Its zeros are four arms, one in each quadrant of u and v.
-The tangent of a curve g = 0 is along (-g_v, g_u). The rates of the variables along the
-curve are the derivatives of the variables by u and v, applied to this tangent.
+At a saddle two configuration curves cross or narrowly miss each other. The reduced equation
+g(u, v) = 0 is then level + Q(u, v) / 2 = 0 up to small errors, with the quadratic form Q of
+g''. Its zeros are four arms, one in each quadrant of u and v. The tangent of a curve g = 0
+is along (-g_v, g_u). The rates of the variables along the curve are the derivatives of the
+variables by u and v, applied to this tangent.
 """
 
 from collections.abc import Mapping
@@ -75,9 +76,10 @@ class ArmErrors:
 class ArmRates:
     """Signs of the rates of the variables on the four arms, and how far the arms reach.
 
-    Arms are the four branches of curves that leave a saddle, one in each quadrant of two
-    coordinates u and v. A quadrant is a pair of signs of u and v, such as (1, -1). Rates
-    are derivatives of the variables of the mechanism along an arm.
+    A saddle is a place where two configuration curves cross or nearly do. Arms are the four
+    branches that leave it, one in each quadrant of two coordinates u and v. A quadrant is a
+    pair of signs of u and v, such as (1, -1). Rates are derivatives of the variables of the
+    mechanism along an arm.
 
     Attributes
     ----------
@@ -119,8 +121,9 @@ class DirectionRates:
 def _bound_arm_slopes(hessian: Array, form_error: float) -> dict[int, tuple[float, float]]:
     """Return bounds of the slope v / u of the arms, by the sign of this slope.
 
-    Arms are the four branches of curves that leave a saddle, in two coordinates u and v.
-    The bounds serve to prove the signs of rates along the arms.
+    A saddle is a place where two configuration curves cross or nearly do. Arms are the four
+    branches that leave it, in two coordinates u and v. The bounds serve to prove the signs
+    of rates along the arms.
 
     On an arm the quadratic form Q = a u^2 + 2 b u v - d v^2 is 0 up to an error. u and v
     are scaled so that the arms are nearly the diagonals u = v and u = -v. Then a and d are
@@ -187,10 +190,11 @@ def _evaluate_direction(
 def bound_arm_rates(form: SaddleForm, errors: ArmErrors) -> ArmRates:
     """Return the signs of all rates on the four arms, and the changes of the variables.
 
-    The arms are the zeros of g(u, v) near a saddle, one in each quadrant of the coordinates
-    u and v. Rates are derivatives of the variables of the mechanism along an arm. The slope
-    v / u of an arm is between two bounds. A rate is linear in the direction (u, v). If it
-    has the same sign at both bounds, it therefore has this sign on the whole arm.
+    A saddle is a place where two configuration curves cross or nearly do. The arms are the
+    zeros of g(u, v) near it, one in each quadrant of the coordinates u and v. Rates are
+    derivatives of the variables of the mechanism along an arm. The slope v / u of an arm is
+    between two bounds. A rate is linear in the direction (u, v). If it has the same sign at
+    both bounds, it therefore has this sign on the whole arm.
 
     Parameters
     ----------

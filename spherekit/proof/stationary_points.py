@@ -302,10 +302,11 @@ def find_stationary_points(
 ) -> StationaryPoints:
     """Return the stationary points of a variable along a chain, and what is undecided.
 
-    The chain is a curve as a row of certified arcs. From the centre of each arc to the next
-    there is a stretch of the curve. It is cut in two until the rate of the variable cannot
-    vanish in it, or until the derivative of the rate has one sign: the rate then has one
-    zero if its signs at both ends differ. Stretches that cannot be cut stay undecided.
+    The chain is a curve as a row of certified arcs. The stretch of the curve from the
+    centre of each arc to that of the next one is examined. It is cut in two until the rate
+    of the variable cannot vanish in it, or until the derivative of the rate has one sign:
+    the rate then has one zero if its signs at both ends differ. Stretches that cannot be
+    cut stay undecided.
 
     Parameters
     ----------

@@ -163,7 +163,7 @@ class LocusPointSearch:
         self._rounds_without_result = 0
 
     def batches(self) -> Iterator[LocusPoints]:
-        """Yield points of the locus until the search or the time limit ends."""
+        """Yield singular configurations until the search or the time limit ends."""
         if self.is_everywhere:
             return
         if self.section is None:
@@ -175,7 +175,11 @@ class LocusPointSearch:
             yield points
 
     def _batches_on_slices(self, section: LockedInputSection) -> Iterator[LocusPoints]:
-        """Yield the singular points on the curves of slices, some curves at a time."""
+        """Yield the singular points on the curves of slices, some curves at a time.
+
+        A slice is the set of configurations in which all inputs but one are locked at given
+        values.
+        """
         curves = section.slices
         for first in range(0, len(curves), SLICE_CURVES_AT_ONCE):
             if not self.time_limit.goes_on(f"slice curve {first + 1} of {len(curves)}"):
@@ -187,7 +191,7 @@ class LocusPointSearch:
             )
 
     def _batches_from_random_starts(self) -> Iterator[LocusPoints]:
-        """Yield the points of the locus that rounds of random starts lead to."""
+        """Yield the singular configurations that rounds of random starts lead to."""
         random = np.random.default_rng(RANDOM_SEED)
         solver = self.report.solver
         for number in range(MAX_RANDOM_ROUNDS):

@@ -96,14 +96,15 @@ class SingularityMeasure:
 
         It is B = E N (`constraint_on_basis`): the equations E x = 0 of a singularity,
         applied to a basis N of the k rates x that close the loops. It is B^T B if B is not
-        square, or if det B does not change its sign across the locus.
+        square, or if det B does not change its sign across the locus, the singular
+        configurations.
         """
         matrix = self.constraint_on_basis
         return matrix if self.changes_sign else np.swapaxes(matrix, 1, 2) @ matrix
 
     @property
     def value(self) -> Floats:
-        """(n,) a determinant that is zero on the locus: det B, or det(B^T B)."""
+        """(n,) determinant, zero in singular configurations: det B, or det(B^T B)."""
         return np.linalg.det(self._square_matrix)
 
     @property
@@ -202,7 +203,7 @@ class LocusPoints(ArrayRows):
 
     @property
     def is_on_locus(self) -> Bools:
-        """(n,) whether Newton's method reached the locus; False in rows of NaN."""
+        """(n,) whether Newton's method reached a singular configuration; False for NaN."""
         return self.residual < ON_LOCUS_TOLERANCE
 
 
@@ -366,10 +367,10 @@ class SingularityLocus:
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def project(self, values: Floats) -> LocusPoints:
-        """Return the points of the locus that Newton's shortest steps reach.
+        """Return the singular configurations that Newton's shortest steps reach.
 
-        Configurations (n, V) from which it does not converge are left out, so that there
-        may be fewer points.
+        Configurations (n, V) from which the method does not converge are left out, so that
+        there may be fewer points.
         """
         motions = self.measure(self.tangent_space(values)).motion
         no_borders = np.zeros((len(values), 0, values.shape[1]))

@@ -130,10 +130,10 @@ class OutputCoefficients:
     """n rows of a motion with g inputs: coefficients of each input, and singularity types.
 
     Input i "moves alone" in the motion in which all other inputs are locked. The output
-    link then turns with the angular velocity w_i about the pole axis u_i, its axis of
-    rotation relative to its reference link, and c_i w_i = d_i q_i' holds with the rate q_i'
-    of the input. N are the independent motions that close the loops, N_a their input rates.
-    Rows in which the motion failed are NaN.
+    link then turns with the angular velocity w_i about the pole axis u_i. This is its axis
+    of rotation relative to its reference link. The relation c_i w_i = d_i q_i' holds with
+    the rate q_i' of the input. N are the independent motions that close the loops, N_a
+    their input rates. Rows in which the motion failed are NaN.
 
     Attributes
     ----------

@@ -109,8 +109,8 @@ class SingleFreedomSingularities:
     outputs
         Relative motions (o, s): numbers or names of links, or text such as ``"4/1"``.
     input
-        The input (i, r) in the same way; by default the second link of the driven pair
-        relative to the first.
+        The input (i, r), given like an output. By default it is the second link of the
+        driven pair relative to the first.
 
     Attributes
     ----------

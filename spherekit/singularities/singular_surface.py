@@ -1,7 +1,8 @@
 """Surfaces of singular configurations of a mechanism with three inputs, as triangle meshes.
 
-The mesh is grown by `spherekit.singularities.surface_front`. Here it is refined at points
-of the locus, and clipped at the ranges of the inputs.
+The mesh is grown by `spherekit.singularities.surface_front`. This module adds vertices at
+further singular configurations to refine the mesh, and cuts it at the ends of the ranges of
+the inputs.
 """
 
 from collections.abc import Sequence

@@ -107,8 +107,9 @@ class SurfaceFront:
     def find_vertices_near(self, values: Floats, motion: Floats, radius: float) -> Indices:
         """Return the numbers of the vertices near a configuration on the same sheet.
 
-        Sheets of surfaces that pass each other at a small distance are distinguished by the
-        singular motion, whose sign is arbitrary.
+        A sheet is a part of a surface. Two sheets that pass each other at a small distance
+        are distinguished by the singular motion: the unit rates with which inputs or output
+        rest. The sign of the motion is arbitrary.
 
         Parameters
         ----------
@@ -200,7 +201,7 @@ class SurfaceFront:
         return edge in self.open_edges and has_end_inside
 
     def _add_vertex(self, point: LocusPoints) -> int:
-        """Add one point of the locus as a vertex; return its number."""
+        """Add one singular configuration as a vertex; return its number."""
         self.vertices = LocusPoints.concatenate([self.vertices, point])
         low, high = self.report.ranges
         margin = RANGE_MARGIN * self.edge_length
