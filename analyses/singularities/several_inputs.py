@@ -932,7 +932,8 @@ def _locus_table(rows: Sequence[tuple[str, ...]]) -> ScreenTable:
     Parameters
     ----------
     rows
-        For each locus the output and the cells of `_locus_cells`.
+        For each locus (all singular configurations of one kind) the output and the cells of
+        `_locus_cells`.
     """
     columns = [
         ScreenColumn("kind"),

@@ -311,7 +311,7 @@ def evaluate_cells(
 
 @cache
 def chebyshev_nodes(degree: int) -> Floats:
-    """Return the zeros (degree + 1,) of T_(degree + 1), rising.
+    """Return the zeros (degree + 1,) of the Chebyshev polynomial T_(degree + 1), rising.
 
     Interpolation at these positions determines a series of the given degree.
     """
@@ -327,7 +327,10 @@ def grid_points(axes: Sequence[Floats]) -> Floats:
 
 
 def evaluate_polynomials(reduced: Floats, degree: int) -> Floats:
-    """Return T_0 ... T_degree (n, m, degree + 1) at reduced positions (n, m)."""
+    """Return the Chebyshev polynomials T_0 ... T_degree at positions from -1 to 1.
+
+    The positions are (n, m), and the result is (n, m, degree + 1).
+    """
     return np.asarray(chebyshev.chebvander(np.clip(reduced, -1.0, 1.0), degree))
 
 

@@ -69,7 +69,7 @@ class DyadPlacement:
     def shortest(self) -> float:
         """The smallest angle (rad) between the outer axes at which the dyad closes.
 
-        There it is folded.
+        The dyad is folded at this angle.
         """
         return abs(self.arcs[0] - self.arcs[1])
 
@@ -77,8 +77,8 @@ class DyadPlacement:
     def longest(self) -> float:
         """The largest angle (rad) between the outer axes at which the dyad closes.
 
-        There it is stretched. If the arcs exceed pi together, the outer axes come nearer
-        to each other again on the other side of the sphere.
+        The dyad is stretched at this angle. If the arcs exceed pi together, the outer axes
+        come nearer to each other again on the other side of the sphere.
         """
         return min(sum(self.arcs), 2.0 * np.pi - sum(self.arcs))
 

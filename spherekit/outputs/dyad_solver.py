@@ -134,7 +134,7 @@ class DyadKinematics(ClosedKinematics):
         )
 
     def at(self, poses: Floats, signs: Signs) -> ModeAtPoses:
-        """Return one assembly mode at poses.
+        """Return one working mode (way to assemble the legs) at poses.
 
         Parameters
         ----------
@@ -257,7 +257,7 @@ class GearedKinematics(ClosedKinematics):
         return self.wheelless.spans
 
     def at(self, poses: Floats, signs: Signs) -> ModeAtPoses:
-        """Return one assembly mode at poses.
+        """Return one working mode (way to assemble the legs) at poses.
 
         Parameters
         ----------

@@ -412,7 +412,8 @@ def schedule_limits(
     inputs
         Names of the driven pairs.
     speed, acceleration
-        Limits (rad/s, rad/s2) of the inputs: one for all, or one for each. None stands for no limits.
+        Limits (rad/s, rad/s2) of the inputs: one for all, or one for each. None stands for
+        no limits.
     shape
         Name of a law shape, or a law from 0 at t = 0 to 1 at t = 1.
     cycle

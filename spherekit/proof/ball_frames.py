@@ -242,7 +242,7 @@ def _reference_frame(
 
 
 def _frame_across(axis: Vector, float_axis: Floats) -> Frame:
-    """Return the frame of an axis for which the link has no other direction.
+    """Return the frame of an axis if no other axis of the link gives the zero direction.
 
     The zero direction is perpendicular to the coordinate axis that is farthest from the
     pair axis.

@@ -215,7 +215,7 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
 
 
 def _arm_entry(arm: Arm | None) -> list[int] | None:
-    """Return the entry for an end of a curve, which is on an arm of a saddle or not.
+    """Return the entry of a certificate for an end of a curve, which may be on an arm.
 
     A saddle is a place where curves cross or narrowly miss each other. Four branches, its
     arms, leave it, one in each quadrant of the first two coordinates of its frame. The

@@ -106,6 +106,9 @@ class HomotopyStart:
 class HomotopyValues:
     """The equations of a homotopy H(z, t) and their derivatives at points.
 
+    A homotopy is a family of equations H(z, t) = 0. It leads from equations with known
+    solutions at t = 0 to those that are to be solved at t = 1.
+
     Attributes
     ----------
     values

@@ -181,7 +181,7 @@ class SingularityReport:
         return into_range(q, low, high, self.solver.periods)
 
     def points(self, locus_points: LocusPoints) -> SingularPoints:
-        """Return the singular configurations of a locus with their inputs, poses and types."""
+        """Return the singular configurations of a locus with inputs, poses and types."""
         return self.describe(
             locus_points.values, locus_points.motions, locus_points.residual
         )
