@@ -228,7 +228,7 @@ class RotationResult:
         it has no direction. Samples that the mechanism does not reach are left out. The
         marks ``start`` and ``end`` are at the first and the last sample that it reaches.
         The crossings of the rotation, its singularities of type II, are marked on the first
-        arc. There the output can move while the inputs rest.
+        arc. At these crossings the output can move while the inputs rest.
         """
         link = self.mechanism.link_number[self.output.link]
         directions = link_axes(self.mechanism)[self.output.link]

@@ -254,7 +254,7 @@ class DyadsWithClosingLink:
         return rotations
 
     def _end_axes(self, mode: WorkingMode) -> tuple[Floats, Floats]:
-        """Return the axes p and q (3, n) of the closing link's pairs, fixed in its neighbours."""
+        """Return the axes p and q (3, n) of the closing link's pairs in its neighbours."""
         first, second = map(mode.axis, self.pairs, self.neighbours)
         return first, second
 

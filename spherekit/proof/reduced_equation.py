@@ -302,10 +302,10 @@ class ReducedEquation:
         """Return balls that contain g(u, v) and its slopes at the u and v of a position.
 
         The function g replaces the equations F(z) = 0 of the mechanism near a point where
-        F' loses a rank: its zeros are the configurations. There no small change of the
-        variables z changes F in a direction l (the left null vector of F'). The coordinates
-        u and v are the components of z along the first two columns of `frame`. For given u
-        and v, the equation F(z) = g l defines all variables z and the number g.
+        F' loses a rank: its zeros are the configurations. Near this point no small change
+        of the variables z changes F in a direction l (the left null vector of F'). The
+        coordinates u and v are the components of z along the first two columns of `frame`.
+        For given u and v, the equation F(z) = g l defines all variables z and the number g.
 
         A ball is a number with a bound of its error.
 

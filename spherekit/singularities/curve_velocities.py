@@ -202,7 +202,7 @@ class LinkMotion:
 
         w is the angular velocity of the pole's second link relative to the first, along the
         unit vector u of the axis. This axis is used near a zero of w, where the direction
-        of w is lost in rounding. There the derivative w' by the arc length has the
+        of w is lost in rounding. Near the zero the derivative w' by the arc length has the
         direction of u, with this error:
 
         - At an arc length x from the zero, w is about x w', so x is about |w| / |w'|.
