@@ -693,9 +693,9 @@ def _crossing_sentences(curves: "CertifiedCurves") -> Iterator[str]:
 def _report_curves(report: ScreenReport, curves: "CertifiedCurves") -> None:
     """Report the numbers of modes, crossings of curves, and undecided ranges.
 
-    A configuration curve consists of configurations that join each other. The assembly
-    modes at an input are the configurations with this input. The range is divided into
-    intervals in which their number does not change.
+    A configuration curve is a connected curve of configurations. The assembly modes at an
+    input are the configurations with this input. The range of the input is divided into
+    intervals in which the number of modes does not change.
 
     Parameters
     ----------

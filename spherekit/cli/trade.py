@@ -170,9 +170,9 @@ def _make_report(result: "Trade", tolerance: float | None) -> ScreenReport:
 def _check_destinations(options: Namespace) -> None:
     """Raise an error if a file of the results cannot be written.
 
-    The command `trade` measures time and error of several ways to compute an analysis,
-    which takes minutes. The files are checked before. Files of the same names are replaced
-    only if spherekit wrote them. They are recognised by a word that they contain.
+    The command `trade` measures time and error of several ways to compute an analysis. This
+    takes minutes, so the files are checked before. An existing file is replaced only if
+    spherekit wrote it. Such a file is recognised by a word that it contains.
     """
     from spherekit.display.rerun.destination import check_place
     from spherekit.storage.atomic_write import (

@@ -28,19 +28,20 @@ def distances_to_lines(position: Floats, points: Floats, axes: Floats) -> Floats
 def find_common_point(points: Floats, axes: Floats, max_distance: float) -> Floats | None:
     """Return the point in which most of n lines meet, up to a distance.
 
-    The point c has the least sum of squared distances from the lines. With the projection
-    P = I - a a^T onto the plane at right angles to each line (point p, unit vector a), it
-    solves sum(P) c = sum(P p). While a line misses the point by more than allowed, the
-    farthest line is left out and the point is computed again, so a few wrong lines do not
-    move the point. If there is only one line, or all lines coincide, the point of the line
-    nearest to the origin is returned.
+    The point c has the least sum of squared distances from the lines. A line has a point p,
+    a unit vector a, and the projection P = I - a a^T onto the plane at right angles to it.
+    The point c is the solution of sum(P) c = sum(P p), where the sums are over all lines.
+    If a line misses the point by more than allowed, the farthest line is left out and the
+    point is computed again. This is repeated, so that a few wrong lines do not move the
+    point. If there is only one line, or all lines coincide, the point of the line nearest
+    to the origin is returned.
 
     Parameters
     ----------
     points, axes
         (n, 3) a point (m) and the unit vector of each line.
     max_distance
-        Distance (m) at which a line passes the point.
+        Largest distance (m) at which a line may miss the point.
 
     Returns
     -------

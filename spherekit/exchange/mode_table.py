@@ -136,8 +136,9 @@ class ModeCandidate:
     def find_known_input(self, interval: int) -> Floats | None:
         """Return the inputs (inputs,) rad of one configuration in an interval, if any.
 
-        Crossings of curves divide the range of the input into intervals. Without a closed
-        form, the mode values of an interval are the variables in this configuration.
+        Crossings of curves divide the range of the input into intervals. Mode values are
+        the numbers that select the mode in the formulas. Without a closed form, the mode
+        values of an interval are the variables in the returned configuration.
         """
         row = _middle_row(self.interval, interval)
         return None if row is None else self.motion.inputs[row]

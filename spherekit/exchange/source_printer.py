@@ -97,10 +97,11 @@ class Source:
         return functions
 
     def _write_function(self, name: str, outputs: Sequence[Expr]) -> SourceFunction:
-        """Return a function of some expressions, as assignments of the language.
+        """Return a function that computes some expressions, as assignments of the language.
 
-        Expressions are graphs. Each node of an operation is assigned to a new name t0, t1,
-        ... once. Symbols are elements of arguments, or columns of stored series.
+        Expressions are graphs of operations. The value of each operation is assigned once
+        to a new name: t0, t1, and so on. Symbols in the expressions are elements of the
+        arguments, or columns of stored series.
 
         Parameters
         ----------

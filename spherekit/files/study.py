@@ -168,7 +168,7 @@ def read_start(
     Parameters
     ----------
     given
-        The start, or a text or mapping that `Start.of` reads.
+        The start itself, or a text or a mapping that states it (see `Start.of`).
     mechanism
         The mechanism. A text is read as on the command line: a number without a unit is in
         the unit of the file of the mechanism.

@@ -306,8 +306,8 @@ class Batch:
         ----------
         poles
             For each pole the numbers of two links, and the index of the input that moves
-            while the other inputs are locked. The first link is the one from which the
-            motion is seen.
+            while the other inputs are locked. The motion of the second link is stated
+            relative to the first link.
 
         Returns
         -------

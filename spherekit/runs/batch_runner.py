@@ -490,8 +490,8 @@ def _find_reversals(input_columns: InputColumns, velocities: Floats) -> Indices:
     rows is therefore at least min(a^2, b^2), or a b if a and b have different signs. If the
     sum of these bounds over the three components is positive, no direction reverses.
     Because of rounding, the sum divided by the product of the lengths, which is a cosine,
-    has to exceed `MIN_DIRECTION_COSINE`. Otherwise both halves of the rows are treated
-    likewise. Few rows are compared one by one.
+    has to exceed `MIN_DIRECTION_COSINE`. If it does not, each half of the rows is treated
+    in the same way. Small numbers of rows are compared one by one.
 
     Parameters
     ----------
@@ -628,13 +628,13 @@ class PendingPoles:
         (k,) numbers of rows with a configuration that are not certified. Rows without a
         configuration are not certified either, and are not among them.
     stops
-        The rows at which the directions of poles will be compared (`find_stops`). A
-        direction is computed up to a sign, which is chosen so that directions are
-        continuous from row to row. It can change only before or after some rows. Only
-        these, the first and the last row are compared, and the rows between two stops have
-        the sign of the first of both. There is a mapping for each input. Its keys are the
-        indices of the assembly modes. Empty if the samples are a grid of inputs, which has
-        no order of rows.
+        The stops: rows at which the directions of poles will be compared (`find_stops`). A
+        direction is computed up to a sign, which is chosen later so that directions are
+        continuous from row to row. The sign can change only before or after certain rows.
+        These rows, the first row and the last row are the stops. All rows between two stops
+        have the sign of the first stop. There is a mapping for each input, by the index of
+        the assembly mode. It is empty if the samples are a grid of inputs, which has no
+        order of rows.
     error_maxima
         (inputs, 3) largest error bound in all certified rows: of directions (rad), of
         velocity coefficients and of their derivatives. NaN if no row is certified.

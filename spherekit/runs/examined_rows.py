@@ -284,10 +284,11 @@ class ExaminedRows:
         self._add_turned_angles(overview, np.arctan2(sine, cosine))
 
     def _add_turned_angles(self, overview: OutputOverview, angles: Floats) -> None:
-        """Extend the range of an angle (m,) of at least 0 (rad) that has no turning points.
+        """Extend the range of the angle by which an output has turned from its first pose.
 
-        Its turning points between samples are not computed, so their distance from the
-        largest sample is estimated. The smallest angle is that of the first pose, 0.
+        The angles (m,) in rad are at least 0; the first pose has the angle 0. The largest
+        angle can be between two samples. By how much it exceeds the angles at samples is
+        therefore estimated by parabolas (`smooth_angle`).
         """
         overview.widen_angle(angles)
         overview.smooth_angle.add(angles)
@@ -374,7 +375,7 @@ class ExaminedRows:
         input_count
             Number of inputs.
         takes_rate_of_steps
-            Whether differences of successive angles take the place of the rates.
+            Whether the rates are replaced by differences of successive angles.
         """
         is_first_segment = overview.last_row is None
         if overview.last_row is not None:

@@ -44,9 +44,8 @@ class Needs:
         Poles whose axis turns are read: the derivatives of the axis direction by the input.
         They need `derivatives`.
     links
-        Numbers of the links that an analysis with `tracer` reads. If it is empty, the
-        analysis reads the whole mechanism. It is read of single analyses only, not of a
-        union.
+        Numbers of the links that an analysis with `tracer` reads. If the set is empty, the
+        analysis reads all links. The set has no meaning in a `union` of needs.
     """
 
     directions: frozenset[Pole] = frozenset()

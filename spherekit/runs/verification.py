@@ -203,7 +203,9 @@ class _TablePair:
 
 
 class Verifier:
-    """Chooses rows of a run while it goes on, and verifies them at the end.
+    """Verifies a run: some of its rows are computed again in many digits and compared.
+
+    The rows are chosen during the run, block by block, and verified at its end.
 
     Parameters
     ----------

@@ -107,10 +107,10 @@ def _subjects(
 ) -> Iterator[tuple[Page, str, "pd.DataFrame"]]:
     """Yield the rows of each subject in each assembly mode, with page and label.
 
-    A subject is what a row is about, such as a pole. It is named by the texts in the row,
-    and the label is such as "pole 3/1". The page is the number of the assembly mode. If the
-    rows of a table do not belong to samples and assembly modes, all of them are yielded as
-    one subject, with an empty page and label.
+    A subject is what a row is about, such as a pole. The texts in the row name it, and are
+    joined to a label such as "pole 3/1". The page is the number of the assembly mode. If
+    the rows of a table do not belong to samples and assembly modes, all of them are yielded
+    as one subject, with an empty page and label.
 
     Parameters
     ----------

@@ -169,7 +169,7 @@ def directions_to_show(maps: Sequence[SphereMap], curves: Sequence[SphereCurves]
 
 
 def turn_to_side(directions: Floats, out: Floats) -> Floats:
-    """Return the direction of an axis that is on the visible side of a map, per sample.
+    """Return for each sample the direction of an axis that a map shows.
 
     An axis has two opposite directions. The direction with a component along `out` is
     visible. On the rim, at right angles to `out`, both are visible, and the direction

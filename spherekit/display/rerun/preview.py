@@ -89,7 +89,8 @@ def _assemble(mechanism: Mechanism) -> tuple[PositionAnalysis, Motion, str]:
     """Assemble a mechanism in all modes, at one value of its inputs.
 
     The first values of the input ranges are tried first. If the mechanism cannot be
-    assembled there, the first of `TRIED_INPUTS` samples of the ranges that can is taken.
+    assembled at these, `TRIED_INPUTS` samples of the ranges are tried. The first sample at
+    which the mechanism can be assembled is used.
 
     Returns
     -------
