@@ -84,7 +84,7 @@ class DesignCase:
         return make_design(document, variables, values)
 
     def draw_designs(self, count: int) -> Floats:
-        """Return random designs (variables, count) around that of the file."""
+        """Return random designs (variables, count) near that of the mechanism file."""
         document = document_of(self.name)
         nominal = np.array([design_variable(document, key).value for key in self.keys])
         rng = np.random.default_rng(1)
@@ -177,7 +177,7 @@ def run(quick: bool) -> list[Section]:
 
 
 def _measure_case(case: DesignCase, quick: bool) -> tuple[Cell, ...]:
-    """Return a row: the time of designs in one kernel, compared with runs of each."""
+    """Return a table row that compares one kernel for all designs with a run of each."""
     evaluator = case.make_evaluator()
     count = 4096 if quick else 32768
     if evaluator.tracks_solutions:

@@ -88,7 +88,7 @@ def format_section(section: Section, commit: str | None = None) -> str:
 
 
 def format_cell(cell: Cell) -> str:
-    """Return an entry of a table as text; numbers that are not whole have three digits."""
+    """Return an entry of a table as text. Numbers that are not whole have three digits."""
     if cell is None:
         return "-"
     if not isinstance(cell, float):
@@ -152,7 +152,7 @@ def median_time(times: TimesByJob, name: str) -> float:
 
 
 def median_ratio(times: TimesByJob, name: str, unit_name: str) -> float:
-    """Return the median over the rounds of the time of a job over that of another one."""
+    """Return the time of job `name` over that of job `unit_name`: the median of rounds."""
     pairs = zip(times[name], times[unit_name], strict=True)
     return statistics.median(seconds / unit for seconds, unit in pairs)
 

@@ -68,7 +68,7 @@ def run(quick: bool) -> list[Section]:
 
 
 def _measure_closed_form(name: str, pose_count: int, quick: bool) -> tuple[Cell, ...]:
-    """Return a row: times for each pose in one working mode and in all."""
+    """Return a table row with the times of a pose in one working mode and in all modes."""
     kinematics = InverseKinematics(load(name))
     poses = random_poses(kinematics, pose_count)
     mode = kinematics.modes[0]

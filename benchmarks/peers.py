@@ -346,7 +346,7 @@ def _list_settings(case: DynamicsCase, quick: bool) -> list[EngineSetting]:
 
 
 def _simulate_reference(case: DynamicsCase) -> tuple[Floats, float]:
-    """Return accurate inputs, and how much another integration differs from them.
+    """Return accurate inputs over time, and their difference from another integration.
 
     Returns
     -------
@@ -368,7 +368,7 @@ def _simulate_reference(case: DynamicsCase) -> tuple[Floats, float]:
 
 
 def _integrate_reduced_equation(case: DynamicsCase) -> Floats:
-    """Integrate Eksergian's equation in the only input by SciPy's DOP853."""
+    """Integrate Eksergian's equation of the only input by SciPy's method DOP853."""
     from scipy.integrate import solve_ivp
 
     model = reduced_model(case.mechanism, poles=())

@@ -94,7 +94,7 @@ ZERO_ENTRY = 1e-14
 
 
 def compile_tree_program(folder: Path) -> bool:
-    """Compile the program that writes the functions of trees, as ``tree`` in a folder.
+    """Compile `TREE_PROGRAM`, which writes functions of trees, to ``tree`` in a folder.
 
     Returns
     -------
@@ -350,7 +350,7 @@ class LoopFormulas:
         self._input_rates_map = -self._solve(jacobian[:, self.input_joints])
 
     def _solve(self, right_side: Any) -> Any:
-        """Return x with J x = right side, where J belongs to the dependent joints."""
+        """Solve J x = right side, where J are the columns of the dependent joints."""
         matrix = self._closure_jacobian[:, self.dependent_joints]
         return eliminate(matrix, right_side, self._pivot_order)
 

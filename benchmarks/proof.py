@@ -46,7 +46,7 @@ TRIAD_MODE_BOUND = 8
 def run(
     quick: bool, count: int | None = None, first: int = 0, only: Sequence[str] = ()
 ) -> list[Section]:
-    """Return what is certified at single inputs and over a revolution of the input.
+    """Return tables of certified results at single inputs and over a whole revolution.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def _make_random(structure: ChainStructure, seed: int, driven: int = 0) -> Mecha
 
 
 def kinds_of_groups() -> dict[str, MechanismMaker]:
-    """Return makers of mechanisms whose locked structure is one group, by its kind."""
+    """Return functions that make random mechanisms, by the kind of their Assur group."""
     makers: dict[str, MechanismMaker] = {"triad": partial(_make_random, TRIAD)}
     for chain, driven in SEVEN_BODY_GROUPS:
         name = f"seven bodies, eight-bar {chain + 1} at pair {driven}"

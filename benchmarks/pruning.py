@@ -122,7 +122,7 @@ def run(quick: bool) -> list[Section]:
 def _measure_mechanism(
     name: str, mechanism: Mechanism, round_count: int
 ) -> list[tuple[Cell, ...]]:
-    """Return the rows of one mechanism, whose first is that of all poles.
+    """Return the table rows of one mechanism. The first row is that of all poles.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def _make_job(compute_motion: Callable[[], Motion], pole_request: Request) -> Jo
 
 
 def _measure_sizes(mechanism: Mechanism, measured_run: MeasuredRun) -> RunSizes:
-    """Run the analysis with tables and a recording, and return the sizes of these."""
+    """Run the analysis, and return the sizes of its tables and of its recording."""
     from spherekit.display.rerun.recorder import RerunRecorder
 
     with tempfile.TemporaryDirectory() as folder:

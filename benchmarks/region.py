@@ -134,7 +134,7 @@ def _five_bar_region() -> FiveBarRegion:
         return np.concatenate([nearest - cosines, cosines - farthest], axis=1)
 
     def arc_length(z: Floats) -> Floats:
-        """Return the angle (rad) of the region along circles about the first axis.
+        """Return the part (rad) of circles about the first axis that is in the region.
 
         The circles are at heights z over the centre.
         """
@@ -242,7 +242,7 @@ def _measure_mechanisms(quick: bool) -> Section:
 def _find_workspaces(
     mechanism: Mechanism, constraints: Constraints, tolerance: float
 ) -> tuple[DirectionWorkspace, ...]:
-    """Return the workspaces of all modes, after judging every vertex of their borders.
+    """Return the workspaces of all modes, and evaluate every vertex of their borders.
 
     `tolerance` is the relative tolerance of the area.
     """
@@ -255,7 +255,7 @@ def _find_workspaces(
 
 
 def _measure_limited(quick: bool) -> Section:
-    """Measure the workspace of one mode where borders touch or run side by side."""
+    """Measure workspaces of one mode whose borders touch or nearly coincide."""
     low, high = np.radians(JOINT_RANGE_DEG).tolist()
     rows: list[tuple[Cell, ...]] = []
     for case in LIMITED_CASES[:3] if quick else LIMITED_CASES:

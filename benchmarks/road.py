@@ -172,7 +172,7 @@ def _measure_mechanism(name: str, engine: KernelEngine, quick: bool) -> tuple[Ce
 
 @dataclass(frozen=True)
 class BareKernel:
-    """The kernel of the rows of a run, without the run.
+    """The function (kernel) that computes the rows of a run, to be called without the run.
 
     Attributes
     ----------
@@ -190,7 +190,7 @@ class BareKernel:
 
 
 def _make_kernel(position_analysis: PositionAnalysis, engine: KernelEngine) -> BareKernel:
-    """Return the kernel that computes all poles of a mechanism with bounds."""
+    """Return the kernel that computes all poles of a mechanism, with error bounds."""
     mechanism = position_analysis.mechanism
     motion = position_analysis.motion()
     poles = all_poles(len(mechanism.links))

@@ -91,7 +91,7 @@ def run(quick: bool) -> list[Section]:
 
 
 def _row(name: str, times: ReportTimes, unit: ReportTimes) -> tuple[Cell, ...]:
-    """Return a row: the time of a report in total and in parts, and what it contains."""
+    """Return a table row with the times of a report and its parts, and its contents."""
     return (
         name,
         times.total / unit.total,

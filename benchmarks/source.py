@@ -39,7 +39,7 @@ ABSENT_TEXT = (
 
 
 def run(quick: bool) -> list[Section]:
-    """Return one section, of exported formulas alone if Pinocchio is not installed."""
+    """Return one section. Without Pinocchio, it has the exported formulas alone."""
     turn = np.linspace(0.0, 2.0 * np.pi, CALL_SAMPLES, endpoint=False)
     circle = [0.4, 0.3] + 0.001 * np.column_stack([np.cos(turn), np.sin(turn)])
     four_bar = replace(load("four_bar"), loads=())

@@ -106,7 +106,7 @@ def run(quick: bool) -> list[Section]:
 def _measure_model(
     name: str, assembly_mode: int, input_count: int, quick: bool
 ) -> tuple[Cell, ...]:
-    """Return the row of a model of one input: its errors and the times of its calls."""
+    """Return a table row with the errors of a model of one input and the times of calls."""
     mechanism = _load_without_bearings(name)
     started = time.perf_counter()
     model = reduced_model(mechanism, assembly_mode=assembly_mode)
@@ -128,7 +128,7 @@ def _measure_model(
 
 
 def _load_without_bearings(name: str) -> Mechanism:
-    """Return a shipped mechanism without bearing friction, which no model stores."""
+    """Return a shipped mechanism without bearing friction, which models cannot store."""
     mechanism = load(name)
     bearings = [load.name for load in mechanism.loads if isinstance(load, Bearings)]
     return mechanism.with_loads(without=bearings)
@@ -192,7 +192,7 @@ def _measure_grid_models(quick: bool) -> Section:
 def _measure_torque_calls(
     model: StoredModel, q: list[float], rates: list[float], quick: bool
 ) -> CallTimes:
-    """Return the times of a call for the torques.
+    """Return the times of a call of a model that computes the torques.
 
     Parameters
     ----------

@@ -20,9 +20,9 @@ FOUR_BAR_ARCS = (np.pi / 3, np.pi / 9, 7 * np.pi / 18, 2 * np.pi / 9)
 
 
 def four_bar_angles(theta21, arcs, mode):
-    """Return theta41 (n,) rad by eq. (25) of [1]; `mode` is its p, 0 or 1.
+    """Return theta41 (n,), rad, by eq. (25) of [1]. `mode` is p, 0 or 1, in that equation.
 
-    NaN where the four-bar does not close.
+    The angle is NaN where the four-bar does not close.
     """
     return _four_bar(theta21, arcs, mode).theta
 
@@ -64,8 +64,8 @@ def four_bar_poles(theta21, arcs, mode):
 def four_bar_coefficients(theta21, arcs, mode):
     """Return the velocity coefficients w31/w21 and w41/w21 (n,), eqs. (26a), (26b).
 
-    The first belongs to the pole 31 in the sense of `four_bar_poles`; NaN or noise where
-    link 3 does not turn relative to link 2.
+    The first one refers to the direction of the pole axis 31 in `four_bar_poles`. It is NaN
+    or noise where link 3 does not turn relative to link 2.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         return _four_bar(theta21, arcs, mode).coefficients()[1:]

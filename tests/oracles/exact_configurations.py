@@ -58,7 +58,7 @@ def deviations(motion):
 
 
 def closure_residuals(motion):
-    """Return by how much the loops of each row are open (rows,), in rad.
+    """Return the closure residual (rows,) of each row, rad.
 
     They are evaluated in 50 digits, at the input of the row and with the decimal sizes.
     """

@@ -425,7 +425,10 @@ class PolynomialEquations:
         return parts_of([self._place_on_axes(link)[0] for link in self.links])
 
     def _matrix_and_scale(self, link):
-        """The matrix of a link in the one before, times its scale, and the scale."""
+        """Return the matrix from a link to the link before it, and its scale.
+
+        The matrix is multiplied by the scale.
+        """
         if link not in self.done:
             turned = len(self.steps[link]["by"]) == 1
             self.done[link] = (
@@ -602,7 +605,7 @@ def largest(entries):
 
 
 def has_one_solution(system, centre, radius, driven):
-    """Whether Krawczyk's operator proves one solution in the square balls of a radius."""
+    """Return whether Krawczyk's operator proves one solution in balls about `centre`."""
     centre, around = np.array(centre), np.full(len(centre), square(radius))
     value, slope = system.values(centre, driven)
     near = inverse_near(slope)
@@ -702,7 +705,7 @@ def exclude_other_modes(system, driven, real_roots, undecided_boxes):
         boxes.append((np.array(box["centre"]), 1.001 * np.array(box["half"]) + 1e-12))
 
     def is_in_a_box(middle, half_widths):
-        """Whether a part, in floats, is in one of the boxes.
+        """Return whether a part, stated in floats, is in one of the boxes.
 
         A box whose half width is half a turn contains all values of this angle.
         """

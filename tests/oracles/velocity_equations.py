@@ -22,7 +22,7 @@ def revolute_frames(mechanism):
 
 
 def velocity_equations(ends, axes, types=None, held=()):
-    """Return the matrix of the velocity equations: its product with the rates is zero.
+    """Return the matrix E of the velocity equations E w = 0 for the rates w of all links.
 
     Let w_a and w_b be the angular velocities (rates) of the two links of a pair. The rows
     of a pair say that w_b - w_a has no component
@@ -114,7 +114,7 @@ def closure_gap(mechanism, rotations, frames):
 
 
 def least_misfit(ends, axes, locked, link, reference_link, direction=None):
-    """Return how strongly the pairs resist a rotation of a link while some are locked.
+    """Return how strongly pairs resist a rotation of a link while some pairs are locked.
 
     The result is 0 if the link can move relative to the reference link although these pairs
     are locked, and 1 if all pairs are locked.
@@ -166,7 +166,7 @@ def least_misfit(ends, axes, locked, link, reference_link, direction=None):
 
 
 def sine_between_lines(direction, vector):
-    """Return the angle-like distance (n,) of lines along two vectors: |sin|."""
+    """Return the size (n,) of the sine of the angle between two lines."""
     sine = np.linalg.norm(np.cross(direction, vector), axis=-1)
     return sine / (np.linalg.norm(direction, axis=-1) * np.linalg.norm(vector, axis=-1))
 
