@@ -564,8 +564,8 @@ def _axes_around(directions: Floats) -> tuple[Floats, Floats]:
 
     Here z are directions at which the output points. The turn of the output link about z is
     counted from x: it is the angle from x to a fixed axis of the output link, the first row
-    of `DyadsWithClosingLink.frame`. Which perpendicular of z is x does not matter, as long
-    as equal directions have the same one.
+    of `DyadsWithClosingLink.frame`. x can be any perpendicular of z, but equal directions z
+    must have the same x.
     """
     x_axis = perpendicular(directions.T).T
     return x_axis, cross_columns(directions, x_axis)

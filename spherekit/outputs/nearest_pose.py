@@ -277,8 +277,8 @@ class NearestPoseSearch:
 
         Returns
         -------
-        (d,) coordinates of the nearest point that `_move_inside` makes of the improved
-        starts, or None if there is none.
+        (d,) coordinates of the nearest point after `_move_inside` has moved the improved
+        starts inside. None if there is none.
         """
         # For each start: the point reached so far, the factor of violated margins in the
         # merit function, and the value of this function.

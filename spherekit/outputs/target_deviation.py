@@ -496,9 +496,9 @@ class TargetDeviation:
         """Return the error (n,), in rad, of configurations that should be the nearest ones.
 
         The error is the larger one of two numbers. The first one is the closure residual.
-        The second one is the remaining rotation to the target if the mechanism can reach it
-        (`can_follow`, one flag for all targets). Otherwise it is the gradient of a^2 / 2
-        along the configurations, where a is the angle to the target.
+        If the mechanism can reach the target (`can_follow`, one flag for all targets), the
+        second one is the remaining rotation to it. If not, the second one is the gradient
+        of a^2 / 2 along the configurations, where a is the angle to the target.
         """
         if can_follow:
             output_error = self.remaining_rotation

@@ -643,7 +643,7 @@ def _search_curves(
     )
 
     def range_side(variable: float, margin: float) -> int:
-        """Return the side of the range of the input on which the input's variable is.
+        """Return on which side of the range of the input the input's variable is.
 
         It is 1 above the range by more than the margin (rad), -1 below it by more than the
         margin, else 0. Curves are followed a little beyond the range, by such a margin.

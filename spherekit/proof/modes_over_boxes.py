@@ -342,10 +342,10 @@ class EquationSystem:
         """Return approximate roots at some values of the given variables.
 
         The given variables are angles that this system does not solve for: inputs, and
-        unknowns of other systems. `solved` has sets of their values with all roots. The
-        roots of the nearest set are moved by one step along the tangent. If no set is
-        near, the roots are computed by a homotopy at the requested values, and the step is
-        zero.
+        unknowns of other systems. `solved` has sets of values of the given variables for
+        which all roots are known. The roots of the nearest set are moved by one step along
+        the tangent. If no set is near, the roots are computed by a homotopy at the
+        requested values, and the step is zero.
 
         Parameters
         ----------

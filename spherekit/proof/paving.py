@@ -303,7 +303,9 @@ def pave(
     def examine(boxes: Integers, examined_count: int) -> Integers:
         """Return the halves of the boxes that are neither excluded nor covered.
 
-        Boxes that are too small to be halved are recorded as undecided.
+        A box is excluded if it is proven to contain no configuration. It is covered if it
+        is inside a part of space in which all configurations are known. Boxes that are too
+        small to be halved are recorded as undecided.
 
         Parameters
         ----------

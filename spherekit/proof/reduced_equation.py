@@ -237,10 +237,11 @@ class ReducedEquation:
         """Return the critical point of g(u, v) near a position.
 
         F(z) = 0 are the equations of the mechanism. Near the position no small change of z
-        changes F in a direction l (`left_null_vector`). If two coordinates u and v, the
-        components of z along the first two columns of `frame`, are given, F(z) = g l
+        changes F in a direction l (`left_null_vector`). Let two coordinates u and v be
+        given: the components of z along the first two columns of `frame`. Then F(z) = g l
         defines all variables z and a number g. At the critical point both derivatives of g
-        by u and v are 0. If g is 0 there too, curves of configurations cross in it.
+        by u and v are 0. If g is also 0 at this point, curves of configurations cross in
+        it.
 
         Newton's method solves the equations F(z) = g l and grad g = 0 together. Proofs only
         use boxes about the point, so they do not depend on its accuracy.

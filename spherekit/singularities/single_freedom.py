@@ -283,9 +283,9 @@ class SingleFreedomSingularities:
         the rate q'. The output is the rotation of an output link o relative to its
         reference link s. Form "i" shows where the output rests: y' is its rate. Form "ii"
         shows where the output link rests relative to the reference link of the input: y' is
-        the rate of o relative to r. This form does not exist if o is one of the links i
-        and r. c and d are triple products of pole axes, the axes about which two of these
-        links turn relative to each other.
+        the rate of o relative to r. Form "ii" does not exist if o is one of the links i and
+        r. c and d are triple products of pole axes, the axes about which two of these links
+        turn relative to each other.
 
         Parameters
         ----------
@@ -695,7 +695,7 @@ class InputOutputRests:
     s, errors
         (n,) arc lengths of the points, and bounds of their errors (rad).
     distances
-        (n,) where both rest, distance (rad) between the two computed zeros, otherwise 0.
+        (n,) distance (rad) between the two computed zeros if both rest, otherwise 0.
     input_rests, output_rests
         (n,) whether the input rests, and whether the output rests.
     input_is_double, output_is_double

@@ -209,12 +209,12 @@ class SingularCurve:
 
         At a cusp the tangent of the curve is parallel to the singular motion, in which the
         inputs (type II) or the output (type I) rest. A point that moves along the curve
-        passes the cusp with the inputs, or the output, momentarily at rest. Their path
-        generally reverses its direction there.
+        passes the cusp with the inputs, or the output, momentarily at rest. The path of the
+        inputs, or of the output, generally reverses its direction at the cusp.
 
         The mechanism has two degrees of freedom. If only a part of it moves in singular
-        motions, and this part has only one, no cusps are searched: the determinant below
-        needs two coordinates of each motion.
+        motions, and this part has only one, no cusps are searched, because the test for a
+        cusp needs two coordinates of each motion.
         """
         if self.locus.motion_dimension < self.locus.degrees_of_freedom:
             no_points = self.nodes.rows(slice(0))
