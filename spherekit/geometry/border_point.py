@@ -64,8 +64,10 @@ def find_crossings(
     ----------
     evaluate
         The function that returns all margins at directions.
-    inside, outside
-        (n, 3) unit vectors, the ends of the arcs inside and outside the region.
+    inside
+        (n, 3) unit vectors, the ends of the arcs inside the region.
+    outside
+        (n, 3) unit vectors, the ends of the arcs outside the region.
 
     Returns
     -------

@@ -364,9 +364,11 @@ class BorderSegments(ArrayRows):
         ----------
         evaluate
             The margins.
-        segment, u
-            (m,) number of the segment, and parameter on its chord, -1 < u < 1. At both
-            ends of the chord the height is 0 and is not searched.
+        segment
+            (m,) number of the segment of each point.
+        u
+            (m,) parameter of each point on the chord, -1 < u < 1. At both ends of the chord
+            the height is 0 and is not searched.
 
         Returns
         -------

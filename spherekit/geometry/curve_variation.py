@@ -146,8 +146,10 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
 
     Parameters
     ----------
-    points, change
-        (m, 3) unit vectors, and their derivatives by the design variable.
+    points
+        (m, 3) unit vectors.
+    change
+        (m, 3) derivatives of these vectors by the design variable.
     closed
         Whether the curve is closed.
     """
@@ -373,11 +375,14 @@ def differentiate_spline(
 
     Parameters
     ----------
-    points, change
-        (m, 3) unit vectors in the order of the curve, and their derivatives by the design
-        variable.
-    closed, backwards
-        Whether the curve is closed, and whether it is run backwards.
+    points
+        (m, 3) unit vectors in the order of the curve.
+    change
+        (m, 3) derivatives of these vectors by the design variable.
+    closed
+        Whether the curve is closed.
+    backwards
+        Whether the curve is run backwards.
     """
     variation = _vary_spline(
         np.asarray(points, dtype=float), np.asarray(change, dtype=float), closed

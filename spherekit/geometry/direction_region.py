@@ -58,8 +58,10 @@ class Boundary:
     ----------
     arcs
         Its smooth arcs in order. One margin is 0 along an arc.
-    component, gap
-        Number of the component to its left, and number of the gap to its right.
+    component
+        Number of the component on the left of the curve.
+    gap
+        Number of the gap on the right of the curve.
     """
 
     arcs: tuple[BorderArc, ...]
@@ -117,10 +119,12 @@ class Region:
 
     Attributes
     ----------
-    area, error
-        Area and a bound of its error (sr). The error is the change of the area if the order
-        of the border curves is halved, plus the area of every triangle about which too
-        little is known.
+    area
+        Area of the region (sr).
+    error
+        Bound of the error of the area (sr). It is the change of the area if the order of
+        the border curves is halved, plus the area of every triangle about which too little
+        is known.
     unresolved
         Area of these triangles alone (sr). They contain tangent borders, corners sharper
         than 0.25 rad, or the border of where a margin is defined.
@@ -133,16 +137,26 @@ class Region:
     excluding
         For an empty region, the smallest sets of margins that no direction satisfies
         together, as numbers of margins.
-    points, triangles, values
-        The mesh: vertices (V, 3), triangles (T, 3), counter-clockwise seen from outside,
-        and margins (V, k) at the vertices, NaN where undefined.
-    surface_points, surface_triangles
-        Points (P, 3), first those of the mesh, and triangles (F, 3) that cover the region
-        alone, up to its border. Maps are drawn on them.
-    evaluations, calls
-        Number of directions at which the margins were evaluated, and of calls.
-    border, margins
-        The segments of the border, and the function of the margins, for `nearest`.
+    points
+        (V, 3) vertices of the mesh.
+    triangles
+        (T, 3) numbers of the vertices of each triangle, counter-clockwise seen from
+        outside.
+    values
+        (V, k) margins at the vertices, NaN where a margin is undefined.
+    surface_points
+        (P, 3) points, first the vertices of the mesh, then points of the border.
+    surface_triangles
+        (F, 3) triangles between these points. They cover the region alone, up to its
+        border. Maps are drawn on them.
+    evaluations
+        Number of directions at which the margins were evaluated.
+    calls
+        Number of calls of the function of the margins.
+    border
+        The segments of the border, which `nearest` uses.
+    margins
+        The function of the margins, which `nearest` uses.
     """
 
     area: float
@@ -296,8 +310,10 @@ def _find_parts(
 
     Returns
     -------
-    components, gaps
-        Connected parts of the region and of its outside, the largest first.
+    components
+        Connected parts of the region, the largest first.
+    gaps
+        Connected parts of the outside of the region, the largest first.
     boundaries
         Closed curves between a component and a gap.
     """

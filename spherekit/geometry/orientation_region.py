@@ -82,17 +82,21 @@ class Orientations:
 
     Attributes
     ----------
-    volume, error
-        Volume of these orientations, and an estimate of its error. All orientations
-        together have the volume 8 pi^2. The volume is a sum over cells. Its error is the
-        change when cells were halved the last time.
-    place, depth
-        (4,) unit quaternion xyzw of the orientation deepest inside the set, and its depth.
-        The depth of an orientation is the smallest of its margins. Only the orientations at
-        which margins were evaluated are compared.
-    evaluations, calls
-        Number of orientations at which the margins were evaluated, and number of calls of
-        the function that returns the margins.
+    volume
+        Volume of these orientations, a sum over cells. All orientations together have the
+        volume 8 pi^2.
+    error
+        Estimate of the error of the volume: its change when cells were halved the last
+        time.
+    place
+        (4,) unit quaternion xyzw of the orientation deepest inside the set. Only the
+        orientations at which margins were evaluated are compared.
+    depth
+        Depth of this orientation. The depth is the smallest of the margins.
+    evaluations
+        Number of orientations at which the margins were evaluated.
+    calls
+        Number of calls of the function that returns the margins.
     """
 
     volume: float
@@ -256,11 +260,14 @@ class _OrientationCells:
     ----------
     boxes
         The n cells.
-    volume, error
-        (n,) volume of the set in each cell, and its error; 0 if it is certain.
-    deepest, depth
-        (4,) unit quaternion xyzw of the orientation deepest inside the set, and its depth,
-        which is the smallest of its margins.
+    volume
+        (n,) volume of the part of the set in each cell.
+    error
+        (n,) error of each volume; 0 if the volume is certain.
+    deepest
+        (4,) unit quaternion xyzw of the sampled orientation deepest inside the set.
+    depth
+        Depth of this orientation, the smallest of its margins.
     """
 
     def __init__(self, evaluate: MarginEvaluator) -> None:

@@ -196,7 +196,7 @@ def _lie_on_both_sides(a: Floats, b: Floats, c: Floats, d: Floats) -> Bools:
     a, b
         (n, 3) unit vectors that span great circles.
     c, d
-        (n, 3) unit vectors.
+        (n, 3) unit vectors whose sides are compared.
     """
     normal = cross(a, b)
     normal = normal / np.sqrt(dot(normal, normal))[:, None]

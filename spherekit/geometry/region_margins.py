@@ -1,7 +1,7 @@
 """Margins: functions that are at least 0 inside a region and negative outside.
 
-This module evaluates and compares margins. What margins tell about a triangle of directions
-is in `spherekit.geometry.triangle_class`.
+This module evaluates and compares margins. `spherekit.geometry.triangle_class` finds the
+position of a triangle of directions from the margins in it.
 """
 
 from collections.abc import Callable, Mapping

@@ -236,7 +236,8 @@ def _choose_cheapest_lines(
     line on which P_ij lies, the great circle through the poles P_ik and P_jk. A sliding
     pair of the two bodies gives one too, its contact plane. Two lines determine P_ij.
 
-    Each circle is judged alone: poles that two circles need both count for each of them.
+    The number of poles is counted for each circle alone: a pole that two circles need
+    counts for both.
 
     Parameters
     ----------

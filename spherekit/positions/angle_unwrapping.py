@@ -90,8 +90,10 @@ class UnwrappedStretch:
     ----------
     curve
         The followed configurations.
-    input_variable, angles
-        Numbers of the variable of the input and of the passive angles.
+    input_variable
+        Number of the variable of the input.
+    angles
+        Numbers of the variables that are passive angles.
     period
         Growth of the input (rad) after which the configurations repeat, or infinite.
     winding

@@ -252,9 +252,10 @@ class GroupGeometry:
 
         Returns
         -------
-        axes_in_link, axes_in_neighbours
-            Two axes (samples, 3) each: in the axes of the binary link, and in the axes of
-            its two neighbours.
+        axes_in_link
+            Two unit axes, (samples, 3) each, in the axes of the binary link.
+        axes_in_neighbours
+            The same two axes, each in the axes of the neighbour to which its pair leads.
         """
         axes_in_link = []
         axes_in_neighbours = []

@@ -178,7 +178,7 @@ def _search_in_gear_phase(
     Returns
     -------
     (n, variables) closed configurations (rad) in which wheels have rolled as far as the
-    inputs say.
+    inputs require.
     """
     # Configurations repeat after whole periods of the inputs. Random starts are near the
     # anchor, the inputs from which rolled lengths are counted. The search is therefore made

@@ -45,7 +45,7 @@ Larger: more chords are examined for each configuration. Smaller: configurations
 curved segments are not recognised.
 """
 CHORD_OVERHANG = 0.01
-"""Projections on a chord may lie outside it by this part of its length, for rounding.
+"""A projection may be outside its chord by this part of the chord, because of rounding.
 
 Smaller: configurations at nodes can be missed. Larger: more chords are examined.
 """

@@ -691,8 +691,10 @@ def _put_into_first_mode(
     modes
         Node (count,) of each mode at each sample, or -1. One of these arrays is changed, or
         a new mode is appended if every mode has a node at one of the samples.
-    nodes, sample
-        (m,) the nodes of the piece, and the sample of each.
+    nodes
+        (m,) nodes of the piece.
+    sample
+        (m,) sample of each of these nodes.
     count
         Number of samples of the grid.
     """

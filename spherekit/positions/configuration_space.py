@@ -117,7 +117,7 @@ class Piece(NamedTuple):
         in the range. In a range of several periods, the same part of a curve gives one
         piece in each period, with another shift.
     lowest, highest
-        The range of the input in the piece (rad).
+        Smallest and largest value of the input in the piece (rad).
     """
 
     assembly_mode: int | None
@@ -256,10 +256,11 @@ class Configurations(NamedTuple):
         - Any curve may be missing.
     drive
         Name of the pair at whose values the configurations were computed.
-    inputs, counts
+    inputs
         (k,) values (rad) of the mechanism's input at which all real assembly modes were
-        computed without following curves, and (k,) the numbers of modes there. They serve
-        to check the curves.
+        computed without following curves. They serve to check the curves.
+    counts
+        (k,) number of real assembly modes at each of these inputs.
     mismatches
         Sentences about inputs at which the numbers of modes and the curves disagree.
     """

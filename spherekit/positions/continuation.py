@@ -89,7 +89,7 @@ class CurveContinuation(ABC, Generic[Node]):
     last_nodes
         (n) last node of each curve.
     end_status
-        (n,) status of what lies beyond the last node, or `UNFINISHED`.
+        (n,) why each curve ends at its last node, as a `Status`, or `UNFINISHED`.
     is_closed
         (n,) whether the last node is the first one again, up to whole periods of variables.
     lengths

@@ -598,7 +598,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         self.end_status[row] = self.limits.statuses[number]
 
     def end_stuck_curve(self, row: int) -> None:
-        """End a curve at its last node, with the status of what lies beyond.
+        """End a curve at its last node, and set the status that explains why.
 
         If the node is near a limit, the status is that of the limit. Otherwise, if the
         equations are nearly singular, it is that of a crossing with another curve. In all

@@ -161,9 +161,9 @@ def find_outgoing_points(closure: Closure, values: Floats) -> Floats:
     def step_to_sphere(points: Floats, _: Indices) -> Floats:
         """Return Newton's step that closes the loops at the radius.
 
-        The additional equation is that the distance from `values` is the radius.
-        Linearised, it says that the step along the present direction makes up for the
-        difference.
+        The additional equation is that the distance from `values` is the radius. If it is
+        linearised, the component of the step along the present direction from `values` is
+        the radius minus the present distance.
         """
         offsets = points - values
         distances = np.linalg.norm(offsets, axis=1)

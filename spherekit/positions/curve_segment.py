@@ -144,9 +144,10 @@ def bordered_reciprocal_condition(equations: Floats, inverse: Floats) -> Floats:
 
     Parameters
     ----------
-    equations, inverse
-        (n, rows, variables) bordered Jacobians, and (n, variables, rows) their inverses,
-        which are NaN for singular matrices.
+    equations
+        (n, rows, variables) bordered Jacobians.
+    inverse
+        (n, variables, rows) inverses of these matrices, NaN for singular matrices.
     """
     norm = np.linalg.norm(equations, axis=(1, 2))
     return np.nan_to_num(1.0 / (np.linalg.norm(inverse, axis=(1, 2)) * norm))

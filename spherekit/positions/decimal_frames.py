@@ -188,9 +188,12 @@ def _reference_frame(
 
     Parameters
     ----------
-    axes, float_axes
-        Unit vectors (3,) of the axes of the link by name of pair, in quad precision and in
-        float64. The latter decide which axes are collinear, as in the float64 computations.
+    axes
+        Unit vectors (3,) of the axes of the link in quad precision, by the name of the
+        pair.
+    float_axes
+        The same vectors in float64. They decide which axes are collinear, as in all float64
+        computations.
     name
         Name of the pair whose frame is computed.
     """

@@ -31,8 +31,12 @@ class AssemblyState:
 
     Attributes
     ----------
-    joints, ends, variables
-        The joint, the two links, and the numbers of the variables of each pair.
+    joints
+        The joint of each pair.
+    ends
+        The numbers of the two links of each pair.
+    variables
+        The numbers of the variables of each pair.
     body_from_link
         Rotations (n, 3, 3) from the axes of each link, by its number, to the axes of its
         body. The axes of a body are those of one of its links.
@@ -356,9 +360,11 @@ def place_train_bodies(
     body_from_link
         Rotations (..., 3, 3) from the axes of each link to those of its body. The index or
         key is the number of the link. They are real, or complex for complex assembly modes.
-    ends, joints
-        Numbers of the two links, and the joint, of each pair of the mechanism. (The ends in
-        `group.ends` are positions of bodies instead.)
+    ends
+        Numbers of the two links of each pair of the mechanism. (In `group.ends` they are
+        positions of bodies instead.)
+    joints
+        The joint of each pair of the mechanism.
     angles
         Angles (...) in rad of the R pairs that the inputs determine, by number of the pair.
 

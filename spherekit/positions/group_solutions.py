@@ -1,7 +1,7 @@
 """All closed configurations of one irreducible group at one sample, and their method.
 
-Elimination is used where it applies and its checks succeed. Otherwise random starts are
-added, and the result says how likely they have missed a configuration.
+Elimination is used if it applies and its checks succeed. Otherwise random starts are added.
+The result then states how likely they have missed a configuration.
 """
 
 from collections.abc import Iterable
@@ -192,7 +192,8 @@ def sortable_angles(modes: Floats) -> Floats:
 def least_complete(*methods: SolutionMethod | None) -> SolutionMethod | None:
     """Return the method that is most likely to have missed a mode (largest `doubt`).
 
-    None stands for no method, and is returned if there are no others.
+    None in the arguments means that there is no method. It is returned if no other method
+    is given.
     """
     used_methods = [method for method in methods if method is not None]
     return max(used_methods, key=lambda method: method.doubt, default=None)

@@ -59,7 +59,7 @@ inputs.
 """
 
 ARRIVAL_TOLERANCE = 1e-9
-"""A step is extended to the goal if the rest, relative to the step, is smaller."""
+"""A step is extended to the goal if the remaining way, relative to the step, is smaller."""
 MAX_CORRECTION_ITERATIONS = 6
 """Newton steps from a prediction. Smaller: more steps along the path fail."""
 

@@ -190,8 +190,10 @@ class Closure:
             (n, variables) start values (rad).
         fixed
             Numbers of the variables that stay constant.
-        max_steps, longest_step
-            Largest number of steps, and largest change (rad) of a variable in one step.
+        max_steps
+            Largest number of steps.
+        longest_step
+            Largest change (rad) of a variable in one step.
 
         Returns
         -------

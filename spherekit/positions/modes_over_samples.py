@@ -525,9 +525,9 @@ class SampledModes:
         """Return the assembly modes, from the modes of the graph.
 
         A mode of the graph is a list: the number of its node (configuration) at each
-        sample, or -1. If there are more modes than `_mode_limit`, those with the most
+        sample, or -1. If there are more modes than `_mode_limit`, the modes with the most
         samples are kept. The attribute `claim`, which states how complete the modes are,
-        then says so.
+        then mentions this limit.
 
         Parameters
         ----------

@@ -49,8 +49,10 @@ class Motion(ArrayRows):
         The modes whose rows follow each other.
     samples
         Number of samples of each mode.
-    sample, assembly_mode
-        (n,) numbers of the sample and of the assembly mode.
+    sample
+        (n,) number of the sample of each row.
+    assembly_mode
+        (n,) number of the assembly mode of each row.
     inputs
         (n, inputs) values of the inputs (rad).
     values

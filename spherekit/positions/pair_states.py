@@ -123,8 +123,10 @@ class JointsOfKind(NamedTuple):
         The class of their joints, for example `Revolute`.
     joints
         The joint of each of these pairs.
-    pairs, variables
-        Indices of the pairs among all pairs, and of their variables among all variables.
+    pairs
+        Indices of these pairs among all pairs.
+    variables
+        Indices of their variables among the variables of all pairs.
     """
 
     kind: Kind

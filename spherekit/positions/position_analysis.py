@@ -33,9 +33,9 @@ from spherekit.quantity import AngleUnit
 from spherekit.wording import listing
 
 MIN_CROSSING_DISTANCE_RAD = 1e-6
-"""Smoothed modes are not numbered at an input nearer than this to a crossing of curves.
+"""Smooth curves are not numbered at an input nearer than this to a crossing of curves.
 
-At a crossing itself the modes coincide and cannot be told apart.
+At a crossing itself the modes coincide and cannot be distinguished.
 """
 BLOCK_ROWS = 16384
 """Rows in a block of `PositionAnalysis.blocks`.

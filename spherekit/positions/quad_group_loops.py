@@ -90,8 +90,10 @@ class GroupFold:
         (n, pairs) variables (rad) at the fold, in quad precision.
     direction
         (n, pairs) unit vector v.
-    residual, curvature
-        (n,) e (rad) and h (1/rad).
+    residual
+        (n,) opening e (rad) of the loops at the fold, along u.
+    curvature
+        (n,) coefficient h (1/rad) of the quadratic function f.
     is_known
         (n,) whether there is one fold nearby. Otherwise the other numbers have no meaning.
     """

@@ -270,10 +270,11 @@ def descend_to_closure(
 class DistinctConfigurations:
     """Closed configurations of one group at one sample that differ from each other.
 
-    At a dead centre the loops close to second order only: a small residual is far from the
-    solution. The residual and the smallest singular value of the Jacobian tell how far, and
-    configurations within this distance are the same. Configurations that differ by whole
-    revolutions of rolling wheels are the same, too.
+    At a dead centre the loops open only to second order. A computed configuration with a
+    small residual can therefore be far from the exact one. Its distance is estimated from
+    the residual and the smallest singular value of the Jacobian. Configurations within this
+    distance are the same. Configurations that differ by whole revolutions of rolling wheels
+    are the same, too.
 
     Parameters
     ----------

@@ -43,9 +43,10 @@ class Verification:
 
     Attributes
     ----------
-    correction, slack
-        The prediction may be wrong by `correction` times the length of the step, and in
-        addition by `slack` (rad), which allows for rounding.
+    correction
+        Largest error of the prediction, divided by the length of the step.
+    slack
+        Error of the prediction (rad) that is accepted in addition, because of rounding.
     settled
         A first step of Newton's method that is smaller than this (rad) is rounding. The
         method need not contract after it.

@@ -106,8 +106,10 @@ class ProfileSide:
         The curve, the variable (arc length) that runs along it, and its start.
     chain
         Rotation from the link of the profile to the moving frame (t, n, p) at the contact.
-    curvature, slope
-        Curvature k and its derivative dk/ds: numbers of circles, symbols otherwise.
+    curvature
+        Curvature k of the profile: a number for a circle, otherwise a symbol.
+    slope
+        Derivative dk/ds of the curvature: a number for a circle, otherwise a symbol.
     column_symbols
         The eight symbols. Empty for circles that are written as rotations.
     last_derivative

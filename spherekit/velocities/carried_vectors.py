@@ -273,8 +273,10 @@ def _vector_along_profile(
         +1 or -1, the sign of the vector.
     side
         The profile.
-    link, placed
-        Number and orientation of the link that carries the profile.
+    link
+        Number of the link that carries the profile.
+    placed
+        Orientation of this link.
     variables
         Expressions of all variables. The arc length along the profile is one of them.
     """

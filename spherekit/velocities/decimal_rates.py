@@ -48,10 +48,14 @@ class DecimalRates:
         arrays are meaningless in rows where this is False.
     axes
         (n, pairs, 3) unit axes of the pairs.
-    rates, changes
-        (n, pairs) rates of the pair variables, and their derivatives.
-    w, dw
-        (n, links, 3) angular velocities of the links, and their derivatives.
+    rates
+        (n, pairs) rates of the pair variables.
+    changes
+        (n, pairs) derivatives of these rates.
+    w
+        (n, links, 3) angular velocities of the links.
+    dw
+        (n, links, 3) derivatives of these angular velocities.
     axis_error, w_error, dw_error
         (n,) bounds of the errors of `axes`, of `w` and of `dw`, for any pair or link.
     ends

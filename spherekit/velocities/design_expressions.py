@@ -414,8 +414,10 @@ class DesignExpressions:
         kind
             Empty for the angular velocity per unit rate of the moving input, "_dq" for its
             derivative with respect to this input.
-        link, moving
-            Name of the link, and index of the moving input.
+        link
+            Name of the link.
+        moving
+            Index of the moving input.
         """
         vectors = self._link_velocity_derivatives if kind else self._link_velocities
         return vectors[moving][self.mechanism.link(link)]
@@ -557,8 +559,10 @@ class DesignExpressions:
 
         Parameters
         ----------
-        link_name, other_name
-            The link whose motion relative to the other one is meant, and the other one.
+        link_name
+            Name of the link whose motion is meant.
+        other_name
+            Name of the link relative to which it moves.
         kind
             "velocity" or "acceleration".
         moving
@@ -695,9 +699,11 @@ class DesignExpressions:
         kind
             "A_q", "A_dq" or "B_torque": the derivative with respect to the angle, the rate
             or the torque of another input.
-        index, other
-            Indices of the input that accelerates, and of the input with respect to whose
-            angle, rate or torque the derivative is taken.
+        index
+            Index of the input that accelerates.
+        other
+            Index of the input with respect to whose angle, rate or torque the derivative is
+            taken.
         """
         if kind == "B_torque":
             return self._inverse_inertia[index][other]

@@ -41,9 +41,10 @@ class GeometryRounding:
     ----------
     gap
         (n,) bound (rad) of each component by which any loop may be open.
-    axis_error, loop_error
-        Bounds (rad) of the sum of all tilts of axes on the path to a link, and around a
-        loop.
+    axis_error
+        Bound (rad) of the sum of all tilts of axes on the path from the ground to a link.
+    loop_error
+        Bound (rad) of the sum of all tilts of axes around a loop.
     w, dw
         (links, 3, n) angular velocities of the links per unit rate of the input, and their
         derivatives with respect to the input.
@@ -56,9 +57,11 @@ class GeometryRounding:
     largest_movement
         (n,) sum over these directions of the movement of one variable per unit opening, for
         the variable with the largest sum.
-    profile_speed, profile_bend
-        (n,) bounds of the rates of variables, and of the derivatives of these rates, if
-        contacts have profiles whose sizes are rounded too. Otherwise 0.
+    profile_speed
+        (n,) bound of the rates of variables if contacts have profiles whose sizes are
+        rounded too. Otherwise 0.
+    profile_bend
+        (n,) bound of the derivatives of these rates in the same case. Otherwise 0.
     """
 
     gap: Floats

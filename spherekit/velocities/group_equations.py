@@ -88,8 +88,10 @@ class GroupEquations:
 
     Attributes
     ----------
-    mechanism, pairs
-        The mechanism, and the numbers of the pairs of the group.
+    mechanism
+        The mechanism.
+    pairs
+        Numbers of the pairs of the group.
     loops
         For each loop the pairs with their senses. A loop leads through pairs of the group
         and through pairs that are closed before.

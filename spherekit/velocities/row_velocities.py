@@ -502,8 +502,10 @@ class RowVelocities:
         ----------
         quad_rows
             The results of k rows.
-        name, key
-            Name of the quantity, and its pole or the number of its link.
+        name
+            Name of the quantity.
+        key
+            The pole to which the quantity belongs, or the number of the link.
         """
         # Each component of the quantity, such as x, y and z of a vector, is a column.
         columns = self._column_indices[name][key]

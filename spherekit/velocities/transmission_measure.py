@@ -71,8 +71,10 @@ class Transmission:
         The loops of the mechanism.
     driven
         Indices of the variables that the inputs lock.
-    link, relative_to
-        Numbers of the output link, and of the link from which it is seen.
+    link
+        Number of the output link.
+    relative_to
+        Number of the reference link, from which the output is seen.
     direction
         (3,) the direction in which the output points, in the axes of its link. A rotation
         about it does not count as motion of the output. None for the whole orientation.
