@@ -286,7 +286,7 @@ def _describe_evaluations(plan: Facts) -> str:
 
 
 def _predicted_sizes(sizes: Facts, with_recording: bool) -> list[str | ScreenTable]:
-    """Return the predicted sizes of a run: lines, and a table of its tables.
+    """Return the predicted sizes of a run: some lines, and a list of its tables.
 
     Parameters
     ----------

@@ -126,7 +126,7 @@ def _mode_titles(modes: Sequence[Any]) -> str:
 
 
 def _closing_place(mode: Any, entry: Any, overview: Any, place_text: PlaceText) -> str:
-    """Return where a mode closes, such as ``at input 21 = 0 to 137 deg``.
+    """Return where a mode can be assembled, such as ``at input 21 = 0 to 137 deg``.
 
     Parameters
     ----------

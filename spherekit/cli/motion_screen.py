@@ -316,8 +316,8 @@ def _rest_cell(
     place_text
         Texts of the places of this overview.
     stop_times
-        Times (s) of a simulation at which all links stop. They take the place of those that
-        are interpolated between samples, so that both are printed alike.
+        Times (s) of a simulation at which all links stop. Where the output rests at such a
+        time, this time is printed instead of the time that is interpolated between samples.
     """
     # An output without a fixed axis has no signed rate, whose change of sign shows a rest.
     if not output["fixed_axis"]:

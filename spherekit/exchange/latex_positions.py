@@ -69,8 +69,8 @@ class LinkAxis(NamedTuple):
     arc
         Arc from the first axis of the link to this axis; zero for the first axis.
     turn
-        Angle about the first axis of the link, from the arc that leads from the first to
-        the second axis, to the arc that leads from the first axis to this one.
+        Angle between two arcs that begin at the first axis of the link: from the arc to the
+        second axis, to the arc to this axis.
     """
 
     vector: ExpressionNode

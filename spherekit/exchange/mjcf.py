@@ -108,10 +108,11 @@ class MujocoModel:
     """A mechanism in a closed configuration as a MuJoCo model (MJCF).
 
     Bodies have the names and axes of links. Joints have the names of pairs, and their
-    positions are the pair variables. Each pair that closes a loop is a `connect` on its
-    axis, as stiff as the time step allows. If a load acts at it, the pair has to be a
-    joint: the joint carries a *twin*, a second body of the link with a part of its inertia,
-    which is welded to the link. Inputs have motors (N m). If the mechanism has no masses,
+    positions are the pair variables. Each pair that closes a loop is a constraint of the
+    kind `connect` on its axis, as stiff as the time step allows. If a load acts at such a
+    pair, the pair has to be a joint. This joint then carries a *twin*: a second body of the
+    link, which has a part of the link's inertia and is welded to it. Inputs have motors (N
+    m). If the mechanism has no masses,
     inputs have servos whose controls are angles (rad). Links are drawn on a sphere whose
     radius is the distance of the farthest centre of mass, or 1 m without masses.
 

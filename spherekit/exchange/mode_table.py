@@ -138,7 +138,7 @@ class ModeCandidate:
 
         Crossings of curves divide the range of the input into intervals. Mode values are
         the numbers that select the mode in the formulas. Without a closed form, the mode
-        values of an interval are the variables in the returned configuration.
+        values of an interval are the pair variables in this configuration.
         """
         row = _middle_row(self.interval, interval)
         return None if row is None else self.motion.inputs[row]

@@ -117,9 +117,9 @@ def check_sizes_change_no_constants(varied: VariedMechanism) -> None:
 def _profile_numbers(mechanism: Mechanism) -> Floats:
     """Return all numbers of the contact profiles of a mechanism as one array.
 
-    For each profile these are the numbers that define the curve: centre, radius, points and
-    coefficients of a series. Then follows, for each profile, the arc length at the contact
-    point when the variable of the contact is zero.
+    First come, for each profile, the numbers that define the curve: centre, radius, points
+    and coefficients of a series. Then comes, for each profile, the arc length of the
+    contact point at which the variable of the contact is zero.
     """
     numbers = [profile_numbers(profile) for profile, _ in list_profiles(mechanism)]
     starts = [track.start for track in make_contact_profiles(mechanism)]

@@ -247,8 +247,9 @@ class ExaminedRows:
     ) -> None:
         """Extend the range of the angle between the first pose and the pose in each row.
 
-        It is the angle of the rotation between them. If the output is a direction, it is
-        the angle between the first direction and that in each row.
+        If the output is an orientation, the angle is that of the rotation from the first
+        pose to the pose in the row. If the output is a direction, it is the angle between
+        the first direction and the direction in the row.
 
         Parameters
         ----------

@@ -47,8 +47,8 @@ def thread_map(
 ) -> list[Result]:
     """Return the result of each item, computed on all cores if threads are used.
 
-    Threads help only if the function runs for long without the interpreter, as compiled
-    functions do.
+    Threads help only if the function spends most of its time outside of the Python
+    interpreter, as compiled functions do.
     """
     if not uses_threads:
         return list(map(compute, items))

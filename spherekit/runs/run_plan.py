@@ -280,9 +280,9 @@ class RunPlan:
     ) -> None:
         """Store the rows of a table for a block of samples, and count them.
 
-        Failed rows are counted as failures of the analysis, with one exception: if the
-        configuration of a sample does not exist, the rows of this sample fail for this
-        reason. Analyses that read no samples have no such rows.
+        Failed rows are counted as failures of the analysis, with one exception: rows of
+        samples that have no configuration. They fail for this reason and are not counted.
+        Analyses that read no samples have no such rows.
 
         Parameters
         ----------

@@ -74,7 +74,8 @@ class RunState:
         For each input that moves while the others are locked: the directions of all poles
         in the last row. Directions in the next rows get the signs that continue them.
     last_angles
-        For each assembly mode, the last variables with their whole revolutions.
+        For each assembly mode (way to assemble the mechanism), the pair variables in the
+        last row, without jumps of whole revolutions. The next block continues them.
     samples_done
         Number of samples that are evaluated.
     failures

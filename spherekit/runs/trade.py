@@ -180,8 +180,9 @@ def trade(
     """Measure the times and the true errors of the settings of a run.
 
     A setting is one way to compute the run, such as an engine or a tolerance. Some analyses
-    have parameters that trade speed for accuracy; their values are then measured instead.
-    The result, a trade, has the time and the error of each setting.
+    have parameters that make them faster and less accurate. The values of these parameters
+    are then measured instead of settings. The result, a trade, has the time and the error
+    of each setting or value.
 
     Parameters
     ----------
@@ -539,11 +540,13 @@ def _run_with_value(
 def _compare_sweep_column(
     sweep: Sweep, reference: Tables, tables: Tables
 ) -> list[Deviation]:
-    """Return the deviation of the column of a parameter from the reference.
+    """Return the deviation of a column, computed with one value of a parameter.
 
-    Each number is compared with the nearest one in a row with the same texts, in both
-    directions. Positions are compared as angles (rad). Other numbers are compared relative
-    to the largest one of the reference.
+    The reference is the same column, computed with the most accurate value of the
+    parameter. Each number of the column is compared with the nearest number of the
+    reference, among rows with the same texts. Each number of the reference is compared with
+    the nearest number of the column in the same way. Positions are compared as angles
+    (rad). Other numbers are compared relative to the largest number of the reference.
 
     Parameters
     ----------

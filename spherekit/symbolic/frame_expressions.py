@@ -142,11 +142,12 @@ def _rotate_by_size_changes(
 ) -> Exprs:
     """Return the frame of a pair in a link whose sizes differ from the reference pose.
 
-    The axis of a pair in a link has two sizes (rad): its arc from the axis of the link's
-    first R pair, and the angle of this arc about that axis. A change of the arc rotates the
-    frame about the normal of the plane of the arc. A change of the angle rotates the frame
-    and this plane about the first axis. The rotation by the arc has to come first, because
-    the normal of the plane is known in the reference pose only.
+    Let the first axis be the axis of the link's first R pair. The axis of every other pair
+    has two sizes (rad): its arc from the first axis, and the angle of this arc about the
+    first axis. A change of the arc rotates the frame about the normal of the plane of the
+    arc. A change of the angle rotates the frame and this plane about the first axis. The
+    rotation by the arc has to come first, because the normal of the plane is known in the
+    reference pose only.
 
     Parameters
     ----------

@@ -167,8 +167,8 @@ def sort_by_mode(block: TableData, by_mode: bool = True) -> SortedBlock:
     """Sort the rows of a block of a table by assembly mode, and each mode by sample.
 
     An assembly mode is one of the ways to assemble the mechanism. Rows of one sample keep
-    their order. If the rows are in this order already, the columns are not changed, so that
-    lazy columns remain lazy.
+    their order. If the rows are already sorted, the columns are not changed. Lazy columns
+    (computed when they are read) then remain lazy.
 
     Parameters
     ----------
