@@ -26,10 +26,10 @@ COLOUR_OF_KIND = {"I": 1, "II": 2, "III": 3, "self-motion": 4}
 class PlottedColumn:
     """The appearance of one column of the table of relations in plots.
 
-    The table has two kinds of columns for each row of the motion: the coefficients of the
-    relation c y' = d q', where y' is the rate of an output and q' that of the one input
-    that moves while the others are locked; and angles that measure how near singularities
-    are.
+    The table has two kinds of columns for each row of the motion. Some are the coefficients
+    of the relation c y' = d q', where y' is the rate of an output and q' that of the one
+    input that moves while the others are locked. The others are angles that measure how
+    near singularities are.
 
     Attributes
     ----------

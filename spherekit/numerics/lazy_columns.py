@@ -1,7 +1,8 @@
 """Table columns that are computed only when they are read.
 
-One pass over a source computes several of its columns at less cost than one pass for each.
-The functions of this module therefore collect all columns of a source before they read it.
+A source is an object that computes columns. One pass over it computes several columns at
+less cost than one pass for each. The functions of this module therefore collect all columns
+of a source before they read it.
 """
 
 from collections import defaultdict

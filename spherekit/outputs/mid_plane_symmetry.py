@@ -8,8 +8,8 @@ The architecture is found from the graph and the sizes alone:
   hinges, so that the elbows lie in one plane.
 
 It is proven numerically: with all links placed by the closed form, every pair has to close,
-and the velocity equations have to leave two degrees of freedom. Near such a configuration
-there are then no others than those of the closed form.
+and the velocity equations have to leave two degrees of freedom. All configurations near it
+are then those of the closed form.
 """
 
 from collections.abc import Mapping, Sequence

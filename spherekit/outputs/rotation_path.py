@@ -162,8 +162,9 @@ class PathNodes(ArrayRows):
     is_valid
         (n,) whether the configuration is the nearest one, with finite derivatives.
     system
-        (n, equations + 3, variables) derivatives of the closure equations by the variables,
-        above the angular velocities of the output link per rate of the variables.
+        (n, equations + 3, variables) matrices. The first rows are the derivatives of the
+        closure equations by the variables. The last three rows are the angular velocities
+        of the output link per unit rate of each variable.
     condition
         (n,) reciprocal condition number of `system` in the Frobenius norm.
     stability
@@ -384,8 +385,8 @@ class RotationPath:
         The path consists of the configurations nearest to a target orientation, which turns
         about an axis by the angle theta. A node is predicted from the derivatives at the
         last one and corrected by Newton's method. The middle of the step is computed too.
-        The tests are that the corrections are small, that no singular configuration lies
-        between, and that the interpolation agrees with the middle.
+        The tests are that the corrections are small, that no singular configuration is
+        between the two nodes, and that the interpolation agrees with the middle.
 
         Parameters
         ----------

@@ -1,9 +1,9 @@
 """All assembly modes at given inputs, certified by counting every complex root.
 
 If not all complex roots can be distinguished, there are two other proofs that no real root
-is missing. The equations may consist of systems that are solved one after another. For each
-of them, as many solutions are proven as it can have. Otherwise the space of the unknowns is
-divided into boxes, and further real roots are excluded box by box.
+is missing. The equations may consist of systems that are solved one after another. The
+first proof shows for each system as many solutions as it can have. In the second proof the
+space of the unknowns is divided into boxes, and further real roots are excluded box by box.
 """
 
 from collections.abc import Iterator, Sequence

@@ -393,8 +393,8 @@ def _find_relative_motion(reference: ExactRows, pole: Pole) -> tuple[Bools, Bool
     """Return in which rows two links move relative to each other, and in which they rest.
 
     The links move if rounding cannot rotate their relative velocity by more than 1e-6 rad.
-    They rest if it is at most `ROUNDING_STEP_RATIO` times its rounding error. In between
-    (both False) neither is known.
+    They rest if this velocity is at most `ROUNDING_STEP_RATIO` times its rounding error. In
+    between (both False) neither is known.
 
     Parameters
     ----------

@@ -539,14 +539,14 @@ def enclose_roots(
     P are the polynomials, P_z and P_g their derivatives by the unknowns z and by the given
     variables g. Let the matrix Y be near the inverse of P_z at the approximate root.
     Suppose that Y P_z differs from the identity by at most `slack` < 1 within a radius and
-    for all inputs of the box. The distance of the root from any point there is then at most
-    the largest |Y P| at this point, divided by 1 - slack. If this distance is less than the
-    radius at all points of the axis of the tube, the root stays inside.
+    for all inputs of the box. The distance of the root from any point within the radius is
+    then at most the largest |Y P| at this point, divided by 1 - slack. If this distance is
+    less than the radius at all points of the axis of the tube, the root stays inside.
 
     |Y P| on the axis is its value at the centre of the box and the integral of its
     derivative along the axis, Y P_z z' + Y P_g g'. The rates z' of the axis make this
-    derivative zero at the centre. From there Y P_z and Y P_g change at most linearly, so
-    that half of their largest changes bounds the mean of the derivative.
+    derivative zero at the centre. Away from the centre Y P_z and Y P_g change at most
+    linearly, so half of their largest changes bounds the mean of the derivative.
 
     Parameters
     ----------

@@ -117,12 +117,12 @@ class SingleFreedomSingularities:
     curve_motions
         Velocities along each curve.
     input, outputs
-        (i, r) and for each output (o, s), numbers of links.
+        The input as link numbers (i, r), and each output as link numbers (o, s).
     links
         For each output the four links of the relation c y' = d q' in each of its forms. q'
         is the rate of the input. y' is the rate of the output in form "i", and the rate of
-        o relative to r in form "ii". Form "ii" does not exist if o is i or r. If s is r, it
-        uses another link for s.
+        o relative to r in form "ii". Form "ii" does not exist if o is i or r. If s is r,
+        form "ii" uses another link for s.
 
     Raises
     ------
