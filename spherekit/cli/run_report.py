@@ -609,7 +609,9 @@ def _accuracy(summary: Any) -> str:
 
 
 def _table_accuracy(overview: Any) -> str:
-    """Return how much the extremes in the table of outputs are exceeded between samples.
+    """Return how accurate the extremes in the table of outputs are, in words.
+
+    The table has extremes at samples, which can be exceeded between samples.
 
     An example is "the table is accurate to the digits shown, but angles to about 0.002 deg,
     as samples are 1 deg of 21 apart".

@@ -185,8 +185,9 @@ class CoaxialHinges(NamedTuple):
     axis
         (3,) unit vector of the axis.
     hinges
-        The hinges. The sense of a hinge is 1.0 if a positive rate turns the end of the path
-        relative to its beginning in the positive sense about `axis`, else -1.0.
+        The hinges. A positive rate of a hinge turns the end of the path relative to its
+        beginning. The sense of the hinge is 1.0 if this rotation is positive about `axis`,
+        and -1.0 if it is negative.
     """
 
     axis: Floats

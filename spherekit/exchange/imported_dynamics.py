@@ -96,9 +96,9 @@ class ImportedDynamics:
         ]
 
     def _add_up_bodies(self, link: int, bodies: list[int], rotor: Floats | None) -> Table:
-        """Return the table of the mass of a link, the sum over its bodies.
+        """Return the table of the mass of a link: the sum of the masses of its bodies.
 
-        The inertia tensor is about the centre of the sphere.
+        The table has the inertia tensor about the centre of the sphere.
 
         A mechanism file may state the tensor of a link without its mass. When spherekit
         exports such a file as a MuJoCo model, it invents a mass and marks the body as

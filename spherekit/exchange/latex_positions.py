@@ -550,8 +550,9 @@ class PositionFormulas:
 
             cos d = cos a cos b + sin a sin b cos c.
 
-        If one of the two is the first axis of the link itself, it is the first axis of
-        `side`. Then a = 0, and the result is cos b. Otherwise the expression gets a symbol.
+        The first axis of the link in the file may be one of the two axes. Then it comes
+        first in `side`, a is 0, and the result is cos b. Otherwise the expression gets a
+        symbol.
         """
         first_axis = side.first_axis
         second_axis = side.second_axis

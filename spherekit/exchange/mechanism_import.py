@@ -51,9 +51,9 @@ class Imported(NamedTuple):
 def import_mechanism(path: AnyPath, *, within: float | None = None) -> Imported:
     """Return the spherical mechanism that an MJCF or URDF file describes.
 
-    Hinges are pairs, and so is each point at which a loop is closed; bodies that are
-    welded are one link. Actuated joints are inputs. Springs, dampers, dry friction, limits,
-    gravity and constant actuators are loads and joint limits.
+    Hinges become pairs, and so does each point at which a loop is closed. Bodies that are
+    welded become one link, and actuated joints become inputs. Springs, dampers, dry
+    friction, gravity and constant actuators become loads, and limits become joint limits.
 
     Parameters
     ----------

@@ -342,9 +342,10 @@ def _join_mode_values(
 ) -> SmoothModes:
     """Return the mode values of all modes in the intervals of the input.
 
-    Mode values select a mode in the formulas. Crossings divide the range of
-    the input into intervals, in which the values of a mode differ. In a further short
-    interval about each crossing the values are unknown (NaN) for modes that change there.
+    Mode values are the numbers that select a mode in the formulas. Crossings divide the
+    range of the input into intervals, and a mode can have other values in each of them.
+    There is also a short interval about each crossing. In it the values of a mode are
+    unknown (NaN) if they change at the crossing.
 
     Parameters
     ----------

@@ -237,10 +237,11 @@ def _find_light_ends(
 ) -> list[str]:
     """Return the links without mass that carry no link with mass in the tree.
 
-    Engines move no body without mass, so such links are given a little inertia. A link that
-    carries others with mass moves with these. One that carries none needs more inertia
-    (`LIGHT_END_RATIO`), because engines follow a load on a light body less exactly. All
-    links of a chain without mass are returned, not only the last one.
+    Engines move no body without mass, so such links are given a little inertia. This is
+    enough for a link that carries links with mass, because it moves with them. A link that
+    carries no mass needs more inertia (`LIGHT_END_RATIO`), because engines follow a load on
+    a light body less exactly. All links of a chain without mass are returned, not only the
+    last one.
 
     Parameters
     ----------

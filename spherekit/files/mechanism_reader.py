@@ -407,11 +407,12 @@ class _MechanismReader:
         return Mass(link, symmetric_tensor, mass, centre)
 
     def with_start(self, mechanism: Mechanism, pair: Pair) -> Pair:
-        """Return a pair of wheels with the start of their contact, which a phase gives.
+        """Return a pair of wheels with the start of the contact, computed from the phase.
 
-        The phase in the file is the angles of the shafts of two wheels in a configuration
-        in which they mesh. The start is the arc lengths along both circles at which they
-        then touch. Pairs without a phase are returned unchanged.
+        The file can state a phase: the angles of the shafts of two wheels in one
+        configuration in which they mesh. The start consists of two arc lengths: the place
+        on each pitch circle at which the wheels touch in this configuration. Pairs without
+        a phase are returned unchanged.
 
         Parameters
         ----------

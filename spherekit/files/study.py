@@ -275,7 +275,8 @@ class Study:
         Whether tables have angles in degrees.
     folder, recording
         Folder and recording that a study file names, relative to the working folder. The
-        command writes there; `spherekit.run` writes only to its own arguments.
+        command `spherekit run` writes to them. The function `spherekit.run` does not: it
+        writes only to the folder and the recorder that it gets as arguments.
     locate
         Function that returns an error about a key, with the file and the line of the key.
     """

@@ -728,8 +728,8 @@ class BatchRunner:
 
         Returns
         -------
-        None in a simulation, for few rows, without poles, or if the kernel cannot bound the
-        errors of rows of this mechanism.
+        The runner. None in a simulation, for few rows, without poles, or if the kernel
+        cannot bound the errors of this mechanism.
         """
         position_analysis = sampling.position_analysis
         row_count = len(sampling) * len(position_analysis.assembly_modes)

@@ -210,7 +210,7 @@ def parse_fields(
 
 
 def read_simple_value(hint: Any, text: str, angle_unit: AngleUnit) -> Any:
-    """Return a text as a value of a simple type, or raise `ValueError`.
+    """Convert a text to a value of a simple type, or raise `ValueError`.
 
     Parameters
     ----------

@@ -184,7 +184,7 @@ def _read_parameters(
 
 
 def _read_simple_value(hint: Any, value: Any, angle_unit: AngleUnit) -> Any:
-    """Return a value of a file as one of a simple type, or raise `ValueError`.
+    """Convert a value of a file to a simple type, or raise `ValueError`.
 
     Parameters
     ----------

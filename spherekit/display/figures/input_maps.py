@@ -72,9 +72,9 @@ def path_axis(axes: Sequence[Axis]) -> Axis:
 def draw_maps(maps: Sequence[Curve], sheet: Sheet) -> Figure:
     """Return a figure of one quantity over two inputs, in every mode.
 
-    With more inputs there is a map at the first, the middle and the last value of each.
-    Quantities with both signs have colours that are symmetrical about zero, and a line of
-    zeros.
+    With more than two inputs, there are maps at the first, the middle and the last value of
+    each further input. If a quantity has both signs, its colours are symmetrical about
+    zero, and its zeros are drawn as a line.
 
     Parameters
     ----------

@@ -50,8 +50,9 @@ READ_ONLY = "read-only"
 def check_reads(case: ConformanceCase) -> str:
     """Check that an analysis reads only quantities that it has declared as its needs.
 
-    Public attributes raise an error by themselves. To find reads by private attributes, all
-    quantities that are not declared are replaced by NaN; the tables must stay the same.
+    Public attributes of a batch raise an error if a quantity is not declared. Private
+    attributes do not. Therefore all quantities that are not declared are replaced by NaN.
+    The tables must then stay the same.
 
     An analysis may declare that it needs the tracer: the position analysis, which can
     compute any configuration. Then no quantity is undeclared.
