@@ -400,9 +400,10 @@ class DesignEvaluator:
 
         - Impossible designs get a row with the reason.
         - Designs to which the kernel applies are computed together.
-        - The others are analysed one by one. They have other kinds or numbers of loads or
-          contacts than the mechanism of the file (`OTHER_FORM`), for which the kernel was
-          made. Or a solution of their closure equations was lost while it was tracked.
+        - The others are analysed one by one. There are two reasons. They can have other
+          kinds or numbers of loads or contacts than the mechanism of the file
+          (`OTHER_FORM`), for which the kernel was made. A solution of their closure
+          equations can also be lost while it is tracked.
 
         Parameters
         ----------

@@ -359,7 +359,7 @@ def unwrap_along_several_inputs(
     continuous from sample to sample. Each sample is reached from the sample before on a
     straight path of the inputs, the first one from the anchor. Points are reached from the
     nearest sample. If a design cannot be followed on this path, as it does not close all
-    along, the straight path from the anchor is tried. If it cannot be followed there
+    along, the straight path from the anchor is tried. If it cannot be followed on this path
     either, its offset is such that the sum is in (-pi, pi].
 
     Parameters

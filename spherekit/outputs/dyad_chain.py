@@ -93,8 +93,8 @@ class AxisSource:
     """A pair and a link from which the axis of a requested pair is computed.
 
     Links are placed one after another. The requested pair belongs to a given link. Its axis
-    is known as soon as this link is placed, or earlier: the axes of two pairs of the link
-    can coincide, and the other pair may join it to a link that was placed before.
+    is known as soon as this link is placed. It is known earlier if another pair of the link
+    has the same axis and joins the link to one that was placed before.
 
     Attributes
     ----------

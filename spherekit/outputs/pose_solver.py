@@ -52,8 +52,8 @@ def output_kinematics(
     ModelError
         If the output is unknown.
     PlanError
-        If the output link by itself cannot take every direction (or orientation), or the
-        mechanism has not one degree of freedom for each input.
+        If the output link by itself cannot take every direction (or orientation), or if the
+        mechanism does not have as many degrees of freedom as inputs.
     """
     # A pose has two coordinates (direction) or three (orientation), `COORDINATES`. Only
     # with as many inputs do poses determine the inputs. `points` says that poses are

@@ -165,7 +165,8 @@ class TargetRates:
 class TargetDeviation:
     """n configurations with the rotations from their output links to target orientations.
 
-    All vectors are in the axes of body 0. The symbols are those of the module.
+    All vectors are in the axes of body 0. The symbols G and d are explained in the
+    docstring of the module.
 
     Attributes
     ----------

@@ -115,7 +115,7 @@ class LinkPlacement:
 
 @dataclass(frozen=True)
 class ParentPaths:
-    """The two paths of links that a closing link joins to a loop.
+    """The two paths of links that form a loop together with a closing link.
 
     A closing link is put on the axes of two pairs. These pairs join it to two links placed
     before, its parents. To write its equation, both axes are needed in the axes of the same

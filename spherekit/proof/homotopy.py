@@ -5,7 +5,7 @@ approximation, and compare the number of solutions with the largest possible one
 
 The homotopy leads from a start system at t = 0 to the equations of the mechanism at t = 1.
 The start equations are products of linear factors and have the degrees of the mechanism's
-equations. They have exactly as many solutions as the bound allows, and all of them are
+equations. They have exactly this largest possible number of solutions, and all of them are
 known (A. Sommese and C. Wampler, The Numerical Solution of Systems of Polynomials, 2005,
 chapter 8). For almost all random numbers no path passes a singular system.
 """

@@ -510,11 +510,11 @@ def count_modes(
 def _bound_root_angles(roots: ChartRoots, tubes: RootTubes, half: Floats) -> RootAngles:
     """Return the angles of roots and their motion over the boxes.
 
-    The boxes are ranges of the inputs. A coordinate of a root is z = e^(i s angle) with
-    s = 1, or s = -1 if it is the inverse. The derivative of the angle by an input is
-    therefore z' / (i s z). The motion of the angle over a box is not linear in the inputs
-    for two reasons: z is only near linear motion, and the angle is its logarithm. The error
-    is a bound of both.
+    The boxes are ranges of the inputs. A coordinate of a root is z = e^(i s angle) with s =
+    1, or s = -1 if it is the inverse. The derivative of the angle by an input is therefore
+    z' / (i s z). The motion of the angle over a box is not linear in the inputs for two
+    reasons: z is only near linear motion, and the angle is its logarithm. The returned
+    error is a bound of both effects.
 
     Parameters
     ----------

@@ -132,7 +132,7 @@ class VariableRanges:
     float_low, float_width
         (variables,) the lower ends and widths rounded to float64.
     whole
-        The one box of all ranges.
+        The box that consists of the whole range of each variable.
     """
 
     def __init__(self, low: Sequence[Ball], width: Sequence[Ball]) -> None:

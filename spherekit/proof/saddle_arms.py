@@ -108,8 +108,9 @@ class DirectionRates:
     ----------
     gradient
         g_u / u and g_v / u at points (u, slope u) near the saddle, where g_u and g_v are
-        the derivatives of g by u and by v. At the saddle these are 0, and near it about
-        proportional to u. Two balls, numbers with a bound of their error.
+        the derivatives of g by u and by v. At the saddle these derivatives are 0, and near
+        it they are about proportional to u. The two entries are balls, which are numbers
+        with a bound of their error.
     signs
         (variables,) signs of the rates along (-g_v, g_u), 0 if not proven.
     """

@@ -88,9 +88,10 @@ class LocusPointSearch:
     Raises
     ------
     AnalysisError, PlanError
-        If the mechanism has not `input_count` inputs with one degree of freedom each, or no
-        such output. Also if type I of a direction is asked for and there are three inputs:
-        these can move while it rests in every configuration.
+        If the mechanism does not have `input_count` inputs and as many degrees of freedom,
+        or if it has no such output. Also if type I of a direction is asked for and there
+        are three inputs: the inputs can then move while the direction rests, in every
+        configuration.
     """
 
     def __init__(

@@ -237,7 +237,7 @@ class SampledSingularities:
         ----------
         places
             The configuration as numbers of curves with arc lengths (rad). There are several
-            if curves cross. The period is that of the first one.
+            if curves cross in it. The period of the input is that of the first curve.
         values
             (variables,) the variables of the configuration (rad).
         margin
@@ -615,8 +615,8 @@ class SampledSingularities:
         Returns
         -------
         For each such end its arc length (rad), and the variables (variables,) of the
-        crossing (rad). They differ from those at the end of the curve by no whole
-        revolutions.
+        crossing (rad). They are counted with the same whole revolutions as those at the end
+        of the curve.
         """
         arc_curve = self.curves[curve]
         first_output = self.report.outputs[0]

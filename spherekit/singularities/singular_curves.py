@@ -178,8 +178,8 @@ def singular_curves(
     Raises
     ------
     AnalysisError, PlanError
-        If the mechanism has not two inputs with one degree of freedom each, or no such
-        output.
+        If the mechanism does not have two inputs and two degrees of freedom, or if it has
+        no such output.
     """
     search = LocusPointSearch(
         mechanism,

@@ -424,9 +424,9 @@ def singular_surface(
     Raises
     ------
     AnalysisError, PlanError
-        If the mechanism has not three inputs with one degree of freedom each, or no such
-        output. Also if type I of a direction is asked for: a direction has two freedoms, so
-        that three inputs can move while it rests in every configuration.
+        If the mechanism does not have three inputs and three degrees of freedom, or if it
+        has no such output. Also if type I of a direction is asked for: a direction has two
+        freedoms, so that three inputs can move while it rests in every configuration.
     """
     search = LocusPointSearch(
         mechanism,

@@ -48,7 +48,7 @@ def solver_of(mechanism: Mechanism) -> PositionSolver:
     Raises
     ------
     PlanError
-        If the mechanism has not one degree of freedom for each input.
+        If the mechanism does not have as many degrees of freedom as inputs.
     """
     try:
         return PositionSolver(mechanism, plan_assembly(mechanism))
