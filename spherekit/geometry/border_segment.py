@@ -184,7 +184,7 @@ class BorderSegments(ArrayRows):
 
     @staticmethod
     def empty() -> "BorderSegments":
-        """Return a record without segments, to which others can be joined."""
+        """Return an object without segments, to which other segments can be joined."""
         no_index = np.zeros(0, np.intp)
         no_number = np.zeros(0)
         no_flag = np.zeros(0, dtype=bool)
@@ -463,7 +463,7 @@ class BorderSegments(ArrayRows):
         self._replace_by_chords(selected[np.any(is_negative, axis=(1, 2))])
 
     def _points_at(self, selected: Indices, u: Floats, height: Floats) -> Floats:
-        """Return `points_beside_chords` of some segments."""
+        """Return the points at given heights beside the chords of some segments."""
         return points_beside_chords(self.frames[selected], self.length[selected], u, height)
 
     @property

@@ -53,8 +53,9 @@ class CurveSamples:
 def nearest_frames(first: Curve, second: Curve) -> tuple[Floats, float]:
     """Return the points at which two curves have the most similar frames.
 
-    The frame of a curve on the unit sphere has the unit vectors to the point, along the
-    tangent, and at right angles to both. If two curves touch, their frames there are equal.
+    The frame of a curve on the unit sphere consists of three unit vectors: to the point,
+    along the tangent, and at right angles to both. If two curves touch, their frames there
+    are equal.
 
     Both curves are sampled. From several pairs of samples with similar frames, the angle
     between the frames is minimised (`_find_starts` chooses the pairs). The best of these

@@ -183,7 +183,7 @@ class Region:
 
     @property
     def holes(self) -> tuple[Part, ...]:
-        """All gaps except the largest."""
+        """The holes of the region: all gaps except the largest."""
         return self.gaps[1:]
 
     def nearest(self, point: Sequence[float] | Floats) -> Floats:

@@ -40,7 +40,7 @@ class HalfAngle:
 
     @staticmethod
     def from_arc(arc: float) -> "HalfAngle":
-        """Return an arc that is given in rad."""
+        """Return the `HalfAngle` of an arc that is given in rad."""
         return HalfAngle(float(np.sin(0.5 * arc)), float(np.cos(0.5 * arc)))
 
     def __add__(self, other: "HalfAngle") -> "HalfAngle":

@@ -45,7 +45,7 @@ FIRST_HALVINGS = 3
 """Number of times the cubes are halved before the first evaluation."""
 
 MIN_CELL_WIDTH = 4
-"""Cells of this width, in units, are not halved: their samples are one unit apart."""
+"""Cells of this width, in units, are not halved: their samples are only one unit apart."""
 
 SUBCELLS_PER_SIDE = 6
 """Number of subcells along each side of a cell, in which the volume is summed. Larger: more

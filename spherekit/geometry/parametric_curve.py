@@ -71,7 +71,7 @@ class CirclePath:
     cosine: float
 
     def speed(self, u: Floats) -> Floats:
-        """Return |dp/du| at parameters u of any shape: 1."""
+        """Return the speed |dp/du|, which is 1, at parameters u of any shape."""
         return np.ones(np.shape(u))
 
     def frames(self, u: Floats) -> PathFrames:
@@ -147,7 +147,7 @@ class FourierPath:
         return coefficients
 
     def speed(self, u: Floats) -> Floats:
-        """Return |dp/du| at azimuths u of any shape."""
+        """Return the speed |dp/du| of the path at azimuths u of any shape."""
         colatitude, slope = self.colatitude(u, 1)
         sine = np.sin(colatitude)
         return np.sqrt(slope * slope + sine * sine)
@@ -337,7 +337,7 @@ def radial_directions(axes: Floats, azimuth: Floats) -> tuple[Floats, Floats]:
     outward
         (n, 3) vectors at the azimuth.
     tangential
-        (n, 3) their derivatives, which are 90 degrees ahead.
+        (n, 3) derivatives of these vectors by the azimuth, which are 90 degrees ahead.
     """
     c = np.cos(azimuth)
     s = np.sin(azimuth)

@@ -48,7 +48,7 @@ class MarginEvaluator:
     """
 
     def __init__(self, margins: Margins, sampled: Floats | None = None) -> None:
-        """Begin with no calls; see the class for the arguments."""
+        """Begin with no calls. The class describes the arguments."""
         self.margins = margins
         self.evaluations = 0
         self.calls = 0

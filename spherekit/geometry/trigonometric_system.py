@@ -52,8 +52,9 @@ Larger: roots with fewer correct digits are trusted. Smaller: more systems are r
 incomplete."""
 
 ZERO_ELIMINANT = 1e-14
-"""The eliminant is zero if it is below this part of what the sizes of its factors allow.
-Larger: systems with small eliminants count as having infinitely many solutions."""
+"""The eliminant counts as zero below this part of the value that its factors allow. Larger:
+systems with small eliminants count as having infinitely many solutions.
+"""
 
 EMPTY_EQUATION_SIZE = 1e-10
 """An equation with smaller coefficients (norm) is satisfied by all angles. Equations of

@@ -78,17 +78,17 @@ class Bearings(BearingFriction):
 
     @property
     def floats(self) -> bool:
-        """Whether the pair transmits no force along its axis."""
+        """Whether the links can slide along the axis, so that it transmits no force."""
         return self.axial is not None and not any(self.axial)
 
     @property
     def friction_coefficient(self) -> float:
-        """The friction (N m) per force (N) on the bearings."""
+        """The friction (N m) divided by the sum of the forces (N) on the bearings."""
         return self.coefficient * self.radius
 
     @property
     def needs_forces(self) -> bool:
-        """Whether the friction also follows from the force through the centre."""
+        """Whether the friction also depends on the force through the sphere's centre."""
         return self.axial is not None
 
     def supported_loads(self, moments: Floats, forces: Floats | None = None) -> Floats:

@@ -409,7 +409,7 @@ class TorqueTable(Load):
             )
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
-        """Return one component, whose magnitude is the table itself."""
+        """Return one load component, whose magnitude is the table itself."""
         return (LoadComponent(self, self.pair),)
 
 

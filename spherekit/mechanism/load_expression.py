@@ -147,7 +147,7 @@ class Expression:
 
     @property
     def is_smooth(self) -> bool:
-        """Whether it contains none of the functions with kinks or jumps."""
+        """Whether the expression contains none of the functions with kinks or jumps."""
         return fold(
             self.root,
             lambda number: True,

@@ -373,7 +373,7 @@ def _without_pair(values_by_pair: Mapping[str, Any], pair: Pair) -> dict[str, An
 
 
 def _merge_masses(masses: Iterable[Mass]) -> tuple[Mass, ...]:
-    """Return masses in which the bodies of each link are one."""
+    """Return masses with one entry for each link. Entries of one link are joined."""
     mass_by_link: dict[str, Mass] = {}
     for item in masses:
         if item.link in mass_by_link:

@@ -197,7 +197,7 @@ class Mechanism:
 
     @cached_property
     def variable_names(self) -> Names:
-        """``theta_PAIR`` (R), ``s_PAIR`` (Cr), ``s_PAIR_LINK`` for both links (Cs)."""
+        """Names of variables: ``theta_PAIR`` (R), ``s_PAIR`` (Cr), ``s_PAIR_LINK`` (Cs)."""
         return tuple(
             name
             for pair in self.pairs

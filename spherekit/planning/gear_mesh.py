@@ -57,7 +57,7 @@ class GearMesh(NamedTuple):
 
     @property
     def pairs(self) -> set[int]:
-        """Numbers of the pairs whose variables are related."""
+        """Numbers of the R pairs whose variables the rolling contact relates."""
         return {*self.angle_signs[0], *self.angle_signs[1]}
 
     def angle_factors(self, wheel_factors: tuple[Any, Any]) -> dict[int, Any]:
@@ -111,7 +111,7 @@ class CarriedContact(NamedTuple):
 
     @property
     def wheels(self) -> tuple[Wheel, Wheel]:
-        """Both wheels."""
+        """The wheel of the first and the wheel of the second link of the contact."""
         return self.first_wheel, self.second_wheel
 
     def angle_factors(self) -> dict[int, float]:

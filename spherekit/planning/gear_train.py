@@ -299,7 +299,7 @@ def _solve_train(
 
 
 def _choose_independent_contacts(relations: _Relations) -> list[int]:
-    """Return indices of contacts whose relations are independent, the first ones."""
+    """Return indices of contacts with independent relations, the first possible ones."""
     independent: list[int] = []
     for k in range(len(relations.factors)):
         rows = relations.factors[[*independent, k]][:, relations.followers]

@@ -21,7 +21,7 @@ MAX_TRIED_TURNS = 2
 """Whole turns of a wheel that are tried in each direction. Larger: more assemblies."""
 
 MAX_TURN_COMBINATIONS = 400_000
-"""Combinations of whole turns of all wheels that are tried.
+"""Largest number of combinations of whole turns of all wheels that are tried.
 
 Larger: more time and memory. Smaller: fewer turns are tried if there are many wheels.
 """

@@ -52,7 +52,7 @@ class PebbleGame:
     """
 
     def __init__(self, body_count: int) -> None:
-        """Start with bodies that no constraint joins."""
+        """Begin with bodies that no constraint joins, so that all pebbles are free."""
         self.free_pebbles = [BODY_FREEDOMS] * body_count
         self.constraint_targets: list[list[int]] = [[] for _ in range(body_count)]
 

@@ -103,7 +103,7 @@ class LinePole:
 
     @property
     def sources(self) -> tuple[Pole, ...]:
-        """The poles through which its great circles are drawn."""
+        """The poles that determine the great circles on which this pole lies."""
         return tuple(pole_of(end, third) for third in self.via for end in self.pole)
 
 
@@ -149,13 +149,13 @@ class BlockPoles:
 
     @cached_property
     def rounds(self) -> dict[Pole, int]:
-        """The number of the pass in which each of its poles becomes known."""
+        """The number of the pass in which each pole of the part becomes known."""
         round_by_pole = {step.pole: step.round for step in self.passes}
         return {pole: round_by_pole.get(pole, self.round) for pole in self.poles}
 
     @property
     def last(self) -> int:
-        """The pass in which the last of its poles becomes known."""
+        """The number of the pass in which the last pole of the part becomes known."""
         return max((step.round for step in self.passes), default=self.round)
 
 
@@ -244,7 +244,7 @@ class Plan:
 
     @cached_property
     def rounded_axes(self) -> frozenset[int]:
-        """The pairs of `coaxial` whose axes coincide only up to rounding."""
+        """The pairs on common axes (`coaxial`) whose axes coincide only up to rounding."""
         return frozenset(
             common_axis.pair
             for common_axis in find_common_axes(self.mechanism)

@@ -40,11 +40,12 @@ MAX_CLOSING_STEPS = 12
 def has_additional_freedoms(closure: Closure, values: Floats) -> bool:
     """Return whether a configuration belongs to a surface of configurations.
 
-    The closure Jacobian J has the rank r. If it has this rank in the whole neighbourhood,
-    the configurations form a manifold with as many dimensions as J has independent motions.
-    Otherwise several sets of configurations meet. To decide, the configuration is moved in
-    several directions, and the loops are closed by Newton's method with the r largest
-    singular values of J. They can be closed in this way only on a manifold.
+    The closure Jacobian J has the rank r. If J has this rank in the whole neighbourhood,
+    the configurations form a surface (manifold). Its dimension is the number of independent
+    motions that J allows. Otherwise several sets of configurations meet. To decide, the
+    configuration is moved in several directions, and the loops are closed by Newton's
+    method with the r largest singular values of J. They can be closed in this way only on a
+    manifold.
 
     Parameters
     ----------

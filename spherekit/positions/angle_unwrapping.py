@@ -57,7 +57,7 @@ mechanisms with one input: the value of this input alone determines all revoluti
 
 
 def count_revolutions(angles: Floats) -> Floats:
-    """Return the whole revolutions by which angles (rad) exceed (-pi, pi]."""
+    """Return how many whole revolutions angles (rad) are outside the interval (-pi, pi]."""
     return np.ceil((angles - LARGEST_REDUCED_ANGLE) / TURN)
 
 

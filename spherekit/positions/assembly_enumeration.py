@@ -96,7 +96,7 @@ class ConfigurationsAtInput(NamedTuple):
 
     @property
     def is_complete(self) -> bool:
-        """Whether no real configuration can be missing."""
+        """Whether no real configuration of the mechanism at this input can be missing."""
         return all_complete(self.methods) and not self.is_truncated
 
 

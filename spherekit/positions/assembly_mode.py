@@ -55,7 +55,7 @@ class AssemblyMode(NamedTuple):
         return np.searchsorted(starts, q, side="right")
 
     def signs_along(self, q: Floats) -> Integers:
-        """Return the signs (groups, n) at inputs q (inputs, n) rad."""
+        """Return the signs (groups, n) of the mode at inputs q (inputs, n) rad."""
         if not self.pieces:
             return np.repeat(np.array(self.signs, dtype=int)[:, None], q.shape[1], axis=1)
         signs_of_pieces = np.array([mode.signs for _, mode in self.pieces])

@@ -487,5 +487,5 @@ class ArcCurve(Chords):
         )
 
     def wrapped(self, differences: Floats) -> Floats:
-        """Return differences (..., variables) of variables, less whole periods (rad)."""
+        """Return differences (..., variables) in rad without their whole periods."""
         return less_periods(differences, self.periods)

@@ -274,7 +274,7 @@ class Configurations(NamedTuple):
 
     @property
     def guarantee(self) -> Guarantee:
-        """The guarantee of the claim."""
+        """Whether curves can be missing, as a `Guarantee`: a part of the `claim`."""
         return self.claim.guarantee
 
 

@@ -541,7 +541,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
     def select_steps(
         self, rows: Indices, steps: Floats, new_nodes: _ArcNodes, is_verified: Bools
     ) -> Bools:
-        """Return which verified steps (k,) pass no limit."""
+        """Return which verified steps (k,) do not lead beyond a limit, and are taken."""
         return is_verified & np.all(new_nodes.margins >= 0.0, axis=1)
 
     def _land_on_limit(self, row: Indices, number: int) -> None:

@@ -108,7 +108,7 @@ class CurveLimits:
 
     @cached_property
     def statuses(self) -> tuple[Status, ...]:
-        """Status of configurations beyond each limit."""
+        """`Status` of configurations beyond each limit, in the order of the limits."""
         beyond_bounds = tuple(bound.status for bound in self.bounds)
         return beyond_bounds + (Status.CURVATURE,) * len(self.contacts)
 

@@ -105,7 +105,7 @@ def interpolate_between(
     directions = differences / lengths[:, None]
 
     def end_values(points: CurvePoints) -> tuple[Floats, Floats, Floats]:
-        """Return the variables, and their two derivatives by the projection u."""
+        """Return the variables, and their first two derivatives by the projection u."""
         # du/ds and d2u/ds2, by which the chain rule converts derivatives by s: v' = t /
         # (du/ds) and v'' = (dt/ds - v' d2u/ds2) / (du/ds)^2.
         speed = np.vecdot(points.tangents, directions)[:, None]

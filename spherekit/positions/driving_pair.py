@@ -29,10 +29,10 @@ def choose_driving_pair(solver: PositionSolver) -> PositionSolver:
     the driving pair, so any pair may be chosen.
 
     The search needs the inputs at which assembly modes meet. Each group (bodies that are
-    placed together) has a function of the input that is zero there, the product of the
-    determinants of its equations over all modes. `make_mode_coalescence` returns these
-    functions, or None for a driving pair for which they are not known. The cost of a pair
-    is the time of one value of the functions. Above `ACCEPTABLE_COST_S` it counts as
+    placed together) has a function of the input that is zero at these inputs: the product
+    of the determinants of its equations over all modes. `make_mode_coalescence` returns
+    these functions, or None for a driving pair for which they are not known. The cost of a
+    pair is the time of one value of the functions. Above `ACCEPTABLE_COST_S` it counts as
     infinite, as if they were not known.
 
     The cheapest pair is chosen. If all costs are infinite, it is the first pair for which

@@ -39,7 +39,7 @@ class InputGrid:
 
     @property
     def is_path(self) -> bool:
-        """Whether successive samples are neighbours."""
+        """Whether the samples are a path, so that successive samples are neighbours."""
         return len(self.shape) == 1
 
     @property

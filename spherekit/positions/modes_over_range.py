@@ -65,7 +65,7 @@ PROBED_FRACTIONS = np.array([0.5, 0.3, 0.7, 0.1, 0.9])
 They are examined in this order, until a mode is found.
 """
 PROBED_INTERVALS = 15
-"""Intervals of the range in each of which modes are computed, if meetings are unknown.
+"""Number of intervals of the range in which modes are computed if meetings are unknown.
 
 Larger: shorter modes are found, in more time.
 """

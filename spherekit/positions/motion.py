@@ -106,7 +106,7 @@ class Motion(ArrayRows):
         )
 
     def rows(self, chosen: slice | Array) -> Self:
-        """Return some rows as a motion of one nameless assembly mode."""
+        """Return some rows as a motion of a single assembly mode without a name."""
         part = super().rows(chosen)
         return replace(part, samples=len(part))
 
@@ -152,7 +152,11 @@ class Motion(ArrayRows):
 
     @property
     def vectors(self) -> Floats:
-        """(n, variables, 3) angular velocities at unit rates of single variables."""
+        """(n, variables, 3) velocity vector of each variable, in ground axes.
+
+        It is the relative angular velocity of the links of a pair per unit rate of the
+        variable.
+        """
         return self.linearisation.vectors
 
     @cached_property
@@ -163,7 +167,10 @@ class Motion(ArrayRows):
 
     @cached_property
     def passive_jacobian(self) -> Floats:
-        """(n, equations, passive) derivatives of the closure residuals, inputs locked."""
+        """(n, equations, passive) closure Jacobian with locked inputs.
+
+        These are the derivatives of the closure residuals by the passive variables.
+        """
         passive = list(self.passive_variables)
         return np.ascontiguousarray(self.linearisation.jacobian[:, :, passive])
 

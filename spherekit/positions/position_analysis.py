@@ -355,7 +355,7 @@ class PositionAnalysis:
 
     @cached_property
     def angle_unwrapping(self) -> AngleUnwrapping:
-        """Counts the revolutions of passive pairs."""
+        """The object that counts the whole revolutions of passive pairs."""
         return AngleUnwrapping(self.solver)
 
     def at(self, q: Floats) -> Motion:
@@ -423,7 +423,7 @@ class PositionAnalysis:
         return self.samples(spread_rows(len(self.input_grid), most))
 
     def samples(self, rows: Indices) -> Motion:
-        """Return the motion at some of the samples, by their numbers."""
+        """Return the motion at some of the samples, given by their numbers."""
         return self._evaluate(self.input_grid.q[rows], rows)
 
     @property

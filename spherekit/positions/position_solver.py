@@ -517,7 +517,7 @@ class PositionSolver:
 
     @cached_property
     def _quad_assembly(self) -> QuadAssembly:
-        """Places R pairs in quad precision."""
+        """The object that places mechanisms of R pairs in quad precision."""
         return QuadAssembly(self.mechanism, self.assembly)
 
     def _clip_to_last_node(

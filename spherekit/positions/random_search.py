@@ -290,7 +290,7 @@ class DistinctConfigurations:
     """
 
     def __init__(self, closure: Closure) -> None:
-        """Start without configurations."""
+        """Begin without any configurations of the group."""
         self.closure = closure
         self.values: list[Floats] = []
         # Rotations (bodies, 3, 3) of each configuration, and the difference of rotations up

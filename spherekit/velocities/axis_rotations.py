@@ -126,7 +126,7 @@ class ProfileSide:
 
     @cached_property
     def series(self) -> ProfileSeries:
-        """The series from which the values of the columns are computed."""
+        """The series in arc length from which the profile columns are computed."""
         return ProfileSeries.fit(self.track.curve)
 
     @property

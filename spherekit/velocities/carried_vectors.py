@@ -165,7 +165,7 @@ def carried_vectors(
 
 
 def root(item: Expr) -> Expr:
-    """Return the square root of a number or an expression."""
+    """Return the square root of a number or of a symbolic expression."""
     return function("sqrt", item) if isinstance(item, ExpressionNode) else float(item**0.5)
 
 

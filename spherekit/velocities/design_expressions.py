@@ -199,7 +199,10 @@ class DesignExpressions:
 
     @cached_property
     def coordinate_rates(self) -> CoordinateRates:
-        """The homogeneous rates of all variables by each input."""
+        """The homogeneous rates of all variables by each input.
+
+        These are the rates times the determinant of the velocity equations.
+        """
         return CoordinateRates(self.structure, self.variables, self._placed)
 
     @property
@@ -300,7 +303,7 @@ class DesignExpressions:
 
     @cached_property
     def _moments(self) -> InputMoments:
-        """Inertia matrix and moments of the links."""
+        """Inertia matrix at the inputs, and the input torques that inertia requires."""
         link_number = self.mechanism.link_number
         tensors = {
             link_number[link]: np.array(rows, object) for link, rows in self._tensors
@@ -332,7 +335,7 @@ class DesignExpressions:
 
     @cached_property
     def _quantity_table(self) -> QuantityTable:
-        """All quantities by their names."""
+        """Table of all quantities that can be computed for a row, by their names."""
         return make_quantity_table(self.mechanism, self.inputs, self.structure.assembly)
 
     def refuse_ambiguous_name(self, name: str, *arguments: Sequence[Any]) -> Expr:
@@ -367,13 +370,13 @@ class DesignExpressions:
 
     @cached_property
     def _variable_rates(self) -> list[list[Expr]]:
-        """For each moving input the rates of all variables."""
+        """For each moving input the rates of all variables while it has the rate 1."""
         inverse_scale = 1.0 / self.coordinate_rates.scale
         return [[rate * inverse_scale for rate in tau] for tau in self.coordinate_rates.tau]
 
     @cached_property
     def _link_velocities(self) -> list[list[Exprs]]:
-        """For each moving input the angular velocities (3,) of all links."""
+        """For each moving input the angular velocities (3,) of all links at its rate 1."""
         inverse_scale = 1.0 / self.coordinate_rates.scale
         return [[x * inverse_scale for x in w] for w in self.coordinate_rates.w]
 
@@ -553,9 +556,9 @@ class DesignExpressions:
 
         The velocity coefficient is the relative angular velocity of the links per unit rate
         of the moving input, as a component along the axis of their relative rotation. If a
-        pair joins the links, it is the rate of the pair's variable. Otherwise it is the
-        size of the relative angular velocity. The acceleration coefficient is its
-        derivative with respect to the moving input.
+        pair joins the links, this component is the rate of the pair's variable. Otherwise
+        it is the size of the relative angular velocity. The acceleration coefficient is the
+        derivative of the velocity coefficient with respect to the moving input.
 
         Parameters
         ----------

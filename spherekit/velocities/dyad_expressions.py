@@ -71,7 +71,7 @@ class BodyAxis:
 
     @property
     def direction(self) -> Exprs:
-        """(3,) the axis in the axes in which links are placed."""
+        """(3,) direction of the axis, in the axes in which all links are placed."""
         return self.orientation.direction(self.axis)
 
 

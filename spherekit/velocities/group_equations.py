@@ -68,9 +68,9 @@ class LoopEquation:
     direction
         (3,) direction along which the component of the vector equation is taken.
     vectors
-        (3,) by unknown variable v, the vector a_v: the relative angular velocity of the
-        links of its pair at unit rate, with the sign +1 or -1 if the loop passes the pair
-        from its first link to its second, or the other way round.
+        (3,) vector a_v of each unknown variable v: the relative angular velocity of the
+        links of its pair at unit rate. It has the sign +1 if the loop passes the pair from
+        its first link to its second, and -1 in the opposite sense.
     known_part
         (3,) the vector c, the sum over all pairs with known rates.
     """

@@ -573,7 +573,7 @@ class InputColumns:
         }
 
     def _relative_motion(self, i: int, j: int) -> RelativeMotion:
-        """Return the motion of link j relative to link i."""
+        """Return the motion of link j relative to link i, with bounds of its errors."""
         v_error = self._w_errors[i] + self._w_errors[j]
         dv_error = self._dw_errors[i] + self._dw_errors[j] + v_error
         return RelativeMotion(

@@ -64,18 +64,18 @@ class KinematicStructure:
 
     @property
     def input_pairs(self) -> tuple[int, ...]:
-        """The inputs: the driven pairs without those that follow other pairs."""
+        """The inputs: all driven pairs except pairs that follow inputs through wheels."""
         driven_pairs = self.assembly.inputs
         return tuple(pair for pair in driven_pairs if pair not in self.pairs.followers)
 
     @property
     def inputs(self) -> tuple[int, ...]:
-        """The variables of the inputs."""
+        """Numbers of the variables of the inputs."""
         return tuple(self.mechanism.variables_of(pair)[0] for pair in self.input_pairs)
 
     @property
     def rates_at_rest(self) -> dict[int, Expr]:
-        """The rate of each driven pair while no input moves: all zero."""
+        """The rate of each driven pair while no input moves: all rates are zero."""
         return dict.fromkeys(self.assembly.inputs, 0.0)
 
     def driven_rates(self, input_pair: int) -> dict[int, Expr]:

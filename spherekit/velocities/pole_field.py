@@ -31,7 +31,8 @@ class PoleQuantity:
     Attributes
     ----------
     name
-        The attribute of `PoleField` that has it, and its name in `Batch.of_poles`.
+        The attribute of `PoleField` that has the quantity. It is also its name in
+        `Batch.of_poles`.
     components
         Number of its components: 3 for a vector, 1 for a number.
     changes_sign
@@ -48,9 +49,9 @@ class PoleQuantity:
         "none" if there is no bound of its error, "bounded" if there is one, and "reported"
         if a run also reports the largest one of all rows.
     locked_value
-        Its value for two links without relative motion, because the inputs that are locked
-        hold them together. They have no pole. The value is 0, which is exact and has the
-        error bound 0, or NaN, with the bound NaN.
+        Value of the quantity for two links that the locked inputs hold together. These
+        links have no relative motion and no pole. The value is 0, which is exact and has
+        the error bound 0, or NaN, with the bound NaN.
     """
 
     name: str
@@ -220,7 +221,7 @@ class PoleField(ArrayRows):
 
     @property
     def as_arrays(self) -> "PoleField":
-        """The field itself. A `LazyField` computes all of its columns here."""
+        """The field itself. In a `LazyField`, this property computes all columns first."""
         return self
 
     def without_pole_values(self) -> "PoleField":

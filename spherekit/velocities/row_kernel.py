@@ -346,7 +346,7 @@ class RowKernel:
     def _make_function(
         self, parts: Mapping[Any, Sequence[Expr]], compiled: bool = False
     ) -> ColumnFunction:
-        """Return a function of all variables."""
+        """Return a function of all variables whose outputs are the given expressions."""
         return ColumnFunction(parts, self._variables, self.profiles, compiled)
 
     @property
@@ -383,7 +383,7 @@ class RowKernel:
 
     @cached_property
     def row_quality(self) -> ColumnFunction:
-        """The quality measures of rows, as a function of all variables."""
+        """The function that returns the quality measures of rows, from all variables."""
         # With a closed form this function is called for few rows, so it is not compiled.
         compiled = self.is_compiled and not self.has_closed_form
         return self._make_function(self._quality_expressions, compiled)
@@ -420,12 +420,15 @@ class RowKernel:
 
     @cached_property
     def all_columns(self) -> ColumnFunction:
-        """All columns, as a function of all variables."""
+        """The function that returns all columns of rows, from all variables."""
         return self._make_function({"columns": self._columns}, self.is_compiled)
 
     @cached_property
     def newton_step(self) -> ColumnFunction:
-        """The passive variables after a step of Newton's method that closes the loops."""
+        """The function that makes a step of Newton's method, which closes the loops.
+
+        It returns the new passive variables, from all variables.
+        """
         return self._make_function({"passive_variables": self._rows.newton_step})
 
     @cached_property

@@ -268,7 +268,7 @@ class RowVelocities:
             )
 
     def _bound(self, name: str) -> Floats:
-        """Return a quantity (n,) of `RowKernel.row_bounds` by its name."""
+        """Return one of the quantities (n,) of `RowKernel.row_bounds`, by its name."""
         return self._bounds[self._bound_slices[name]][0]
 
     def _find_certified_rows(self) -> Bools:
