@@ -73,7 +73,7 @@ class LoopTree:
 
     @cached_property
     def _pair_paths(self) -> Floats:
-        """(bodies, pairs) how the tree path to a body passes a pair: +1, -1, 0 as in `paths`."""
+        """(bodies, pairs) how the tree path to a body passes each pair, as in `paths`."""
         paths = np.zeros((self.count, len(self.ends)))
         for pair, parent, child in self.placements:
             paths[child] = paths[parent]
