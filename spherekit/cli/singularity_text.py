@@ -159,7 +159,7 @@ def _describe_type_2(summary: Any) -> _Statement:
 def _closest_text(
     noun: str, summary: Any, equally_near: Sequence[tuple[int, Sequence[float]]]
 ) -> str:
-    """Return which modes come closest to a singularity, and where they do.
+    """Return in words which assembly modes come closest to a singularity, and where.
 
     An example is "the closest configuration is in modes 0, 1 at input A = 160 deg".
 

@@ -126,10 +126,10 @@ def _write_function(source: Source, function: SourceFunction) -> str:
 
     - The function of the formulas writes to the array ``result`` and returns it.
     - If positions have no closed form, another function makes one step of Newton's method.
-      Its argument ``variables`` has approximate variables of all pairs. They are replaced
-      by those after the step. The function returns the closure residual, by which the loops
-      were open before the step. Only a function of this kind has a `closure_residual`, the
-      name of this number in its lines.
+      Its argument ``variables`` has approximate variables of all pairs, which are replaced
+      by the variables after the step. The function returns the closure residual: how far
+      the loops were open before the step. Only this function has an attribute
+      `closure_residual`, the name of this number in its lines.
     """
     parameters = ", ".join(source.arguments)
     if function.closure_residual:  # the step of Newton's method

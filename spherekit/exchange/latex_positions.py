@@ -642,8 +642,9 @@ class PositionFormulas:
         tangent
             The unit tangent at k of the arc from k to `axis`.
         axis
-            Any axis of the link but its first. `axis.turn` is the angle about k from the
-            arc to the second axis of the link to the arc to this axis.
+            Any axis of the link except its first. `axis.turn` is an angle about k between
+            two arcs that begin at k: from the arc to the second axis, to the arc to this
+            axis.
         i
             The vector i if it is known. Otherwise it is written as j x k.
         """

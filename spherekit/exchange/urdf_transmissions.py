@@ -368,10 +368,11 @@ def name_wheels(
 
 
 def describe_motors(driven: Sequence[DrivenJoint | DrivenWheel]) -> Iterator[str]:
-    """Yield notes on inputs whose meaning a user has to know.
+    """Yield notes that say how far motors turn when their inputs turn.
 
-    The imported mechanism has the driven joint or wheel as its input, and not the motor. A
-    note says how far the motor turns, unless it turns by the angle of the joint.
+    The input of the imported mechanism is the driven joint or wheel, and not the motor.
+    There is a note on each wheel, because the URDF has no such wheel. A driven joint has a
+    note only if its motor turns by another angle than the joint.
     """
     for drive in driven:
         if isinstance(drive, DrivenWheel):

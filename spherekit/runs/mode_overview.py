@@ -78,9 +78,10 @@ class OutputOverview:
         The largest transmission measure, None if it is not computed. If it equals the
         least one, the measure is constant.
     gain
-        The least and the largest of the smallest singular values that the velocity
-        Jacobian of the output has at the samples, in the order: least, its place, largest.
-        They are 0 at singularities of type I. None if no sample has a known Jacobian.
+        The range of the smallest singular value of the output's velocity Jacobian over all
+        samples. Three numbers: the least value, its place, and the largest value. The
+        singular value is 0 at singularities of type I. None if no sample has a known
+        Jacobian.
     type_1_places
         Places between samples at which the determinant of a square Jacobian changes its
         sign.
@@ -99,9 +100,9 @@ class OutputOverview:
     last_row
         The last examined row of a path, which the next block needs: place, angle (rad),
         rate, inputs (rad) and velocity ratios, with None in place of NaN. If the output
-        rests in this row, place and rate are those of the last row before in which it
-        moves. None instead of a row for outputs without a fixed axis, on a grid, and if the
-        last row has no configuration.
+        rests in this row, place and rate are those of the last row in which it moves. The
+        attribute is None for outputs without a fixed axis, on a grid, and if the last row
+        has no configuration.
     turning_error_rad
         Largest estimated error (rad) of an angle at which the output turns back between
         two samples.

@@ -451,13 +451,15 @@ def _simulate_tables(
         Integrator and tolerance of the simulation.
     reference_fields
         Poles (axes of the rotation of one link relative to another) of a more accurate
-        simulation, one field for each input. Both directions along a pole are equally
-        right; the computed ones get the sense of these. Empty if they are not compared.
+        simulation, one field for each input. Both directions along a pole axis are equally
+        right. Computed directions are therefore reversed if they are opposite to these.
+        Empty if the poles are not compared.
 
     Returns
     -------
-    The tables. The time of the simulation counts as spent before the first sample, so that
-    it is not multiplied when the time of a run with more samples is estimated.
+    The tables with their times. The time of the simulation counts as spent before the first
+    sample. It is therefore not multiplied when the time of a run with more samples is
+    estimated.
     """
     start = time.process_time()
     sampling = _simulate(run_plan, study, setting)

@@ -35,8 +35,9 @@ def convert_to_graph(
         Full and reduced value of each name in the expression. Both are the same for names
         that are no angles.
     sign
-        Returns the sign of an expression at whose zero the result has a kink or a jump. An
-        integrator passes switches here. By default it is the function `sign_of`.
+        Function that returns the sign of an expression. The result has a kink or a jump
+        where that expression is zero. An integrator gives a function here whose sign
+        changes only at switches. By default it is `sign_of`.
 
     Raises
     ------

@@ -84,8 +84,9 @@ def draw_sphere(
     """Return a figure of quantities and curves on the sphere, in two projections.
 
     The equal-area and the stereographic projection are drawn side by side. Their centre is
-    the ground axis nearest to the directions that are shown, and their rim includes these.
-    If the rim would be too far from the centre, both hemispheres are drawn instead.
+    the ground axis nearest to the directions that are shown, and all these directions are
+    within their rim. If the rim would be too far from the centre, both hemispheres are
+    drawn instead.
 
     Parameters
     ----------

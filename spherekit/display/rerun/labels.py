@@ -113,9 +113,9 @@ class _NameRequest:
     places
         (k, 3) possible places in the axes of the link, the best first.
     centres
-        (pictures, k, 2) where the middle of the name is in each picture, if it is written
-        at each of the places. A picture shows the mechanism in one configuration. The name
-        moves with its link, so it must cover few other names in all pictures.
+        (pictures, k, 2) for each of the k places, the middle of the name in each picture. A
+        picture shows the mechanism in one configuration. The name moves with its link, so
+        it must cover few other names in all pictures.
     """
 
     path: str

@@ -43,14 +43,14 @@ def preview(mechanism: Mechanism, path: Path | str) -> str:
     Returns
     -------
     str
-        Empty if it can be assembled at the first inputs. Otherwise a note with the inputs
-        at which it is shown.
+        An empty text if the mechanism can be assembled at the first values of its inputs.
+        Otherwise a note with the inputs at which it is shown.
 
     Raises
     ------
     PlanError, SolveError
-        If it has not one degree of freedom for each input, or cannot be assembled anywhere
-        in the ranges of its inputs.
+        If the number of degrees of freedom is not that of the inputs, or if the mechanism
+        cannot be assembled anywhere in the ranges of its inputs.
     OutputError
         If the recording cannot be written.
     """
