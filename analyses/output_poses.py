@@ -270,9 +270,9 @@ def read_joint_range(text: str, angle_unit: AngleUnit) -> JointRange:
 def read_interference_limit(text: str, angle_unit: AngleUnit) -> InterferenceLimit:
     """Return limits of the angle between the axes of two pairs, the option ``apart``.
 
-    Links at these pairs would collide (interfere) if their axes came nearer. `text` is
-    ``PAIR/PAIR:MIN`` or ``PAIR/PAIR:MIN:MAX``, two angles. The greatest angle is
-    180 degrees if it is left out.
+    Links at these pairs would collide (interfere) if the angle were smaller. `text` is
+    ``PAIR/PAIR:MIN`` or ``PAIR/PAIR:MIN:MAX``, two angles. The greatest angle is 180
+    degrees if it is left out.
     """
     axes, *limits = text.split(":")
     if len(limits) == 1:

@@ -37,8 +37,8 @@ class DesignKernel:
     """A function of designs, samples and assembly modes that returns quantities.
 
     `prepare` takes the sizes (sizes, n) of designs and returns everything that is the same
-    at all samples of a design, (k, n). `evaluate` takes the rows of these arguments, one
-    below the other:
+    at all samples of a design, (k, n). `evaluate` takes one array, whose rows are these
+    arguments in this order:
 
     1. the sample: inputs, their rates and accelerations, and the time (`sample_names`),
     2. the `position_arguments`,

@@ -292,8 +292,8 @@ def _inputs_at_time_zero_of_path(q: Floats) -> Floats:
     A path states no times, but expressions of figures of merit may contain the time. By
     convention it is the change of the first input since time zero, at 1 rad/s. A single
     input has its smallest value at time zero, so that no time is negative. With several
-    inputs time zero is at the first sample, and times are negative where the first input is
-    smaller than there.
+    inputs time zero is at the first sample, and times are negative at samples with a
+    smaller first input.
 
     Parameters
     ----------

@@ -381,7 +381,7 @@ def find_real_zeros(series: Floats, limit: float = 1.0) -> Floats:
     `series` has the coefficients of the Chebyshev polynomials T_0, T_1, ... The zeros are
     eigenvalues of its companion matrix. Rounding turns a double zero into two complex ones
     with imaginary parts below `MAX_IMAGINARY_PART`. Their real parts are returned. `limit`
-    is 1, or a little more, so that zeros are not lost that rounding moves beyond an end.
+    is 1, or a little more, so that zeros that rounding moves beyond an end are not lost.
     """
     # Tiny last coefficients would lead to large spurious eigenvalues. Those of the size of
     # the rounding error (1e-15) are removed.

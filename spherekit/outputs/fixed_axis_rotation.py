@@ -1,8 +1,9 @@
 """Rotations of an output link about a fixed axis, for any mechanism.
 
-`spherekit.outputs.rotation_path` tracks the configurations nearest to the turning target.
-Samples are interpolated between the nodes of this path and corrected by Newton's method, so
-they do not depend on each other.
+The target is an orientation that turns exactly about the axis.
+`spherekit.outputs.rotation_path` tracks the configurations in which the output link is
+nearest to it. Samples are interpolated between the nodes of this path and corrected by
+Newton's method, so they do not depend on each other.
 """
 
 import math
@@ -485,7 +486,7 @@ def follow_rotation(
     ModelError
         If the output is unknown.
     SolveError
-        If the configuration does not close, or the output link cannot turn there in as
+        If the configuration does not close, or if the output link cannot turn from it in as
         many ways as there are inputs.
     """
     mechanism = mechanism_of(mechanism)

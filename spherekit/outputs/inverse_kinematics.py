@@ -453,7 +453,8 @@ class InverseKinematics:
         An orientation places the output link. A direction of a pointing output leaves its
         turn about this direction open. There are two cases. Either all other links are
         dyads that can be placed from the pose alone. Or a closing link joins two of the
-        dyads, whose arc determines the turn: an equation that Newton's method solves.
+        dyads. The arc of this link determines the turn: an equation that Newton's method
+        solves.
 
         Results that the modes share are computed once.
 

@@ -495,9 +495,10 @@ class Crossings:
         equation. The matrix F' of the derivatives of all equations then loses a rank.
 
         `find_saddle` has proven that the configurations in its box are the zeros of a
-        function g of two coordinates with one saddle point. Here a configuration with such
-        a planar loop is searched near the centre. Both slopes of g are zero there, because
-        F' loses a rank. The saddle point is then itself a zero, so that curves cross there.
+        function g of two coordinates with one saddle point. This method searches a
+        configuration with such a planar loop near the centre. Both slopes of g are zero in
+        this configuration, because F' loses a rank. It is therefore the saddle point. As it
+        is also a zero of g, curves cross in it.
         """
         # A crossing that is nearer than this to the centre in each variable (rad) is inside
         # the box. `limits` are half the sides of the box, which is turned relative to the

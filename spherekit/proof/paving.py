@@ -291,8 +291,8 @@ def pave(
 
     Returns
     -------
-    The number of examined boxes, and the undecided boxes. Configurations outside the parts
-    can exist in these only.
+    The number of examined boxes, and the undecided boxes. Outside the known parts,
+    configurations can exist in these boxes only.
     """
     degrees = equations.degrees
     error = equations.harmonics.error

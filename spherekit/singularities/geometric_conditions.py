@@ -230,9 +230,9 @@ def find_conditions(
     Returns
     -------
     For each configuration the certain conditions, then the uncertain ones, each in the
-    order of the table `FOUR_LINKS`. There, parallel axes stand before planes that coincide,
-    and all axes in one plane come last. A condition is uncertain if its sine is above the
-    tolerance, but below `UNDECIDED_FACTOR` times the tolerance.
+    order of the table `FOUR_LINKS`. In this table, parallel axes stand before planes that
+    coincide, and all axes in one plane come last. A condition is uncertain if its sine is
+    above the tolerance, but below `UNDECIDED_FACTOR` times the tolerance.
     """
     links = relation.links
     # The possible conditions by their labels. All conditions of a label have to be

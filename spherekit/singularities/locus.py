@@ -318,7 +318,7 @@ class SingularityLocus:
         singular if the inputs rest in it (type II), or if the output does (type I). The
         space of motions is `space`, unless only a part of the mechanism moves with the
         output (`self.part`). It then has the k motions of the part, in which all other
-        variables rest, since motions of the rest are no singularities of this output.
+        variables rest, since motions of other pairs are no singularities of this output.
 
         Parameters
         ----------

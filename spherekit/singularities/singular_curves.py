@@ -159,7 +159,7 @@ def singular_curves(
         "I", inputs can move while the output is at rest; or "self-motion", other links can
         move while inputs and output are at rest.
     output, pointing
-        Which output, and which direction of it if not the link's orientation; see
+        The output, and a direction of it if this has to rest instead of the whole link; see
         `spherekit.singularities.stationarity.output_of`.
     slices_of_each
         The search follows curves on which one of the inputs is locked. This is the number
@@ -277,8 +277,8 @@ def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[
     An example is self-motions on a curve of type II: only other links move. Such nodes
     separate the parts.
 
-    A curve of type I can have points that are also of type II, and the reverse. They are
-    located on each part.
+    A curve of type I can have points that are also of type II, and a curve of type II
+    points that are also of type I. These points are located on each part.
 
     The nodes of a closed curve are listed from an arbitrary first node. A part that passes
     this node is yielded as two parts.

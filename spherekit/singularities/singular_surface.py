@@ -401,7 +401,7 @@ def singular_surface(
         "I", inputs can move while the output is at rest; or "self-motion", other links can
         move while inputs and output are at rest.
     output, pointing
-        Which output, and which direction of it if not the link's orientation; see
+        The output, and a direction of it if this has to rest instead of the whole link; see
         `spherekit.singularities.stationarity.output_of`.
     side
         Length (rad, in the space of all variables) of the edges of the first mesh.
