@@ -195,8 +195,8 @@ class _NearestSample(NamedTuple):
     inputs
         Inputs of the sample (rad).
     value, best_value
-        The transmission measure or angle (deg) there, and the best value that it can have.
-        It is 0 at type II.
+        The transmission measure, or the transmission angle (deg), at this sample, and the
+        best value that it can have. It is 0 at a singularity of type II.
     measure_text
         The value in words, such as ``angle at pair 3 is 41.2 deg``.
     """

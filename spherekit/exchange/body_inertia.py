@@ -162,10 +162,10 @@ def make_body_inertia(
     about O. If the mass or the centre of mass is not stated, both are chosen such that this
     tensor is right.
 
-    They are also chosen if the stated centre is at O, where the weight does nothing. With
+    They are also chosen if the stated centre is at O, where the weight has no moment. With
     centres of mass at O, MuJoCo closes loops wrongly, because it weighs the closure
     constraints by the mobility of the centres of mass. A link without inertia gets a small
-    one, because MuJoCo refuses bodies without inertia.
+    inertia, because MuJoCo refuses bodies without inertia.
 
     Parameters
     ----------

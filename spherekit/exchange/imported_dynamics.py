@@ -182,7 +182,7 @@ class ImportedDynamics:
     # Loads
 
     def load_tables(self, has_masses: bool) -> dict[str, Table]:
-        """Return the loads, by names that are not used twice.
+        """Return the tables of the loads, by their names. No two loads have the same name.
 
         Parameters
         ----------

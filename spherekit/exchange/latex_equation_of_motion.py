@@ -365,7 +365,7 @@ class EquationOfMotion:
         )
 
     def _write_power(self, component: LoadComponent, input_index: int, label: str) -> Expr:
-        """Return the power of a component of magnitude 1 per unit rate of an input.
+        """Return the power of a load component of magnitude 1, per unit rate of an input.
 
         A torque at a pair has the power torque times rate of the pair. A moment M on a link
         has the power M . w with the angular velocity w of the link.

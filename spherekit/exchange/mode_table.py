@@ -545,7 +545,7 @@ def _select_well_conditioned_rows(
 
 
 def _spread_well_conditioned(sensitivity: Floats, rows: Indices, count: int) -> Indices:
-    """Return up to `count` of the better conditioned half of some rows, evenly spread.
+    """Return up to `count` rows, spread evenly over the better conditioned half of rows.
 
     Parameters
     ----------

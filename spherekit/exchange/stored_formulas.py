@@ -25,8 +25,8 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
     A reduced model stores the inertia, its derivative and the pair variables along one
     configuration curve as series of one coordinate. The results of the formulas are these
     functions and the driving torque. Their arguments are the motion that a user gives: the
-    coordinate, its rate and acceleration, and the time. A load whose torque is given by a
-    table in the mechanism file adds the present torque as an argument.
+    coordinate, its rate and acceleration, and the time. If the mechanism file states the
+    torque of a load by a table, the present torque of this load is a further argument.
 
     Parameters
     ----------

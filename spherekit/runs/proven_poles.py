@@ -390,7 +390,9 @@ def _enclose_run_poles(
 
 
 def check_provable(mechanism: Mechanism, analyses: Collection[str], whole: bool) -> None:
-    """Check, before a run, that its poles can be enclosed by proof (option ``--prove``).
+    """Check, before a run, that the poles of the run can be enclosed by proof.
+
+    The option ``--prove`` of `spherekit run` requests such a proof.
 
     Parameters
     ----------

@@ -85,7 +85,7 @@ class Sampling:
     inputs
         (k, inputs) variables of the driven pairs at the k samples, rad.
     shape
-        Number of samples along each axis of a grid; (k,) along a path.
+        Number of samples for each input of a grid. Along a path it is (k,).
     timing
         Times, and rates and accelerations of the inputs, at the k samples. None over a grid
         of several inputs, where no motion is stated.

@@ -587,7 +587,7 @@ class Verifier:
 def _pole_errors(
     exact: ExactRows, pole_field: PoleField, reference_field: PoleField, pole: Pole
 ) -> dict[str, Floats]:
-    """Return the true errors of the quantities of a pole in n rows.
+    """Return the errors of the quantities of a pole in n rows, against a reference.
 
     A pole is the axis about which one link rotates relative to another. The error of a
     vector is the length of the difference from its reference.

@@ -132,10 +132,10 @@ class Arrow:
 
 @dataclass(frozen=True)
 class Trace:
-    """The whole path of a direction in the axes of a link, which moves with the link.
+    """The path that a direction has in the axes of a link. It moves with the link.
 
-    The path of a pole is an axode: the fixed axode in the axes of one of its links, the
-    moving axode in the axes of its other link.
+    An example is an axode, the path of the pole axis of two links. In the axes of one link
+    it is the fixed axode, and in the axes of the other link the moving axode.
 
     Attributes
     ----------

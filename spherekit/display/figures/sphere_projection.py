@@ -124,7 +124,7 @@ def frame_about(directions: Floats) -> Floats:
     Parameters
     ----------
     directions
-        (n, 3) unit vectors. Without any the map is about +z.
+        (n, 3) unit vectors. If there are none, the map is about +z.
     """
     mean = np.nanmean(directions, axis=0) if len(directions) else np.array([0.0, 0.0, 1.0])
     nearest_axis = np.argmax(np.abs(mean))

@@ -52,9 +52,10 @@ def check_place(path: Path) -> None:
 class FileOutput:
     """A recording file, which gets its own name only when it is complete.
 
-    rerun's own file writer fails on a full disk with a line on the error stream, and
-    waiting for it may then last for ever. Here rerun writes to a pipe, which never fails. A
-    thread copies the pipe to ``NAME.rrd.part`` and keeps the first error.
+    The library rerun has a file writer of its own. If the disk is full, this writer only
+    prints a line to the error stream, and waiting for it may last for ever. Here rerun
+    therefore writes to a pipe, which never fails. A thread copies the pipe to
+    ``NAME.rrd.part`` and stores the first error.
 
     Parameters
     ----------
