@@ -42,10 +42,10 @@ If a segment is higher, its triangle is cut into smaller ones.
 """
 
 MIN_BORDER_CHORD_RAD = 1e-11
-"""Shorter chords are taken for the border. Directions along them have too few digits."""
+"""A shorter chord is taken as the border, since its direction has too few digits."""
 
 AUDIT_STEPS = 16
-"""Steps along a segment at which the other margins are evaluated."""
+"""Number of steps along a segment at which the other margins are evaluated."""
 
 
 def chord_frames(start: Floats, end: Floats) -> Floats:

@@ -18,7 +18,7 @@ MAX_CURVE_SAMPLES = 3000
 `FRAME_STEP_RAD` between samples."""
 
 COARSE_SAMPLES = 1000
-"""Samples from which the rotation of the frame along a curve is integrated."""
+"""Number of samples from which the rotation of the frame along a curve is integrated."""
 
 MAX_CONTACT_STEP_RAD = 0.1
 """Largest change of an arc length in a step of the search."""

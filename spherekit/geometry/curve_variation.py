@@ -139,10 +139,11 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
     The points depend on a design variable. A number a and its derivative a' by this
     variable are stored as one complex number a + i h a' with a tiny step h (complex step).
 
-    The curve is a spline, whose knots are the parameters of the points. They are to be
-    nearly arc lengths, which depend on the spline in turn. So the spline is fitted several
-    times. The knots of the first fit are the sums of the arcs between points. The knots of
-    every other fit are the arc lengths of the points on the fit before it.
+    The curve is a spline, whose knots are the parameters of the points. The parameters
+    should be nearly arc lengths, but the arc lengths depend on the spline. The spline is
+    therefore fitted several times. The knots of the first fit are the sums of the arcs
+    between points. The knots of every other fit are the arc lengths of the points on the
+    fit before it.
 
     Parameters
     ----------

@@ -35,8 +35,8 @@ ALL_ORIENTATIONS = 8.0 * np.pi**2
 """Volume of all orientations."""
 
 CUBE_BITS = 18
-"""A cube is 2**CUBE_BITS units wide. Integer coordinates let equal points of neighbouring
-cells be recognised. Larger: cells can be smaller."""
+"""A cube of quaternions is 2**CUBE_BITS units wide, so that coordinates are integers. Equal
+points of neighbouring cells are then recognised. Larger: cells can be smaller."""
 
 CUBE_POINTS = 3 * (2**CUBE_BITS + 1,)
 """Number of integer points along the three sides of a cube."""

@@ -13,7 +13,7 @@ from spherekit.geometry.triangle import arc
 from spherekit.geometry.vectors import cross, dot
 
 MIN_POINT_COUNT = 6
-"""Fewest points of a curve through points: they determine one polynomial of degree 5."""
+"""Smallest number of points of a curve: they determine one polynomial of degree 5."""
 
 MIN_POINT_DISTANCE_RAD = 1e-9
 """Arc (rad) between successive points below which they coincide.

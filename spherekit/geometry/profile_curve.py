@@ -254,9 +254,9 @@ def through(points: ArrayLike, closed: bool = True) -> Curve:
     Raises
     ------
     ValueError
-        If there are fewer than 6 points, if one is not a unit vector, if two in succession
-        coincide or are 90 degrees or more apart, if the last point of a closed curve
-        repeats the first, if the curve has a cusp, or if a closed curve meets itself.
+        If there are fewer than 6 points, or one is not a unit vector. If two successive
+        points coincide or are 90 degrees or more apart. If the last point of a closed curve
+        repeats the first. If the curve has a cusp, or a closed curve meets itself.
     """
     path, table = spline_through(points, closed)
     if closed:

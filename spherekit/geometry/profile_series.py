@@ -23,19 +23,19 @@ kinks get a larger error. Smaller: such profiles get as many cells as allowed.
 """
 
 MAX_PROFILE_CELLS = 2048
-"""Most cells of a series. Larger: more memory. Smaller: difficult profiles get an error."""
+"""Largest number of cells of a series. Smaller: difficult profiles get an error."""
 
 PROFILE_SERIES_DEGREE = 11
 """Degree of the series on a cell. Larger: fewer cells, each slower to evaluate."""
 
 SLOPE_SAMPLES = 17
-"""Positions in each cell at which the derivative of dk/ds is evaluated for its bound."""
+"""Number of positions in each cell at which d2k/ds2 is evaluated for its bound."""
 
 SLOPE_SAFETY_FACTOR_OF_PROFILES = 1.5
-"""Bound of d2k/ds2 over its largest value at the sampled positions."""
+"""The bound of d2k/ds2 divided by its largest value at the sampled positions."""
 
 PROFILE_SCALE_SAMPLES = 257
-"""Positions along the profile from which the scale of each column is taken."""
+"""Number of positions along the profile from which the scale of each column is taken."""
 
 
 @dataclass(frozen=True)

@@ -93,7 +93,7 @@ MAX_START_RESIDUAL = 0.01
 """Largest relative residual of a start of Newton's method. Worse starts are dropped."""
 
 MAX_STARTS_PER_ROOT = 4
-"""Starts of Newton's method for one root: two values of y times two values of z."""
+"""Largest number of starts of Newton's method for a root: two values of y, two of z."""
 
 FLAT_JACOBIAN_RATIO = 1e-5
 """A solution may be multiple if the determinant of its Jacobian is below this part of the

@@ -79,7 +79,7 @@ class Profile:
     Attributes
     ----------
     kind
-        What the curve is, which determines the other fields.
+        Kind of the curve, which determines which other fields are used.
     centre
         Unit vector (3,) in link axes: the centre of a circle, the pole of a great circle,
         or the axis from which the colatitude of a Fourier profile is measured.

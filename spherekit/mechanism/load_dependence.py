@@ -1,4 +1,4 @@
-"""What the loads of a mechanism depend on.
+"""The pairs, links and functions on which the loads of a mechanism depend.
 
 The magnitude of a component depends on pair variables, their rates and the time. The
 velocity on which it works depends on the configuration only.

@@ -1,1 +1,1 @@
-"""What follows from the link/pair graph: mobility, groups, and the plan of poles."""
+"""Results from the graph of links and pairs: mobility, groups, and the plan of poles."""

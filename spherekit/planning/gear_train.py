@@ -38,7 +38,7 @@ radii make dependent relations independent.
 """
 
 MAX_REPEATED_CONTACT_TURNS = 64
-"""Whole turns, in each direction, that are tried for a contact which repeats others.
+"""Largest number of tried whole turns in a contact whose relation follows from others.
 
 Larger: more time. Smaller: wheels with many turns are not assembled.
 """

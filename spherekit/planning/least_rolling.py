@@ -18,7 +18,7 @@ assemblies.
 """
 
 MAX_TRIED_TURNS = 2
-"""Whole turns of a wheel that are tried in each direction. Larger: more assemblies."""
+"""Largest number of whole turns of a wheel that are tried in each direction."""
 
 MAX_TURN_COMBINATIONS = 400_000
 """Largest number of combinations of whole turns of all wheels that are tried.

@@ -34,7 +34,7 @@ TRIED_DIRECTIONS = 8
 DIRECTION_SEED = 20240616
 """Seed of the directions, which are the same in every run."""
 MAX_CLOSING_STEPS = 12
-"""Newton steps that close the loops after a step."""
+"""Largest number of Newton steps that close the loops after a step."""
 
 
 def has_additional_freedoms(closure: Closure, values: Floats) -> bool:

@@ -44,8 +44,8 @@ CROSSING_DISTANCE_RAD = 1e-4
 LARGEST_REDUCED_ANGLE = np.pi + 1e-3
 """Upper end (rad) of the interval into which angles at the anchor are reduced.
 
-It is a little greater than pi, so that an angle of half a revolution is positive in spite
-of rounding, also if the anchor is a dead centre, where rounding errors are large.
+It is a little greater than pi. An angle of half a revolution is therefore positive in spite
+of rounding. Rounding errors are large if the anchor is a dead centre.
 """
 
 LastAngles = dict[str, list[float]]

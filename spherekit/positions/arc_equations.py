@@ -207,8 +207,9 @@ class GroupGeometry:
 
         Returns
         -------
-        (solutions, pairs) angles in (-pi, pi] (rad), about the z axis of each pair from the
-        x axis of its frame in the first body to that of its frame in the second body.
+        (solutions, pairs) angles in (-pi, pi] (rad) about the z axis of each pair. They are
+        measured from the x axis of its frame in the first body to the x axis of its frame
+        in the second body.
         """
         first_bodies, second_bodies = np.transpose(self.group.ends)
         # Rotations (pairs, 3, 3) from the frame of each pair to the axes of its first and

@@ -54,13 +54,13 @@ SIGN_RECIPROCAL_CONDITION = 1e-8
 Larger: more configurations near dead centres have no sign. Smaller: signs can be rounding.
 """
 MAX_ASSEMBLY_MODES = 64
-"""Assembly modes of one run. A mechanism of n dyads has up to 2^n."""
+"""Largest number of assembly modes in a run. A mechanism of n dyads has up to 2^n."""
 MAX_CONFIGURATIONS = 4096
-"""Configurations of a mechanism at one choice of its inputs. Larger: more memory."""
+"""Largest number of configurations at one choice of the inputs. Larger: more memory."""
 RANGE_ROUNDS = 4
 """Least number of rounds of random starts over a range of inputs."""
 START_RECIPROCAL_CONDITION = 1e-5
-"""Configurations of smaller reciprocal condition are left out of a search over a range.
+"""A search over a range leaves out configurations with a smaller reciprocal condition.
 
 Two modes near a dead centre are not distinguished. Larger: more modes are missed. Smaller:
 one mode may be found as two.

@@ -33,7 +33,7 @@ from spherekit.status import Status
 from spherekit.tolerances import CLOSURE_TOLERANCE, EPS
 
 ON_CURVE_DISTANCE_RAD = 1e-7
-"""A configuration nearer to a curve is on it.
+"""A configuration that is nearer to a curve than this is on the curve.
 
 Larger: curves that pass each other closely are taken for one. Smaller: configurations near
 crossings, which are less accurate, are followed as curves of their own.
@@ -55,7 +55,10 @@ MAX_PREDICTION_MISS_RATIO = 0.05
 Larger: Newton's method may lead to another curve. Smaller: a point that was found is NaN.
 """
 CONFIGURATIONS_PER_BLOCK = 64
-"""Configurations compared with all chords at once. Larger: more memory. Smaller: slower."""
+"""Number of configurations that are compared with all chords at once.
+
+Larger: more memory. Smaller: slower.
+"""
 MIN_VARIATION_RAD = 1e-7
 """A variable that changes by less along a whole curve is constant on it."""
 POINT_ROUNDING_FACTOR = 8.0
@@ -287,7 +290,7 @@ class ArcCurve(Chords):
         Raises
         ------
         SolveError
-            If the curve cannot be evaluated at one of them.
+            If the curve cannot be evaluated at one of the parameters.
         """
         points, chords = self._evaluate_parameter(u.ravel())
         cosine = np.vecdot(points.tangents, self.directions[chords])

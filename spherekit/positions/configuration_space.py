@@ -67,20 +67,20 @@ ignored.
 LAP_PERIODS = 8.0
 """A lap of a closed curve is assumed to be shorter than this number of input periods."""
 PROBE_STEP_RAD = np.radians(2.0)
-"""Distance of the inputs at which modes are computed where their meetings are unknown.
+"""Distance of the inputs at which modes are computed if it is unknown where modes meet.
 
 Larger: short components of curves are missed. Smaller: more time.
 """
 SAME_CUT_RAD = 1e-6
-"""Cuts of a curve (in arc length) that are nearer to each other are one cut."""
+"""Two cuts of a curve are one cut if their arc lengths differ by less."""
 CHECKED_INPUTS = 12
 """Number of inputs over the range at which modes are counted, only to check the curves."""
 MAX_CURVES = 64
 """A random search ends at this number of curves. A chain of many dyads can have more."""
 NEAR_TURN_RAD = 1e-6
-"""Inputs nearer to the end of a piece are not checked, because of rounding errors."""
+"""Inputs nearer to the end of a piece than this are not checked, because of rounding."""
 SAME_CROSSING_END_RAD = 1e-3
-"""Ends of curves that are nearer to each other are at the same crossing.
+"""Ends of curves that are nearer to each other than this are at the same crossing.
 
 The curves that leave a crossing are searched on a sphere about an end, whose radius is
 `curve_crossing.RADIUS_RAD`. Ends much nearer to each other than this radius lead to the

@@ -24,7 +24,7 @@ NEAR_END_RAD = 1e-6
 Larger: curves end earlier before a limit. Smaller: tiny last steps are tried.
 """
 AIMED_CHANGE_RATIO = 0.6
-"""Part of the allowed change of the equations at which the next step aims.
+"""The next step aims at this part of the allowed change of the equations.
 
 Larger: more steps fail. Smaller: more steps are necessary.
 """
@@ -135,9 +135,9 @@ class CurveContinuation(ABC, Generic[Node]):
 
         Returns
         -------
-        The ends of the steps; whether each step passed all tests, with the limits
-        `step_tests`; and the change of the Jacobian of the curve in each step, relative to
-        a change after which it may be singular.
+        The ends of the steps. For each step, the result also states whether it passed all
+        tests, with the limits `step_tests`. It has the change of the Jacobian of the curve
+        in each step, relative to a change after which the Jacobian may be singular.
         """
 
     @abstractmethod

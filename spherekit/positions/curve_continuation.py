@@ -68,7 +68,7 @@ count as missing mobility.
 MAX_START_RESIDUAL_RAD = 1e-6
 """Largest closure residual of a configuration from which a curve is followed."""
 LANDING_STEPS = 12
-"""Newton steps to the point at which a curve reaches a limit."""
+"""Largest number of Newton steps to the point at which a curve reaches a limit."""
 LANDING_STEP_RAD = 1e-14
 """The Newton steps to a limit end with a step that is smaller."""
 SINGULAR_START = (

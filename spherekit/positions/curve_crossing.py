@@ -33,17 +33,17 @@ Larger: more numbers of curves are tried at each configuration. Smaller: a cross
 missed if the search starts farther from it.
 """
 MAX_CROSSING_STEPS = 20
-"""Newton steps to a crossing, to a direction, or to a point on an outgoing curve."""
+"""Largest number of Newton steps to a crossing, a direction, or an outgoing curve."""
 MAX_CROSSING_DISTANCE_RAD = 0.05
 """The crossing is at most this far from the configuration from which it is searched."""
 CROSSING_TOLERANCE = 1e-9
-"""A crossing has smaller closure residuals (rad) and smaller null singular values.
+"""Largest closure residual (rad) of a crossing, and largest of its zero singular values.
 
 Larger: near misses, where two curves pass each other, count as crossings. Smaller:
 rounding hides crossings.
 """
 MAX_LAST_CORRECTION_RAD = 1e-6
-"""A crossing is known if the last step of Newton's method is smaller.
+"""A crossing is accepted if the last step of Newton's method is smaller.
 
 Larger: inaccurate crossings are returned. Smaller: crossings of higher order are missed.
 """
@@ -59,15 +59,15 @@ MAX_INVERSE_NORM = 1e4
 RADIUS_RAD = 0.02
 """Distance of the configurations on outgoing curves from the one that they leave."""
 MOTION_RATIO = 1e-4
-"""Singular values of J below this, relative to the largest, belong to motions."""
+"""Singular values of J below this part of the largest belong to independent motions."""
 START_COUNT = 64
 """Number of start vectors on the sphere from which directions are searched."""
 START_SEED = 20240616
-"""Seed of these vectors, which are the same in every run."""
+"""Seed of the start vectors, which are the same in every run."""
 DEPENDENT_EQUATION_RATIO = 1e-12
 """Singular values of the equations below this part of the largest count as zero."""
 ROUNDED_STEP_RAD = 1e-11
-"""Smaller steps to a crossing that no longer shrink are caused by rounding."""
+"""A smaller step to a crossing is caused by rounding if it no longer shrinks."""
 MIN_STEP_DECREASE = 0.25
 """A step shrinks if it is smaller than this part of the step before."""
 SAME_POINT_RATIO = 1e-6

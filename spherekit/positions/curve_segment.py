@@ -26,7 +26,7 @@ from spherekit.positions.linearisation import Linearisation
 from spherekit.positions.loop_closure import Closure, newton
 
 MAX_CORRECTION_STEPS = 6
-"""Newton steps from a predicted to an exact point of a curve.
+"""Largest number of Newton steps from a predicted to an exact point of a curve.
 
 Larger: worse predictions are corrected, perhaps to another curve. Smaller: points near
 crossings of curves are not reached.

@@ -15,7 +15,7 @@ from spherekit.positions.mode_coalescence import make_mode_coalescence
 from spherekit.positions.position_solver import PositionSolver
 
 ACCEPTABLE_COST_S = 2e-3
-"""Time of one value of the functions whose zeros are the meetings of modes.
+"""Acceptable time of one value of the functions whose zeros are the meetings of modes.
 
 If the given pair takes less, no other is tried. Larger: slower pairs are accepted.
 Smaller: all pairs are tried more often.

@@ -37,13 +37,13 @@ LEAST_SECOND_SINGULAR_VALUE = 1e-4
 """At a fold, the second smallest singular value of J must be larger than this part of the
 largest. Smaller: a second fold nearby can be missed."""
 SAFETY_FACTOR = 1.5
-"""Bounds of the quadratic model are enlarged by this factor, for higher orders."""
+"""Bounds of the quadratic model are enlarged by this factor, for terms of higher order."""
 LARGEST_REACH_RAD = 1e-4
 """The quadratic model is not tried farther from a configuration."""
 LARGEST_STEP_RAD = 1e-3
 """A step to the root of the quadratic model is not taken if it is larger."""
 MAX_FOLD_NEWTON_STEPS = 4
-"""Steps to the root of the quadratic model. Each gains as many digits as there are."""
+"""Largest number of steps to the root of the quadratic model. Each doubles the digits."""
 
 
 def bound_by_newton(

@@ -34,14 +34,14 @@ Larger: wheels of irrational ratio can get a finite period. Smaller: rounding er
 radii hide the ratio of the numbers of teeth.
 """
 MAX_LENGTHS_PER_CONTACT = 8
-"""Rolled lengths of one contact that are tried. Larger: more assemblies, more time."""
+"""Largest number of rolled lengths of one contact that are tried. Larger: more time."""
 MAX_LENGTH_COMBINATIONS = 4096
-"""Combinations of the rolled lengths of all contacts that are compared.
+"""Largest number of combinations of rolled lengths of all contacts that are compared.
 
 Larger: more time. Smaller: the assembly that is looked for may not be among them.
 """
 MAX_TRIED_ASSEMBLIES = 64
-"""Combinations of rolled lengths, the smallest first, at which loops are closed.
+"""Largest number of combinations of rolled lengths, smallest first, that are assembled.
 
 Larger: more time. Smaller: the assembly that is looked for may not be among them.
 """

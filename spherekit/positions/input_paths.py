@@ -32,7 +32,7 @@ LARGEST_INPUT_STEP_RAD = 0.2
 Larger: fewer steps, of which more fail. Smaller: more steps.
 """
 AIMED_SECOND_ORDER_RAD = 0.02
-"""Second-order part of the Taylor polynomial in a step, at which the step length aims.
+"""The step length aims at this second-order part of the Taylor polynomial in a step.
 
 Larger: more steps fail. Smaller: more steps are necessary.
 """
@@ -61,7 +61,7 @@ inputs.
 ARRIVAL_TOLERANCE = 1e-9
 """A step is extended to the goal if the remaining way, relative to the step, is smaller."""
 MAX_CORRECTION_ITERATIONS = 6
-"""Newton steps from a prediction. Smaller: more steps along the path fail."""
+"""Largest number of Newton steps from a prediction. Smaller: more path steps fail."""
 
 
 @dataclass(frozen=True)

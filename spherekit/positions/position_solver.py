@@ -314,9 +314,10 @@ class PositionSolver:
     ) -> ModeConfigurations:
         """Return the configurations of an assembly mode at inputs in any order.
 
-        The groups of the mechanism are placed one after another: dyads in closed form, by
-        the sign that says on which side the middle pair is; trains of wheels by gear
-        ratios; others by Newton's method from verified configurations of the mode.
+        The groups of the mechanism are placed one after another: Dyads are placed in closed
+        form, by the sign of the side on which the middle pair is. Trains of wheels are
+        placed by gear ratios. Other groups are placed by Newton's method from verified
+        configurations of the mode.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Searches closed configurations from random starts, and estimates what was missed.
+"""Searches closed configurations from random starts, and estimates how many were missed.
 
 From each start the sum of squared closure residuals is minimised by the Levenberg-Marquardt
 method. The search proves nothing. But the number of starts that led to each configuration
