@@ -264,9 +264,9 @@ def _transmission_cells(
 ) -> Lines:
     """Return the least transmission angle of an output (deg) and its place as text.
 
-    If the table has a column for the pair at which the angle is measured, the name of this
-    pair is the cell between them. All cells are "-" for an output without a transmission
-    angle.
+    The table may also have a column for the pair at which the angle is measured. The name
+    of this pair is then the cell between angle and place. All cells are "-" for an output
+    without a transmission angle.
     """
     if transmission is None:
         return ["-"] * (3 if has_pair_column else 2)

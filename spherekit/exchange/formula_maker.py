@@ -452,9 +452,9 @@ def _write_newton_step(design_expressions: DesignExpressions) -> list[Expr]:
 
     Returns
     -------
-    All variables after the step, followed by the closure residual before it: how far (rad)
-    the loops are open. Variables that follow the inputs through wheels are linear functions
-    of the inputs, so they need no step.
+    All variables after the step, and then the closure residual: how far (rad) the loops
+    were open before the step. Variables that the inputs determine through toothed wheels
+    are linear functions of the inputs, so they need no step.
     """
     coordinate_rates = design_expressions.coordinate_rates
     # The changes of the variables that close the loops to first order. A residual is the

@@ -43,7 +43,7 @@ class AxisLine(NamedTuple):
     point
         (3,) a point of the line (m, world axes).
     direction
-        (3,) its unit vector.
+        (3,) unit vector along the line.
     """
 
     name: str
@@ -243,9 +243,9 @@ class ImportedLinkage:
     def _list_axis_lines(self) -> list[AxisLine]:
         """Return the axes that have to pass the centre of the sphere.
 
-        These are the axes of all joints that can turn. Loops of the model are closed at
-        points at which two links are held together. If the same two links are held together
-        at two points, they can only turn about the line through both, so this line is an
+        They are the axes of all joints that can turn. A loop of the model is closed at a
+        point at which two links are held together. If two links are held together at two
+        points, they can only turn about the line through these points. This line is then an
         axis, too.
         """
         # MuJoCo's xanchor is a point of the axis of a joint, xaxis its unit vector.

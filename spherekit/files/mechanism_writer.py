@@ -78,7 +78,7 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
 
 
 def canonical_text(mechanism: Mechanism, angle_unit: AngleUnit) -> str:
-    """Return the text of a mechanism file. Unlike `dumps`, it is not read back as a check.
+    """Return the text of a mechanism file, without checking that it can be read back.
 
     The text identifies a mechanism, see `mechanism_hash`.
 

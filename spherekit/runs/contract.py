@@ -47,9 +47,8 @@ class Sweep:
     places
         Whether the column has positions (places) in rad, such as inputs at which something
         happens. Each position is compared with the nearest position in the most accurate
-        run.
-        With several inputs a position has one column for each of them. The names of all
-        these columns begin with `column`.
+        run. With several inputs a position has one column for each of them. The names of
+        all these columns begin with `column`.
     beside
         Names and values of other parameters of the analysis, which are constant during the
         comparison.

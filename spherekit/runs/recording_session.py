@@ -69,9 +69,8 @@ class RecordingSession:
 
     The ground and the graph of links and pairs are passed at the start. Moving links and
     the scenes (drawings) of analyses are passed block by block. Only one of `every`
-    successive samples is recorded. In a grid of
-    inputs the count starts again in each row of the grid. Along a path of samples the last
-    sample is recorded too.
+    successive samples is recorded. In a grid of inputs the count starts again in each row
+    of the grid. Along a path of samples the last sample is recorded too.
     """
 
     def __init__(

@@ -224,7 +224,7 @@ class RunResult:
     def show(self) -> None:
         """Show the whole recording in a notebook.
 
-        The first time the run is repeated, unless `plot` has done that.
+        The first call repeats the run, unless `plot` has done that before.
 
         Raises
         ------

@@ -107,9 +107,10 @@ def make_heading(trade: Trade) -> str:
 def advise(trade: Trade, tolerance: float) -> str:
     """Return a sentence that recommends a setting for a tolerance.
 
-    A setting is a way to compute a run. The recommended one is the quickest whose error,
-    with a margin, is within the tolerance. Its time is that of the run and of compiling. If
-    there is none, the sentence says how accurate the settings are.
+    A setting is a way to compute a run. The quickest setting whose error, with a margin, is
+    within the tolerance is recommended. The time of a setting is that of the run and of
+    compiling. If no setting meets the tolerance, the sentence says how accurate the
+    settings are.
     """
     best = trade.cheapest(tolerance)
     if best is not None:

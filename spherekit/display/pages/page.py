@@ -421,11 +421,12 @@ class PageMaker:
         }
 
     def _crossing_facts(self) -> Facts:
-        """Return the input (rad) at which each smooth curve gets the number of its mode.
+        """Return the input (rad), the `anchor`, at which smooth curves are numbered.
 
-        A smooth curve passes through crossings, so it may belong to several modes. It has
-        the number of the mode in which it is at the input of the reference pose (`anchor`).
-        The anchor is None if there is no such pose, or its input is not in the range.
+        A smooth curve of configurations passes through crossings, so it may belong to
+        several assembly modes. Its number is that of the mode to which it belongs at the
+        anchor, the input of the reference pose. The anchor is None if there is no reference
+        pose, or if its input is not in the range.
         """
         solver = PositionSolver(self._mechanism, assembly_by_count_or_rank(self._mechanism))
         (anchor,) = solver.anchor_inputs

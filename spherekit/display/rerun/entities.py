@@ -405,8 +405,8 @@ def _point_columns(positions: Floats, has_point: Bools) -> Columns:
 def _rotation_columns(quaternions: Floats) -> Columns:
     """Return the transforms of rows: a rotation, and a scale that hides NaN rows.
 
-    The transforms move data that were logged once, so a single row cannot leave these out.
-    A row without a rotation gets a scale that shrinks them to a point instead.
+    The transforms move data that were logged once, so these data cannot be left out in a
+    single row. In a row without a rotation they are shrunk to a point instead.
 
     Parameters
     ----------
