@@ -219,8 +219,8 @@ class EquivalentRotation(AbstractAnalysis):
         """Return that this analysis needs the position analysis of the run (`tracer`).
 
         The analysis turns the output link from a start to an end about one fixed axis, and
-        computes the inputs during this rotation. The parameter `theta` has further angles
-        of the rotation, from the start, at which they are wanted.
+        computes the inputs during this rotation. The parameter `theta` has angles of the
+        rotation, from the start, at which the inputs are wanted.
 
         All parameters are checked here, before anything is computed. Only whether an angle
         in `theta` exceeds the whole rotation is checked later, when its angle is known.

@@ -74,8 +74,9 @@ class FigureGradients:
         """Return the figures of a design in a mode, and their derivatives.
 
         A figure is a reduction, such as the maximum or mean, of an expression over samples.
-        Its derivative is found by the chain rule: by the values of the expression at the
-        samples (the weights), by the quantities in the expression, and by the variables.
+        Its derivative is found by the chain rule, as a product of three: the derivatives of
+        the reduction by the values at the samples (the weights), of the expression by the
+        quantities in it, and of these quantities by the variables.
 
         Parameters
         ----------

@@ -132,8 +132,8 @@ def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
         The profile in the axes of its link: a circle, a spline through points, or a Fourier
         sum, which gives the angle from the profile's centre at each azimuth about it.
     _precision_bits
-        Present number of bits of ball centres. Results are cached by the arguments, and
-        they differ from precision to precision.
+        Present number of bits of ball centres. The number is only a key of the cache,
+        because results differ from precision to precision.
 
     Returns
     -------
@@ -283,7 +283,7 @@ def _enclose_pieces(
     parameters: Array,
     find_pieces: Callable[[Floats], Indices],
 ) -> Array:
-    """Return balls that contain a function of several pieces on whole balls.
+    """Return balls that contain the values of a piecewise function on whole balls.
 
     A ball can contain an end of a piece. The result then contains the values of all pieces
     that the ball reaches.

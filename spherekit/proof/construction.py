@@ -352,8 +352,8 @@ def find_construction(
     Links are placed one after another. Each is joined to links placed before by one pair,
     about whose axis it rotates, or by two pairs, on whose axes it is put. The second case
     gives an equation. Each order has an upper bound (`mode_bound`) of the number of
-    isolated complex solutions of its equations. The best order has most of the preferred
-    pairs as variables. Among orders with equally many it has the lowest bound.
+    isolated complex solutions of its equations. The best order has the largest number of
+    preferred pairs as variables. Among the orders with this number it has the lowest bound.
 
     Parameters
     ----------

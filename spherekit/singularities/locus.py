@@ -64,7 +64,7 @@ class SingularityMeasure:
     constraint_on_basis
         (n, m, k) E applied to the basis of `motion_space`.
     smallest_singular_value
-        (n,) that of `constraint_on_basis`, zero on the locus.
+        (n,) smallest singular value of `constraint_on_basis`, zero on the locus.
     motion
         (n, V) unit rates that belong to this singular value: the x with least |E x|.
     """

@@ -513,9 +513,10 @@ class SampledSingularities:
 
         A dyad is two links in series. The distance follows from its transmission angle, the
         acute angle between the planes of the arcs of both links. It vanishes only if the
-        dyad is stretched or folded, which is a singularity of type II. As an angle between
-        planes it does not become small with the arcs of all links. The other measure of
-        this distance, the transmission measure, does become small with them.
+        dyad is stretched or folded, which is a singularity of type II. If the arcs of all
+        links are small, this angle need not be small, because it is an angle between
+        planes. The other measure of the distance, the transmission measure, is small in
+        this case.
 
         Parameters
         ----------
