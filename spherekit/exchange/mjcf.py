@@ -111,10 +111,10 @@ class MujocoModel:
     positions are the pair variables. Each pair that closes a loop is a constraint of the
     kind `connect` on its axis, as stiff as the time step allows. If a load acts at such a
     pair, the pair has to be a joint. This joint then carries a *twin*: a second body of the
-    link, which has a part of the link's inertia and is welded to it. Inputs have motors (N
-    m). If the mechanism has no masses,
-    inputs have servos whose controls are angles (rad). Links are drawn on a sphere whose
-    radius is the distance of the farthest centre of mass, or 1 m without masses.
+    link, which has a part of the link's inertia and is welded to it. Inputs have motors
+    (N m). If the mechanism has no masses, inputs have servos instead, whose controls are
+    angles (rad). Links are drawn on a sphere whose radius is the distance of the farthest
+    centre of mass, or 1 m if there are no masses.
 
     Parameters
     ----------
