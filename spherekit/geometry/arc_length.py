@@ -22,10 +22,10 @@ parameters are missed.
 """
 
 SERIES_ORDER = 16
-"""Legendre coefficients of the speed on a panel. Larger: fewer, costlier panels."""
+"""Number of Legendre coefficients of the speed on a panel. Larger: fewer panels."""
 
 MAX_PIECE_HALVINGS = 40
-"""Halvings of a panel at most. Smaller: speeds with kinks get a larger error."""
+"""Largest number of halvings of a panel. Smaller: speeds with kinks get a larger error."""
 
 SERIES_TOLERANCE = 1e-15
 """Largest of the last two coefficients of a panel, relative to the whole length.
@@ -34,7 +34,7 @@ Larger: fewer panels and a larger error. Smaller: panels are halved for rounding
 """
 
 INVERSE_TOLERANCE = 4.0 * EPS
-"""Error of the parameter by the arc length, relative to the largest parameter.
+"""Largest error of the parameter at an arc length, relative to the largest parameter.
 
 Larger: fewer cells and a larger error. Smaller: cells are halved for rounding errors.
 """

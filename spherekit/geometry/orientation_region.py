@@ -390,9 +390,9 @@ class _OrientationCells:
 
         - If no other margin is negative at the point, by -1, which excludes it.
         - Otherwise the negative margin excludes the point already. The margin with NaN
-          should not seem to have a border in the cell, so it should not change its sign
-          there because of the replacement. It gets the largest of its values in the cell,
-          or 1 if there is none.
+          should not seem to have a border in the cell, so the replacement should not
+          change its sign in the cell. It gets the largest of the values of this margin in
+          the cell, or 1 if there is none.
 
         The orientation whose smallest margin is the largest so far is stored, too.
 

@@ -69,9 +69,11 @@ class TriangleAngles:
 
     Attributes
     ----------
-    at_first, at_second
-        (n,) angles (rad, 0 to pi) at the first and the second end of the base; meaningless
-        if the triangle does not close.
+    at_first
+        (n,) angle (rad, 0 to pi) at the first end of the base; meaningless if the triangle
+        does not close.
+    at_second
+        (n,) angle (rad, 0 to pi) at the second end of the base, with the same restriction.
     closes
         (n,) whether the sides satisfy the triangle inequalities and their sum is at most a
         full turn. A small violation, the slack (rad) of `vertex_angles`, is accepted.

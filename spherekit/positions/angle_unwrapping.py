@@ -117,7 +117,7 @@ class UnwrappedStretch:
         a curve of configurations was followed with continuous angles. The revolutions of an
         angle are the sum of three numbers:
 
-        - the revolutions by which the curve's angle at the same input differs from it,
+        - the revolutions by which the angle on the curve, at the same input, exceeds it,
         - for each whole period from the stretch to the input, the revolutions that the
           angle gains in a period (`winding`),
         - minus `reference_revolutions`, the same number for all configurations. It is

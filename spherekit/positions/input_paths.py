@@ -173,8 +173,8 @@ class _InputSteps:
     nodes
         The configurations at which the steps end.
     is_verified
-        (k,) whether the step passed all tests of `_try_steps`, which show that it has not
-        left its path.
+        (k,) whether the step passed all tests of `_try_steps`, which show that the step has
+        not left its path.
     is_last
         (k,) whether the step leads exactly to the goal of the path.
     """

@@ -235,8 +235,8 @@ def find_mode_meetings(
 
     Returns
     -------
-    One meeting for each input at which curves cross, at rising inputs. The result is empty
-    without crossings.
+    One meeting for each input at which curves cross, in rising order of the inputs. The
+    result is empty if there are no crossings.
     """
 
     def input_of(crossing: Crossing) -> float:

@@ -14,13 +14,13 @@ from spherekit.positions.position_solver import PositionSolver
 from spherekit.wording import listing
 
 MAX_NAME_DEVIATION_RAD = np.radians(10.0)
-"""A mode does not get a name from whose angles its angles deviate more than this.
+"""Largest deviation of the angles of a mode from the stated angles of its name.
 
 Larger: a name whose angles are wrong is given to some mode all the same. Smaller: angles
 that were read off a drawing have to be more accurate.
 """
 MAX_DEVIATION_RATIO = 0.5
-"""The deviation of the named mode is less than this part of every other mode's deviation.
+"""Largest deviation of the named mode, relative to the deviation of every other mode.
 
 Larger: the name is accepted where two modes fit nearly as well. Smaller: names are refused
 where modes are close to each other.

@@ -49,7 +49,7 @@ Larger: a neighbouring mode may be connected with the dead centre. Smaller: the 
 dead centre can end before it.
 """
 NEAREST_SAMPLES = 8
-"""Nearest samples of a grid to which straight paths from a configuration are tried.
+"""Number of nearest grid samples to which straight paths from a configuration are tried.
 
 Larger: more time. Smaller: modes in narrow regions may reach no sample.
 """
@@ -378,8 +378,8 @@ def sheets_through(
     input_grid
         The n samples.
     values
-        (k, variables) closed configurations (rad). Straight paths lead from each to its
-        nearest samples, and from there on to neighbouring samples.
+        (k, variables) closed configurations (rad). Straight paths lead from each
+        configuration to its nearest samples, and from these to neighbouring samples.
 
     Returns
     -------

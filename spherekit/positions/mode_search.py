@@ -46,14 +46,14 @@ are found, in more time.
 MAX_PROBED_SAMPLES = 2**16
 """Largest number of samples of several inputs at which the modes of dyads are searched."""
 PROBED_TOGETHER = 2**13
-"""Inputs that are examined together. Larger: more memory."""
+"""Number of inputs that are examined together. Larger: more memory."""
 RANKED_CONFIGURATIONS = 5
-"""Configurations at which the mobility by rank is computed.
+"""Number of configurations at which the mobility by rank is computed.
 
 Some of them may be singular, and have a larger mobility than the mechanism.
 """
 EXPLAINED_SAMPLES = 3
-"""Samples at which the groups of a mechanism that does not close are tried again.
+"""Number of samples at which groups are tried again if a mechanism does not close.
 
 They show which group is at fault. Larger: more time until the error. Smaller: a group is
 named although it closes at other samples.

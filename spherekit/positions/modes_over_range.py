@@ -54,7 +54,7 @@ from spherekit.status import Status
 from spherekit.wording import counted
 
 MAX_STEPS_ALONG_MODES = 60000
-"""Steps along modes after which no further mode is followed.
+"""Number of steps along modes after which no further mode is followed.
 
 A mode takes some tens of steps, and thousands near configurations that are singular in
 higher order. Larger: more modes of such mechanisms are found, in more time.
@@ -83,7 +83,7 @@ more modes are compared. Smaller: a known mode may be followed again.
 STARTS_FOLLOWED_TOGETHER = 16
 """Number of configurations, probably of different modes, that are followed together."""
 RANDOM_STARTS_FOLLOWED_TOGETHER = 6
-"""The same for configurations from random starts, several of which may be on one mode."""
+"""The same number for configurations from random starts, which can be on one mode."""
 AS_ASSEMBLED = Completeness(
     Guarantee.COMPONENT,
     "the mode of the reference pose and the modes that continue it where it ends; other "

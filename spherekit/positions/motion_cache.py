@@ -15,8 +15,9 @@ from spherekit.planning.assembly_plan import Assembly, driven_at, plan_assembly
 from spherekit.positions.position_analysis import PositionAnalysis
 
 MAX_KEPT_GEOMETRIES = 8
-"""Geometries whose assembly modes are kept. Larger: more memory; smaller: simulations and
-exports of the same few mechanisms in turn search their modes again."""
+"""Number of geometries whose assembly modes are kept. Larger: more memory; smaller:
+simulations and exports of the same few mechanisms in turn search their modes again.
+"""
 
 _POSITION_ANALYSES = MechanismCache(max_results=MAX_KEPT_GEOMETRIES)
 

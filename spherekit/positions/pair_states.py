@@ -60,8 +60,9 @@ def measure_pair_angles(
     angles
         (n, pairs) variables of the pairs (rad).
     axis_gaps
-        (n, pairs) angles (rad) between the axes of a pair in its first and its second link.
-        They are zero if the orientations close all loops.
+        (n, pairs) angle (rad) between the axis of each pair as its first link carries it
+        and as its second link carries it. The angles are zero if the orientations close all
+        loops.
     """
     first_links, second_links = np.array(ends).T
     first_frames = rotations[:, first_links] @ np.array([joint.first for joint in joints])

@@ -38,7 +38,7 @@ MIN_CROSSING_DISTANCE_RAD = 1e-6
 At a crossing itself the modes coincide and cannot be distinguished.
 """
 BLOCK_ROWS = 16384
-"""Rows in a block of `PositionAnalysis.blocks`.
+"""Number of rows in a block of `PositionAnalysis.blocks`.
 
 Larger: the arrays of a block exceed the caches of the processor. Smaller: the overhead of
 calls is noticeable. With half or twice as many a run takes the same time.

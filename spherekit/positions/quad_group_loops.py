@@ -25,10 +25,11 @@ from spherekit.positions.quad_rotations import (
 )
 
 MAX_QUAD_NEWTON_STEPS = 40
-"""Newton steps for one group. A step gains about 16 digits at most, since the Jacobian is
-inverted in float64, and few near a dead centre."""
+"""Largest number of Newton steps for one group. A step gains about 16 digits at most, since
+the Jacobian is inverted in float64, and few near a dead centre.
+"""
 MAX_FOLD_STEPS = 6
-"""Newton steps to the fold of a group. Each gains about eight digits."""
+"""Largest number of Newton steps to the fold of a group. Each gains about eight digits."""
 FOLD_PROBE_RAD = 1e-4
 """The step over which the curvature at a fold is measured."""
 FOLD_STEP_RAD = 1e-12

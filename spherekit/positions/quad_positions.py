@@ -54,7 +54,7 @@ quad."""
 FOLD_SAFETY = 2.0
 """Error bounds at a fold are enlarged by this factor, for terms of third order."""
 LARGEST_FLAT_DYAD_ERROR_RAD = 0.1
-"""Larger error bounds of a dyad at its dead centre are infinite.
+"""Largest error bound of a dyad at its dead centre. If it is larger, it is set to infinity.
 
 The formula of the bound holds for small errors. Larger: bounds become unsafe. Smaller: more
 configurations have no bound.

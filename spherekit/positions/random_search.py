@@ -26,7 +26,7 @@ from spherekit.wording import counted
 SEED = 20240616
 """Seed of the random starts. A fixed seed gives the same starts in every run."""
 STARTS_PER_ROUND = 192
-"""Random starts that are made together. Larger: more memory. Smaller: slower."""
+"""Number of random starts that are made together. Larger: more memory. Smaller: slower."""
 MIN_ROUNDS = 2
 """Least number of rounds. A search in which no start closes makes twice as many."""
 MAX_ROUNDS = 32
@@ -51,7 +51,10 @@ Larger: Newton's method may fail or lead elsewhere. Smaller: more steps of the s
 Levenberg-Marquardt method.
 """
 POLISHING_STEPS = 40
-"""Newton steps at the end. At a double solution a step only halves the error."""
+"""Largest number of Newton steps that close a configuration at the end.
+
+At a double solution a step only halves the error.
+"""
 SAME_MODE = 1e-6
 """Configurations are one mode if no component of their rotation matrices differs by more.
 

@@ -30,7 +30,7 @@ MIN_SAMPLES_PER_NODE = 4
 MAX_SAMPLES_PER_NODE = 1024
 """Largest number of samples per node, also if the inputs hardly change."""
 NODES_PER_BLOCK = 1024
-"""Nodes that are solved together. Larger: more memory. Smaller: more calls."""
+"""Number of nodes that are solved together. Larger: more memory. Smaller: more calls."""
 
 
 class ModeSpline(NamedTuple):

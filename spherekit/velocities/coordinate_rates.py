@@ -232,7 +232,8 @@ class CoordinateRates(VelocityEquations):
         """Return the rates of all variables and links at given rates of the inputs.
 
         They are sums over the inputs. `tau` and `w` are the rates and angular velocities by
-        each input times the scale, so the rates of the inputs are divided by it.
+        each input, times the scale D (the determinant of the velocity equations). The rates
+        of the inputs are therefore divided by D.
         """
         scaled_speeds = [speed * (1.0 / self.scale) for speed in speeds]
         return MotionRates(

@@ -303,8 +303,8 @@ def _solve_rates(motion: Motion, driven: int, is_known: Bools, axes: Array) -> D
     Parameters
     ----------
     motion
-        The n rows. Its loops, paths and passive variables (those that no input sets) are
-        used.
+        The motion with the n rows. Its loops, paths and passive variables (which no input
+        sets) are used.
     driven
         Number of the input pair that moves at unit rate.
     is_known

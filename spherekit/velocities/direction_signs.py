@@ -29,7 +29,7 @@ from spherekit.velocities.pole_field import SIGNED_COMPONENTS, PoleField, axis_p
 from spherekit.velocities.pole_request import Request
 
 HERMITE_SUBSTEPS = 8
-"""Parts into which the interpolant between two samples is divided to find reversals.
+"""Number of parts of the interpolant between two samples in which reversals are sought.
 
 Larger: two zeros of v that are closer together are both noticed. Smaller: fewer products.
 """

@@ -35,7 +35,7 @@ A complex step has no cancellation, so it can be smaller than the rounding of th
 """
 
 BATCH_ROWS = 256
-"""Rows that are computed at once. Larger: fewer calls, more memory."""
+"""Number of rows that are computed at once. Larger: fewer calls, more memory."""
 
 
 @dataclass(frozen=True)

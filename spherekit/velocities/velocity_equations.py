@@ -194,9 +194,10 @@ class VelocityEquations(ABC):
         """Return the accelerations while no input accelerates.
 
         The relative angular velocity of a pair is the sum of a_v x_v over its variables v,
-        with their vectors a_v and rates x_v. Its derivative by time is the sum of a_v dx_v,
-        with the unknown accelerations dx_v, and of da_v x_v. The second part is called the
-        bias here. It follows from velocities alone.
+        with their vectors a_v and rates x_v. The derivative of this velocity by time has
+        two parts. The first is the sum of a_v dx_v, with the unknown accelerations dx_v.
+        The second is the sum of da_v x_v, which is called the bias and follows from
+        velocities alone.
 
         Parameters
         ----------
