@@ -154,9 +154,9 @@ def check_mass(mass: Mass) -> None:
     Raises
     ------
     ModelError
-        If the tensor is not symmetric, has a negative principal moment, or one that
-        exceeds the sum of the two others. If the mass is not positive. If the tensor about
-        the centre of mass, which follows from these data, is not that of a body.
+        If the tensor is not symmetric, or has a negative principal moment. If one principal
+        moment exceeds the sum of the two others. If the mass is not positive. If the tensor
+        about the centre of mass, which follows from these data, is not that of a body.
     """
     key = f"mass.{mass.link}"
     if mass.mass is not None:

@@ -48,7 +48,7 @@ A smaller change is caused by rounding.
 
 @checked(ModelError)
 def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mechanism:
-    """Return the mechanism with R pairs locked; the two links of each become one.
+    """Return the mechanism with R pairs locked, so that the two links of each become one.
 
     The new link has the name of the ground, of the link with contacts, or of the first link
     of the pair, in this order. Masses, loads and outputs of the other link are moved to it.

@@ -46,7 +46,7 @@ ONE_TURN_RAD = 2.0 * math.pi
 """Range of an input that is driven without a range."""
 
 UNCOMPARED = ("source", "user", "description", "angle_unit")
-"""Fields on which no result depends; mechanisms that differ in them alone are equal."""
+"""Fields on which no result depends. Mechanisms that differ only in these are equal."""
 
 _FIELD_KINDS: Mapping[type, Mapping[str, str]] = {
     Pair: {"links": "links", "profiles": "profiles"},
@@ -75,8 +75,8 @@ def field_kinds(part: Any) -> Mapping[str, str]:
 class Mechanism:
     """A spherical mechanism as a graph of links and pairs with its geometry.
 
-    It is immutable and complete: everything else is computed from it. Numbers of links and
-    pairs are positions in `links` and `pairs`, from 0.
+    The object is immutable and complete: everything else is computed from it. Numbers of
+    links and pairs are positions in `links` and `pairs`, from 0.
 
     Attributes
     ----------
@@ -348,10 +348,11 @@ class Mechanism:
         Parameters
         ----------
         pairs
-            Names of the driven pairs; without any, the inputs remain.
+            Names of the driven pairs. If no names are given, the inputs remain.
         ranges
             First and last value of the variable, by input. An input without a new range
-            keeps the range that it has. A pair that was no input gets one turn.
+            keeps the range that it has. A pair that was no input gets the range of one
+            turn.
         angle_unit
             Unit of the ranges, ``"deg"`` or ``"rad"``.
 

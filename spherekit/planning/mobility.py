@@ -144,7 +144,7 @@ class PebbleGame:
     def find_rigid_part(self, body_a: int, body_b: int) -> set[int] | None:
         """Return the smallest rigid set of bodies that contains two bodies, or None.
 
-        A pebble is a degree of freedom of a body that no constraint has taken; it can be
+        A pebble is a degree of freedom of a body that no constraint has taken. It can be
         moved to other bodies along the constraints. Three pebbles on two bodies are their
         rigid motion. If a fourth one can be moved to them, they can move relative to each
         other, and there is no such set.

@@ -21,7 +21,7 @@ SELF_MARK = "■"
 """Entry of the pole table on the diagonal, where a link meets itself."""
 
 Pole = tuple[int, int]
-"""Two link numbers, smaller first; the pole of the second relative to the first."""
+"""Numbers of two links, the smaller one first. They stand for the pole of these links."""
 
 
 @dataclass(frozen=True)
@@ -231,7 +231,7 @@ class Plan:
 
     @cached_property
     def ends(self) -> tuple[tuple[int, int], ...]:
-        """The two bodies of every pair; equal for a pair within a body."""
+        """The two bodies of every pair, which are the same for a pair within one body."""
         return tuple((self.body[a], self.body[b]) for a, b in self.mechanism.ends)
 
     @cached_property

@@ -36,16 +36,18 @@ def plan(
     Parameters
     ----------
     mechanism
-        Any chain of R, Cr and Cs pairs with a freedom for each of its inputs.
+        Any chain of R, Cr and Cs pairs with one degree of freedom for each of its inputs.
     poles
         Poles to find, as pairs of link numbers or text such as ``"3/1"``. The plan then
-        contains only these and the poles from which they follow.
+        contains only these poles and the poles from which they follow.
     input_pair
         Name of the pair that moves, by default the first input. If it is one of several
-        inputs, the others are locked. If it is no input, it replaces the declared ones.
+        inputs, the other inputs are locked. If it is no input, it replaces the declared
+        inputs.
     by_rank
-        Whether the mechanism is known to have a freedom for each input by rank at its
-        configurations, though not by counting.
+        Whether the rank of the velocity equations has shown that there is one degree of
+        freedom for each input. Counting links and pairs may give fewer, if constraints are
+        redundant.
 
     Raises
     ------
@@ -86,7 +88,7 @@ def plan(
 
 
 def _pole_of_bodies(whole_plan: Plan, pole: Pole | str) -> Pole:
-    """Return the pole of two bodies that a user names by links.
+    """Return the pole of the two bodies to which two links belong.
 
     A pole is the axis of the relative rotation of two bodies. Links that are rigid while
     the other inputs are locked form one body.
@@ -117,7 +119,7 @@ def _pole_of_bodies(whole_plan: Plan, pole: Pole | str) -> Pole:
 
 
 def plans(mechanism: Mechanism, by_rank: bool = False) -> tuple[Plan, ...]:
-    """Return a plan of all poles for each input, moved alone with the others locked.
+    """Return one plan of all poles for each input that moves while the others are locked.
 
     Raises
     ------
@@ -187,9 +189,9 @@ def _choose_sources(whole_plan: Plan) -> dict[Pole, Iterable[Pole]]:
     A primary pole is the axis or contact line of a pair and needs no other. A secondary
     pole P_ij is the intersection of great circles, each through the poles P_ik and P_jk of
     a third body k. Of these circles, the two that need the fewest other poles are chosen.
-    The poles P_ik and P_jk of both are the sources of P_ij. A part of the mechanism is
-    irreducible if its poles do not follow one by one from such circles. They are computed
-    together, from the primary poles of its pairs.
+    The poles P_ik and P_jk of both circles are the sources of P_ij. A part of the mechanism
+    is irreducible if its poles do not follow one by one from such circles. The poles of
+    such a part are computed together, from the primary poles of its pairs.
 
     A plan is the list of steps that compute the poles one after another. A step is a
     primary pole, a secondary pole, or all poles of an irreducible part.
@@ -234,7 +236,7 @@ def _choose_cheapest_lines(
 
     A pole P_ij is the axis of the relative rotation of two bodies. A third body k gives a
     line on which P_ij lies, the great circle through the poles P_ik and P_jk. A sliding
-    pair of the two bodies gives one too, its contact plane. Two lines determine P_ij.
+    pair of the two bodies gives another line: its contact plane. Two lines determine P_ij.
 
     The number of poles is counted for each circle alone: a pole that two circles need
     counts for both.
@@ -244,8 +246,8 @@ def _choose_cheapest_lines(
     step
         The step, with all its lines.
     ancestors
-        For all poles of earlier steps: the poles that have to be computed for it, itself
-        included.
+        For each pole of an earlier step, all poles that have to be computed for it,
+        including itself.
     coaxial
         For each common axis its bodies and an R pair (`Plan.coaxial`).
 
@@ -281,9 +283,9 @@ def _prune_passes(
     """Return the passes of a part of the mechanism that lead to some of its poles.
 
     A pole is the axis of the relative rotation of two bodies. The poles of the part are
-    computed together from velocity equations (`BlockPoles`). The passes show, for display
-    only, how they would follow one by one if one of them were known: each pass finds a pole
-    at the intersection of great circles through poles of earlier passes.
+    computed together from velocity equations (`BlockPoles`). The passes are for display
+    only. They show how the poles would follow one by one if one of them were known: each
+    pass finds a pole at the intersection of great circles through poles of earlier passes.
 
     Parameters
     ----------

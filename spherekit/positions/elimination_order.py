@@ -129,9 +129,9 @@ def find_elimination_orders(group: Group) -> tuple[EliminationOrder, ...]:
     """Return the elimination orders with the fewest complex solutions.
 
     A group is a set of bodies and pairs that is rigid when the inputs are locked (an Assur
-    group). It is cut open by removing one link with two pairs for each of its loops, which
-    leaves a tree. Each removed link gives one equation in the angles of the tree. One after
-    another, all angles but the first are eliminated from these equations.
+    group). One link with two pairs is removed for each loop of the group, which leaves a
+    tree. Each removed link gives one equation in the angles of the tree. One after another,
+    all angles but the first are eliminated from these equations.
 
     An elimination order states which links are removed, and the sequences of the angles and
     of the equations. At most `MAX_ORDERS` are returned, the same ones each time; none if

@@ -128,8 +128,8 @@ class DesignExpressions:
             A direction is the name of a pair whose axis it is, or its components (3,) in
             link axes.
         by_rank
-            Whether the mechanism is known to have a degree of freedom for each input by the
-            rank of its equations, though not by counting.
+            Whether the rank of the velocity equations has shown that there is one degree of
+            freedom for each input, although counting links and pairs gives fewer.
 
         Raises
         ------

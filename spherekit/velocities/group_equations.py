@@ -7,8 +7,8 @@ every pair and vanish only if the rank of the equations drops.
 
 If two variables occur in one loop only (*private* variables, with the vectors a and b), the
 component of the loop's equations along a x b is free of them. With such a pair of variables
-in each loop, a group of k loops leads to k equations; a dyad leads to one. The private
-rates follow from the other rates.
+in each loop, a group of k loops leads to k equations. A dyad, which has one loop, leads to
+one equation. The private rates follow from the other rates.
 """
 
 from collections import Counter

@@ -117,9 +117,9 @@ class KinematicStructure:
             those that are independent at this configuration are chosen. By default a
             configuration is computed if necessary.
         by_rank
-            Whether the mechanism is known to have a degree of freedom for each input by the
-            rank of its equations, though not by counting. Otherwise this is examined at
-            configurations, if counting does not give it.
+            Whether the rank of the velocity equations has shown that there is one degree of
+            freedom for each input, although counting links and pairs gives fewer. Otherwise
+            this is examined at configurations, if counting does not give it.
 
         Raises
         ------

@@ -198,8 +198,9 @@ class RowExpressions(VelocityEquations):
         """Return bounds of the errors of a carried vector and of its slide.
 
         A carried vector is fixed in a link, such as the axis of an R pair, or depends on a
-        variable, such as a contact point that moves along a profile of the link. Its slide
-        is its derivative by this variable, seen from the link; it is 0 for a fixed vector.
+        variable, such as a contact point that moves along a profile of the link. The slide
+        of the vector is its derivative by this variable, seen from the link. It is 0 for a
+        fixed vector.
 
         The loops of a computed configuration are open by up to `opening_rad`. Compared with
         the closed configuration, the link is therefore turned, and the variable differs. In

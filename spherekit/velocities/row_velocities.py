@@ -552,8 +552,8 @@ class RowVelocities:
         leaves no correct digit. The method computes w, the angular velocities of links per
         unit rate of the input, their derivatives dw by the input, and the poles (axes of
         relative rotation of two links). The columns, error bounds and flags of the rows for
-        which the computation succeeds are changed in place. Other rows stay as they are.
-        `DecimalRates` cannot compute some mechanisms; then all rows stay.
+        which the computation succeeds are changed in place. Other rows stay as they are. If
+        `DecimalRates` cannot compute the mechanism, all rows stay as they are.
 
         Parameters
         ----------
@@ -579,7 +579,7 @@ class RowVelocities:
         def put_columns(name: str, key: Any, values: Floats) -> None:
             """Write the components of a quantity of a pole or link to the columns.
 
-            `values` (components, k) are given for all k rows; those that have rates are
+            `values` (components, k) are given for all k rows. Only rows that have rates are
             written. `_column_indices` has the column of each component.
             """
             indices = self._column_indices[name][key]
