@@ -326,8 +326,8 @@ class RegionRefinement:
     def _odd_vertex_first(self, selected: Indices) -> Indices:
         """Return the vertices (3, n) of triangles that the border crosses.
 
-        The first vertex is the one that differs from both others: inside while they are
-        outside, or the reverse. The order around the triangle is unchanged.
+        The first vertex is inside the region while both others are outside, or the reverse.
+        The order around the triangle is unchanged.
         """
         # If one vertex is inside, the odd one is inside. If two are, it is outside.
         vertices = self.triangles[selected]

@@ -43,8 +43,9 @@ class Bearings(BearingFriction):
     pair
         Name of the R pair.
     positions
-        Distances of the bearings from the centre of the sphere, along the axis (m). One
-        bearing supports the pair together with the centre. Two bearings support a couple.
+        Distances of the bearings from the centre of the sphere, along the axis (m). A
+        single bearing supports the pair together with the centre of the sphere. Two
+        bearings support a couple.
     radius
         Radius at which the friction acts (m).
     coefficient

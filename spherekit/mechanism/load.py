@@ -270,8 +270,9 @@ class Load(ABC):
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
         """Return the components of the load.
 
-        This implementation is for loads that are one torque at a pair: the expression
-        `torque_template` with the values of the fields put in. Other loads override it.
+        This method is for loads that are one torque at a pair. The torque is the expression
+        `torque_template`, with the values of the fields put in. Other loads override the
+        method.
         """
         fields = {
             name: value if isinstance(value, str) else format_number(value)

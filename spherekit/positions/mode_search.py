@@ -113,9 +113,9 @@ class ModeSearch:
         its sign (1 or -1) distinguishes. A train of wheels has one way, and the sign 0. If
         there are no other groups, a mode is a combination of signs. Otherwise modes are
         followed by Newton's method: over the range of a single input, or from sample to
-        sample of several inputs. `search` says whether to search for modes other than that
-        of the reference pose, and `independent` whether the samples are unrelated to each
-        other, not a motion.
+        sample of several inputs. `search` says whether to search for modes other than the
+        mode of the reference pose. `independent` says whether the samples are unrelated to
+        each other, and no motion.
         """
         self.solver = solver
         self.input_grid = input_grid

@@ -60,7 +60,7 @@ class PositionAnalysis:
     assembly_mode
         Number or name of the only mode that is wanted; all by default.
     search
-        Whether to search for modes other than that of a given reference pose.
+        Whether to search for modes other than the mode of a given reference pose.
     samples
         Number of samples on the straight path through the ranges of all inputs. If `grid`
         is true, it is the number for each input, or a sequence with one number for each
@@ -75,7 +75,7 @@ class PositionAnalysis:
     crossings
         What an assembly mode does where configuration curves cross. With "end" it keeps
         the signs of its dyads. With "pass" it follows its smooth curve through the
-        crossing, and the signs change there.
+        crossing, and its signs change.
     independent
         Whether the samples of a path are unrelated to each other, and are no motion. With
         several inputs, modes with equal signs then count as one mode if no verified steps
@@ -89,8 +89,10 @@ class PositionAnalysis:
         The mechanism, driven at the chosen pairs.
     input_grid
         The sampled inputs.
-    assembly, solver
-        The groups in solving order, and the solver of the positions.
+    assembly
+        The groups of links in solving order.
+    solver
+        The solver of the positions.
     assembly_modes
         The modes that were found, or the wanted one.
     by_rank
@@ -464,9 +466,33 @@ def trace(
 ) -> Motion:
     """Return the motion of a mechanism over the ranges of its inputs.
 
-    The motion contains the configurations of all assembly modes at all samples. Parameters
-    and errors are described in `PositionAnalysis`. The mechanism may also be given by a
-    name or a file. `path` is in `angle_unit`, ``"rad"`` or ``"deg"``. The motion is in rad.
+    The motion contains the configurations of all assembly modes at all samples. Its angles
+    are in rad. Errors are those of `PositionAnalysis`.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism, its name, or its file.
+    samples
+        Number of samples on the straight path through the ranges of all inputs. If `grid`
+        is true, it is the number for each input, or a sequence with one number for each
+        input.
+    input_pair
+        Names of the driven pairs, by default those that the mechanism declares.
+    assembly_mode
+        Number of the only mode that is wanted; all by default.
+    search
+        Whether to search for modes other than the mode of a given reference pose.
+    grid
+        Whether to sample all combinations of the inputs.
+    path
+        (n, inputs) values of the inputs in `angle_unit`, instead of their ranges.
+    crossings
+        What an assembly mode does where configuration curves cross. With "end" it keeps
+        the signs of its dyads. With "pass" it follows its smooth curve through the
+        crossing, and its signs change.
+    angle_unit
+        Unit of `path`, ``"rad"`` or ``"deg"``.
     """
     position_analysis = PositionAnalysis(
         mechanism_of(mechanism),

@@ -615,9 +615,9 @@ class RowVelocities:
 
         Returns
         -------
-        (n,) angles (rad) for the poles of bodies that are the common axis of several pairs,
-        if the axes of these pairs differ by rounding. They are unknown, and left out, if
-        the velocity equations are singular at all rows.
+        (n,) angles (rad) for each pole that is the common axis of several pairs, if the
+        axes of these pairs differ by rounding. If the velocity equations are singular at
+        all rows, the angles are unknown, and the result is empty.
         """
         if not self._column_indices:
             return {}
