@@ -22,7 +22,10 @@ parameters are missed.
 """
 
 SERIES_ORDER = 16
-"""Number of Legendre coefficients of the speed on a panel. Larger: fewer panels."""
+"""Number of Legendre coefficients of the speed on a panel.
+
+Larger: fewer panels, each of which takes longer.
+"""
 
 MAX_PIECE_HALVINGS = 40
 """Largest number of halvings of a panel. Smaller: speeds with kinks get a larger error."""

@@ -23,7 +23,10 @@ kinks get a larger error. Smaller: such profiles get as many cells as allowed.
 """
 
 MAX_PROFILE_CELLS = 2048
-"""Largest number of cells of a series. Smaller: difficult profiles get an error."""
+"""Largest number of cells of a series.
+
+Larger: more memory. Smaller: difficult profiles get an error.
+"""
 
 PROFILE_SERIES_DEGREE = 11
 """Degree of the series on a cell. Larger: fewer cells, each slower to evaluate."""

@@ -18,7 +18,10 @@ assemblies.
 """
 
 MAX_TRIED_TURNS = 2
-"""Largest number of whole turns of a wheel that are tried in each direction."""
+"""Largest number of whole turns of a wheel that are tried in each direction.
+
+Larger: more assemblies are compared.
+"""
 
 MAX_TURN_COMBINATIONS = 400_000
 """Largest number of combinations of whole turns of all wheels that are tried.

@@ -82,9 +82,9 @@ class ConfigurationsAtInput(NamedTuple):
     methods
         How the modes of each group were found: in closed form, by elimination, or by a
         search that can miss some. A group is solved once for each combination of modes of
-        the groups before it. If different methods were used, the least complete one is
-        stored. A group has None if it was never solved, because the groups before it close
-        in no mode.
+        the groups before it. If different methods were used for a group, the least complete
+        one is stored. None is stored for a group that was never solved, because the groups
+        before it close in no mode.
     is_truncated
         Whether there are more configurations than `MAX_CONFIGURATIONS`.
     """

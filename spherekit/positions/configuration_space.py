@@ -113,9 +113,9 @@ class Piece(NamedTuple):
         Arc lengths (rad) of its ends. `stop` exceeds the length of a closed curve if the
         piece contains the point s = 0.
     shift
-        Whole periods of the input (rad). Its values on the curve plus the shift are those
-        in the range. In a range of several periods, the same part of a curve gives one
-        piece in each period, with another shift.
+        Whole periods of the input (rad). The value of the input on the curve plus this
+        shift is its value in the range. In a range of several periods, the same part of a
+        curve gives one piece in each period, with another shift.
     lowest, highest
         Smallest and largest value of the input in the piece (rad).
     """

@@ -52,7 +52,10 @@ Larger: the modes of more mechanisms are proven complete, and runs take longer.
 RUN_TIME_S = 10.0
 """Approximate time that the search may take in a run."""
 MIN_EXAMINED_CELLS = 12
-"""Cells that are examined even if a value takes long. Smaller: more remains doubtful."""
+"""Smallest number of intervals (cells) that are examined, even if a value takes long.
+
+Smaller: more intervals remain doubtful.
+"""
 MAX_NAMED_CROSSINGS = 6
 """Largest number of inputs of crossings that are written out in a sentence."""
 

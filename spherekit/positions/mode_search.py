@@ -44,7 +44,10 @@ They are used only where the inputs at which modes meet are unknown. Larger: sho
 are found, in more time.
 """
 MAX_PROBED_SAMPLES = 2**16
-"""Largest number of samples of several inputs at which the modes of dyads are searched."""
+"""Largest number of samples of several inputs at which the modes of dyads are searched.
+
+Larger: more modes are found.
+"""
 PROBED_TOGETHER = 2**13
 """Number of inputs that are examined together. Larger: more memory."""
 RANKED_CONFIGURATIONS = 5
@@ -63,8 +66,9 @@ named although it closes at other samples.
 class ModeSearch:
     """The assembly modes that have a configuration at some of the sampled inputs.
 
-    For a single input the range between the least and the greatest sample counts. The mode
-    of a given reference pose comes first. The constructor runs the whole search.
+    For a single input, modes count in the whole range between the smallest and the largest
+    sample. The mode of a given reference pose comes first. The constructor runs the whole
+    search.
 
     Parameters
     ----------
@@ -85,12 +89,13 @@ class ModeSearch:
     probes
         Number of inputs at which modes were searched, 0 if a reference pose was enough.
     methods
-        For each group the least complete method by which its modes were found at any input;
-        None if they were searched at none.
+        For each group the least complete method by which its modes were found at any input.
+        None if they were searched at no input.
     claim
         How complete the modes are.
     crossings
-        Configurations at which curves cross, if the inputs at which modes meet are known.
+        Configurations at which curves cross. They are known only if the inputs at which
+        modes meet are known.
 
     Raises
     ------

@@ -115,16 +115,17 @@ class ModesOverRange:
     input_grid
         The samples of the input. Their range counts.
     search
-        Whether to search for modes other than that of the reference pose. They are also
+        Whether to search for modes other than the mode of the reference pose. They are also
         searched if there is no reference pose, or if its mode is not in the range.
 
     Attributes
     ----------
     assembly_modes
-        The modes. That of the reference pose comes first.
+        The modes. The mode of the reference pose comes first.
     methods
         For each group of links the least complete method by which its configurations were
-        computed at any input; None for a group for which this was done at no input.
+        computed at any input. None for a group whose configurations were computed at no
+        input.
     claim
         How complete the modes are.
     probes

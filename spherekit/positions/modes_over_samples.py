@@ -67,8 +67,8 @@ class SampledModes:
     input_grid
         The n samples of its inputs.
     search
-        Whether to look for other modes than that of the reference pose. Modes are also
-        looked for if there is no reference pose, or if its mode reaches no sample.
+        Whether to search for modes other than the mode of the reference pose. They are also
+        searched if there is no reference pose, or if its mode reaches no sample.
     shares_numbers
         Whether modes that have the same signs and no neighbouring samples become one mode.
         The grid must then be a path.
@@ -103,7 +103,7 @@ class SampledModes:
         An assembly mode is one of the ways to assemble the mechanism. Configurations are
         the nodes of a graph, and verified paths between neighbouring samples join them to
         modes. A sheet is the set of nodes that such paths reach from one start. `search`
-        says whether to look for modes other than that of the reference pose.
+        says whether to search for modes other than the mode of the reference pose.
 
         In each mode, every group of links has a sign: the sign of a determinant. If
         `shares_numbers` is true, modes with the same signs that occur on separate parts of
@@ -419,8 +419,8 @@ class SampledModes:
 
         Returns
         -------
-        How complete the modes are: only found at some samples (`SAMPLED`), or only that of
-        the reference pose.
+        How complete the modes are: they were found at some samples only (`SAMPLED`), or
+        only the mode of the reference pose was searched.
         """
         # How far wheels have rolled; None without wheels.
         gear_phases = self.solver.gear_phases

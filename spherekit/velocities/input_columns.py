@@ -7,7 +7,7 @@ the pole. The velocity coefficient is v . u, the acceleration coefficient dv . u
 
 The bounds follow the errors of axes through the velocity equations (sum of a_i r_i = 0
 around each loop, with the vectors a_i and rates r_i of the variables) and through their
-derivative. They use norms only; see `row_expressions.py`.
+derivative. They use norms only, as `row_expressions.py` explains.
 """
 
 from collections.abc import Iterable, Sequence

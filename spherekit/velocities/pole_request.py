@@ -10,7 +10,7 @@ from spherekit.planning.pole_plan import Plan, Pole, pole_of
 from spherekit.planning.pole_planner import plan, prune_plan
 
 Route = Literal["best", "first", "conditioned", "equations"]
-"""How poles and coefficients are computed; see `ROUTES`."""
+"""How poles and coefficients are computed. `ROUTES` describes these routes."""
 
 ROUTES: dict[Route, str] = {
     "best": "velocity equations of the whole mechanism, in more digits where doubtful",
