@@ -67,7 +67,7 @@ def test_a_load_without_finite_values_fails_only_the_rows_that_need_it(
     words = ["run", str(path), "-a", analysis, "-a", "statics", "--samples", "7"]
     assert main([*words, "--strict"]) == 3
     printed = capsys.readouterr().out
-    assert f"of table {analysis} of {analysis} have no result, OVERFLOW" in printed
+    assert f"rows of {analysis} have no result, OVERFLOW" in printed
     assert "OVERFLOW: a load" in printed
     assert main(words) == 0
 

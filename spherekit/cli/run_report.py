@@ -642,7 +642,7 @@ def _table_accuracy(overview: Any) -> str:
                 transmission_excess = excess["transmission"]
             largest[transmission_key] = max(largest[transmission_key], transmission_excess)
     exceptions = [
-        text.format(f"{float(_round_up(largest[key])):.6f}".rstrip("0"))
+        text.format(f"{float(_round_up(largest[key])):.6f}".rstrip("0").rstrip("."))
         for key, last_digit, text in TABLE_QUANTITIES
         if largest[key] > 0.5 * last_digit
     ]

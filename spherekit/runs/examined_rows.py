@@ -429,9 +429,10 @@ class ExaminedRows:
             error -= angles[after] - angles[before]
             variation = abs((rates[after] - rates[before]) * step)
             is_linear = abs(error) <= MAX_RATE_CURVATURE * variation
-            # The rates at both rows have opposite signs. If they are not linear, the angle
-            # turns back at most about as far away as these rates lead in the whole step.
-            turning_error = float(abs(error) if is_linear else variation)
+            # The rates at both rows have opposite signs. If the rate was linear, the angle
+            # between them would exceed that of a row by at most an eighth of the variation.
+            # Twice as much is allowed for a rate that is not.
+            turning_error = float(abs(error) if is_linear else 0.25 * variation)
             overview.turning_error_rad = max(overview.turning_error_rad, turning_error)
             if not is_linear:
                 overview.add_uncertain_rest(float(places[before]), float(places[after]))
