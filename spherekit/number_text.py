@@ -35,6 +35,16 @@ def number_text(value: float, error: float = 0.0, digits: int = SCREEN_DIGITS) -
     return f"{value + 0.0:.{digits}g}"
 
 
+def last_significant_digit(value: float, digits: int) -> float:
+    """Return the value of the last of some significant digits: 0.1 for 21.2 and 3 digits.
+
+    Zero has no significant digits; the result is then infinite.
+    """
+    if not value:
+        return math.inf
+    return 10.0 ** (math.floor(math.log10(abs(value))) - digits + 1)
+
+
 def degrees_text(angle_rad: float) -> str:
     """Return an angle (rad) as text in degrees, without the unit."""
     degrees = math.degrees(angle_rad)

@@ -16,6 +16,7 @@ from spherekit.errors import PluginError
 from spherekit.files.mechanism_writer import dumps
 from spherekit.mechanism.elements import Output
 from spherekit.mechanism.load_kinds import JointLimit
+from spherekit.number_text import last_significant_digit
 from spherekit.plugin import Findings, ScreenColumn, ScreenTable
 from spherekit.runs.motion_overview import MotionOverview
 from spherekit.runs.result_checks import compute_findings
@@ -567,3 +568,11 @@ def test_an_accuracy_says_by_how_much_coarse_samples_miss_the_extremes(capsys):
     assert estimate in printed
     printed = print_run(capsys, "four_bar", "--samples", 3601)
     assert "Accuracy: the table is accurate to the digits shown; at each" in printed
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "last_digit"),
+    [(21.2, 3, 0.1), (4.85, 3, 0.01), (-0.052, 2, 0.001), (0.0, 3, np.inf)],
+)
+def test_the_last_of_some_significant_digits_has_a_value(value, digits, last_digit):
+    assert last_significant_digit(value, digits) == pytest.approx(last_digit)

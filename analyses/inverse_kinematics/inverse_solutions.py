@@ -56,7 +56,7 @@ MAX_CHECKED_POSES = 200
 MAX_DESCRIBED_POSES = 3
 """Poses whose configurations are described one by one."""
 
-MEASURE_ERROR = 1e-9
+LARGEST_ZERO_MEASURE = 1e-9
 """Measures of singularities that are not larger are printed as 0."""
 
 Columns = dict[str, Any]
@@ -513,4 +513,4 @@ def _measure_text(measure: float) -> str:
     """Return a measure of type I or II for the screen; "-" if it is not known."""
     if not np.isfinite(measure):
         return "-"
-    return number_text(float(measure), MEASURE_ERROR, digits=2)
+    return number_text(float(measure), LARGEST_ZERO_MEASURE, digits=2)

@@ -7,7 +7,7 @@ from typing import Any
 from spherekit.cli.mode_text import mode_name, modes_text, number_list
 from spherekit.cli.place_text import MAX_LISTED_PLACES, PlaceText, angle_text
 from spherekit.conventions import TURN, Lines
-from spherekit.number_text import degrees_text, number_text
+from spherekit.number_text import degrees_text, last_significant_digit, number_text
 from spherekit.tables.screen_table import ScreenColumn, ScreenTable
 
 MAX_TABLE_ROWS = 40
@@ -34,6 +34,12 @@ TRANSMISSION_ERROR_DEG = 1e-9
 TRANSMISSION_DIFFERENCE_RAD = 1e-6
 """A dyad is named beside the outputs only if its least transmission angle is smaller than
 theirs by more than this. Larger: the note on such a dyad is left out more often."""
+
+TRANSMISSION_DIGITS = 3
+"""Significant digits of transmission angles."""
+
+MEASURE_DIGITS = 2
+"""Significant digits of transmission measures."""
 
 RATIO_DIGITS = 4
 """Decimals of velocity ratios, and significant digits of very small and large ones."""
@@ -245,6 +251,15 @@ def _ratio_text(ratio: float) -> str:
     return number_text(ratio, RATIO_ERROR, RATIO_DIGITS)
 
 
+def ratio_last_digit(ratio: float) -> float:
+    """Return the value of the last printed digit of a velocity ratio, see `_ratio_text`."""
+    if abs(ratio) <= RATIO_ERROR:
+        return math.inf  # printed as 0, for which no digit can be wrong
+    if RATIO_STEP < abs(ratio) < LARGE_RATIO:
+        return 10.0**-RATIO_DIGITS
+    return last_significant_digit(ratio, RATIO_DIGITS)
+
+
 def _ratio_cells(motion: Any) -> Lines:
     """Return the range of each velocity ratio, or of the speed, as text."""
     cells = []
@@ -279,7 +294,7 @@ def _transmission_cells(
 
 def transmission_text(angle_rad: float) -> str:
     """Return a transmission angle (rad) as text in degrees, without the unit."""
-    return number_text(math.degrees(angle_rad), TRANSMISSION_ERROR_DEG, 3)
+    return number_text(math.degrees(angle_rad), TRANSMISSION_ERROR_DEG, TRANSMISSION_DIGITS)
 
 
 def _measure_cells(motion: Any, place_text: PlaceText) -> Lines:
@@ -287,7 +302,7 @@ def _measure_cells(motion: Any, place_text: PlaceText) -> Lines:
     if motion["least_transmission_measure"] is None:
         return ["-", "-"]
     measure, place = motion["least_transmission_measure"]
-    text = number_text(measure, MEASURE_ERROR, 2)
+    text = number_text(measure, MEASURE_ERROR, MEASURE_DIGITS)
     largest = motion["largest_transmission_measure"]
     if largest is not None and largest - measure <= MEASURE_ERROR:
         return [f"{text} throughout", "-"]

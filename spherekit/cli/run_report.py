@@ -2,17 +2,29 @@
 
 import math
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from spherekit.cli.mode_text import describe_modes, number_list
-from spherekit.cli.motion_screen import link_text, output_table, table_notes
+from spherekit.cli.motion_screen import (
+    MEASURE_DIGITS,
+    TRANSMISSION_DIGITS,
+    link_text,
+    output_table,
+    ratio_last_digit,
+    table_notes,
+)
 from spherekit.cli.place_text import PlaceText, angle_text
 from spherekit.cli.screen_report import ScreenReport
 from spherekit.cli.singularity_text import describe_singularities
 from spherekit.conventions import Lines
-from spherekit.number_text import degree_range_text, degrees_text, number_text
+from spherekit.number_text import (
+    degree_range_text,
+    degrees_text,
+    last_significant_digit,
+    number_text,
+)
 from spherekit.tables.screen_table import ScreenTable
 from spherekit.wording import counted, listing, numbered, size_text
 
@@ -67,14 +79,14 @@ ERROR_TEXTS = (
 )
 """For each error bound on the screen: its key in ``errors_reached``, and its format."""
 
-TABLE_QUANTITIES = (
-    ("angle", 0.01, "angles to about {} deg"),
-    ("ratio", 1e-4, "velocity ratios to about {}"),
-    ("speed", 1e-4, "speeds to about {} rad/s"),
-    ("transmission_angle", 0.1, "transmission angles to about {} deg"),
-    ("transmission_measure", 0.01, "transmission measures to about {}"),
-)
-"""Quantities in the table of outputs: key, value of the last printed digit, accuracy."""
+TABLE_QUANTITIES = {
+    "angle": "angles to about {} deg",
+    "ratio": "velocity ratios to about {}",
+    "speed": "speeds to about {} rad/s",
+    "transmission_angle": "transmission angles to about {} deg",
+    "transmission_measure": "transmission measures to about {}",
+}
+"""Quantities in the table of outputs, with the words for their accuracy."""
 
 MAX_NEXT_STEPS = 3
 """Number of commands that are suggested."""
@@ -626,25 +638,17 @@ def _table_accuracy(overview: Any) -> str:
     if not overview["is_path"]:
         apart = f", which are {sample_distance} apart" if sample_distance else ""
         return f"the table has the extremes of the samples{apart}"
-    largest = {key: 0.0 for key, _, _ in TABLE_QUANTITIES}
+    # Only an excess that changes a printed digit is stated.
+    largest = dict.fromkeys(TABLE_QUANTITIES, 0.0)
     for mode in overview["modes"].values():
         for motion in mode["outputs"]:
-            excess = motion["excess_between_samples"]
-            angle_excess = math.degrees(excess["angle_rad"])
-            largest["angle"] = max(largest["angle"], angle_excess)
-            rate_key = "speed" if overview["ratio"] else "ratio"
-            largest[rate_key] = max(largest[rate_key], excess["ratio"])
-            if motion["least_transmission"]:
-                transmission_key = "transmission_angle"
-                transmission_excess = math.degrees(excess["transmission"])
-            else:
-                transmission_key = "transmission_measure"
-                transmission_excess = excess["transmission"]
-            largest[transmission_key] = max(largest[transmission_key], transmission_excess)
+            for key, excess, last_digit in _table_excesses(motion, bool(overview["ratio"])):
+                if excess > 0.5 * last_digit:
+                    largest[key] = max(largest[key], excess)
     exceptions = [
-        text.format(f"{float(_round_up(largest[key])):.6f}".rstrip("0").rstrip("."))
-        for key, last_digit, text in TABLE_QUANTITIES
-        if largest[key] > 0.5 * last_digit
+        text.format(f"{float(_round_up(largest[key])):.12f}".rstrip("0").rstrip("."))
+        for key, text in TABLE_QUANTITIES.items()
+        if largest[key]
     ]
     line = "the table is accurate to the digits shown"
     if exceptions:
@@ -653,6 +657,41 @@ def _table_accuracy(overview: Any) -> str:
     if not all(mode["closes_everywhere"] for mode in overview["modes"].values()):
         line += "; where a mode ends, the table has the values of its last samples"
     return line
+
+
+def _table_excesses(motion: Any, has_speeds: bool) -> Iterator[tuple[str, float, float]]:
+    """Yield how far quantities of an output exceed their printed extremes between samples.
+
+    Parameters
+    ----------
+    motion
+        The entry of the output in a mode of the overview.
+    has_speeds
+        Whether the table has speeds in place of velocity ratios.
+
+    Yields
+    ------
+    For each quantity its key in `TABLE_QUANTITIES`, the excess, and the value of the last
+    digit that the table prints.
+    """
+    excess = motion["excess_between_samples"]
+    yield "angle", math.degrees(excess["angle_rad"]), 0.01
+    ratios = [
+        ratio
+        for ratio in (*motion["lowest_ratio"], *motion["highest_ratio"])
+        if ratio is not None
+    ]
+    last_digits = [ratio_last_digit(ratio) for ratio in ratios]
+    rate_key = "speed" if has_speeds else "ratio"
+    yield rate_key, excess["ratio"], min(last_digits, default=math.inf)
+    if motion["least_transmission"]:
+        angle = math.degrees(motion["least_transmission"]["angle_rad"])
+        last_digit = last_significant_digit(angle, TRANSMISSION_DIGITS)
+        yield "transmission_angle", math.degrees(excess["transmission"]), last_digit
+    elif motion["least_transmission_measure"]:
+        measure, _ = motion["least_transmission_measure"]
+        last_digit = last_significant_digit(measure, MEASURE_DIGITS)
+        yield "transmission_measure", excess["transmission"], last_digit
 
 
 def _round_up(bound: float) -> str:
