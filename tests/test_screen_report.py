@@ -1,6 +1,7 @@
 """The order and the form of what commands print."""
 
 from argparse import Namespace
+from pathlib import Path
 
 import pytest
 
@@ -149,10 +150,44 @@ def test_suggested_commands_keep_inputs_and_locked_pairs(capsys, options):
     lock = [] if "--lock" in options else ["--lock", "21=60deg"]
     words = ["run", "five_bar", *options, *lock, "--samples", "5"]
     assert main(words) == 0
-    commands = [
-        line.strip().split("  ")[0]
-        for line in capsys.readouterr().out.partition("Next:\n")[2].splitlines()
-    ]
+    commands = suggested_commands(capsys.readouterr().out)
     assert commands
     for command in commands:
         assert command.partition("five_bar ")[2].startswith(" ".join(options))
+
+
+def suggested_commands(screen: str) -> list[str]:
+    """Return the commands that a screen lists under "Next:"."""
+    lines = screen.partition("Next:\n")[2].splitlines()
+    return [line.strip().split("  ")[0] for line in lines]
+
+
+def test_suggested_commands_after_a_page_run(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["page", "five_bar", "--lock", "51=60deg"]) == 0
+    commands = suggested_commands(capsys.readouterr().out)
+    assert commands == [
+        "spherekit run five_bar --lock 51=60deg",
+        "spherekit export five_bar --lock 51=60deg --to js",
+    ]
+    assert main([*commands[1].split()[1:], "--quiet"]) == 0
+    assert Path("five_bar.mjs").exists()
+
+
+@pytest.mark.parametrize(
+    ("format_name", "files", "first_command"),
+    [
+        ("c", "four_bar.c (the comment at its head", "cc -O2 -c four_bar.c"),
+        ("python", "four_bar.py (the comment at its head", "spherekit page four_bar"),
+        ("latex", "four_bar.tex", "pdflatex four_bar.tex"),
+        ("mjcf", "four_bar.xml", "python -m mujoco.viewer --mjcf=four_bar.xml"),
+    ],
+)
+def test_an_export_says_how_its_file_is_used(
+    tmp_path, monkeypatch, capsys, format_name, files, first_command
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(["export", "four_bar", "--to", format_name]) == 0
+    screen = capsys.readouterr().out
+    assert f"Files: {files}" in screen
+    assert suggested_commands(screen)[0] == first_command

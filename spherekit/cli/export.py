@@ -1,5 +1,6 @@
 """`spherekit export`: a mechanism for other programs."""
 
+import shlex
 from argparse import ArgumentParser, Namespace
 
 from spherekit.cli.argument_types import number, sample_counts
@@ -9,6 +10,7 @@ from spherekit.cli.study_arguments import (
     UNIT_RULE,
     add_input_argument,
     add_lock_argument,
+    mechanism_options,
     read_angle,
     with_locks,
 )
@@ -26,6 +28,13 @@ FORMAT_NAMES = {
     "coupling": "coupling table",
 }
 """The formats of ``--to``, and their names on the screen."""
+
+COMMANDS_FOR_FILE = {
+    ".c": ("cc -O2 -c {path}", "compile the functions"),
+    ".tex": ("pdflatex {path}", "print the formulas"),
+    ".xml": ("python -m mujoco.viewer --mjcf={path}", "open the model in MuJoCo"),
+}
+"""By the ending of the file, a command of another program for it, and its purpose."""
 
 EXAMPLES = """examples:
   # the formulas of all angles and coefficients as C, with a size as an argument
@@ -163,7 +172,7 @@ def execute(options: Namespace) -> int:
         Values of the arguments of the command. Without ``output`` the file gets the name of
         the mechanism.
     """
-    from spherekit.api.export import SUFFIXES, export
+    from spherekit.api.export import SOURCES, SUFFIXES, export
     from spherekit.files.mechanism_reader import load
 
     mechanism_of_file = load(options.file)
@@ -192,10 +201,23 @@ def execute(options: Namespace) -> int:
         crossings=options.crossings,
         at=inputs_of_pose,
     )
+    path = exported.path
+    files = str(path)
+    if options.to == "model" and path.suffix == ".npz":
+        files += f' (in Python: spherekit.load_reduced("{path}"))'
+    elif options.to in SOURCES:
+        files += " (the comment at its head lists arguments and results)"
+    next_steps = []
+    if path.suffix in COMMANDS_FOR_FILE:
+        command, purpose = COMMANDS_FOR_FILE[path.suffix]
+        next_steps.append((command.format(path=shlex.quote(str(path))), purpose))
+    page_words = ["spherekit", "page", options.file, *mechanism_options(options)]
+    next_steps.append((shlex.join(page_words), "a page on which the mechanism moves"))
     ScreenReport(
         f"{mechanism.name}: export as {FORMAT_NAMES[options.to]}",
         # What the file contains, and what it leaves out.
         results=[exported.holds, *(f"Note: {text}" for text in exported.notes)],
-        files=str(exported.path),
+        files=files,
+        next_steps=next_steps,
     ).print(options)
     return 0

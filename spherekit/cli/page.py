@@ -1,11 +1,17 @@
 """`spherekit page`: a mechanism as one HTML file that any browser opens and moves."""
 
+import shlex
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from spherekit.cli.completers import complete_mechanisms, set_completer
 from spherekit.cli.screen_report import ScreenReport
-from spherekit.cli.study_arguments import add_input_argument, add_lock_argument, with_locks
+from spherekit.cli.study_arguments import (
+    add_input_argument,
+    add_lock_argument,
+    mechanism_options,
+    with_locks,
+)
 
 EXAMPLES = """examples:
   # a page to send to a colleague, who opens it with a double click
@@ -87,10 +93,18 @@ def execute(options: Namespace) -> int:
         # of its dyads (which of two poses each group of two links has).
         crossings=options.crossings or "end",
     )
+    same_mechanism = shlex.join([file, *mechanism_options(options)])
     ScreenReport(
         f"{Path(file).stem}: page for browsers",
         # What the page shows, and what it leaves out.
         results=[written_page.holds, *(f"Note: {text}" for text in written_page.notes)],
         files=f"{written_page.path} (open it in any browser; it needs no network)",
+        next_steps=[
+            (f"spherekit run {same_mechanism}", "ranges of outputs and velocity ratios"),
+            (
+                f"spherekit export {same_mechanism} --to js",
+                "the formulas as a JavaScript module",
+            ),
+        ],
     ).print(options)
     return 0

@@ -18,6 +18,7 @@ from spherekit.cli.run_report import RunOutput, make_report
 from spherekit.cli.study_arguments import (
     add_study_arguments,
     add_time_arguments,
+    mechanism_options,
     study_from,
 )
 from spherekit.conventions import Facts
@@ -418,7 +419,7 @@ def _print_result(
         output = RunOutput(
             file=options.file,
             words=options.words,
-            mechanism_options=_mechanism_options(options),
+            mechanism_options=mechanism_options(options),
             folder=str(study.folder) if study.folder else None,
             file_names=[path.name for path in result.files],
             is_in_degrees=study.degrees,
@@ -429,21 +430,6 @@ def _print_result(
     sys.stdout.flush()
     for name, why in result.failures.items():
         say(describe_failure(name, why))
-
-
-def _mechanism_options(options: Namespace) -> list[str]:
-    """Return the options that `run` and `page` share, as words of a command line.
-
-    They choose the inputs, the locked pairs and the treatment of crossings.
-    """
-    words = []
-    for pair in options.input or []:
-        words += ["--input", pair]
-    for locked_pair in options.lock or []:
-        words += ["--lock", locked_pair]
-    if options.crossings:
-        words += ["--crossings", options.crossings]
-    return words
 
 
 def _check_options(study: "Study", options: Namespace) -> None:

@@ -173,6 +173,22 @@ def read_angle(option: str, text: str, angle_unit: "AngleUnit") -> float:
         raise AnalysisError(f"{option}: {problem}") from None
 
 
+def mechanism_options(options: Namespace) -> list[str]:
+    """Return ``--input``, ``--lock`` and ``--crossings`` as words of a command line.
+
+    The commands `run`, `page` and `export` have these options. A next step that repeats
+    them is about the same motion.
+    """
+    words = []
+    for pair in options.input or []:
+        words += ["--input", pair]
+    for locked_pair in options.lock or []:
+        words += ["--lock", locked_pair]
+    if options.crossings:
+        words += ["--crossings", options.crossings]
+    return words
+
+
 def with_locks(mechanism: "Mechanism", lock_texts: Sequence[str] | None) -> "Mechanism":
     """Return a mechanism with the pairs locked that ``--lock PAIR=VALUE`` names.
 

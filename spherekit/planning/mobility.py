@@ -305,8 +305,8 @@ def _play_on_links(mechanism: Mechanism) -> PebbleGame:
             raise CountError(
                 f"{mechanism.name}: rigid: links "
                 f"[{', '.join(names[k] for k in sorted(rigid_part))}] cannot move relative "
-                f'to each other (pair "{pair.name}" is locked); remove a pair or merge '
-                "these links into one"
+                f'to each other, so that pair "{pair.name}" cannot move; remove a pair or '
+                "merge these links into one"
             )
     return pebble_game
 

@@ -328,9 +328,8 @@ def _ends_in_range(sampled: SampledSingularities, number: int) -> tuple[Floats, 
     The curve consists of pieces, each of which is one assembly mode. An end of a piece is
     an end of the range if its input is the lowest or the highest. A range of whole periods
     has no ends, because configurations repeat. The ends of an open curve are included too,
-    but only if it has no end at a crossing. A curve that is crossed at an end stops a
-    little before the crossing, so the measure at its last point is not that of a true end.
-    The other end of such a curve is left out as well.
+    except an end at a crossing with another curve. The curve stops a little before the
+    crossing, so the measure at its last point is not that of a true end.
 
     Parameters
     ----------
@@ -358,11 +357,11 @@ def _ends_in_range(sampled: SampledSingularities, number: int) -> tuple[Floats, 
     if not sampled.whole_range(number):
         distance_to_range = np.min(np.abs(q[..., None] - sampled.range), axis=2)
         is_end |= distance_to_range < RANGE_END_TOLERANCE_RAD
-    # `curve.ends` states why the curve ends on both sides.
-    ends_at_crossing = Status.AT_SINGULARITY in curve.ends
-    if not ends_at_crossing and not curve.closed:
-        distance_to_curve_end = np.minimum(ends, curve.length - ends)
-        is_end |= distance_to_curve_end < RANGE_END_TOLERANCE_RAD
+    if not curve.closed:
+        # `curve.ends` states why the curve ends, first at its start.
+        for position, status in zip((0.0, curve.length), curve.ends, strict=True):
+            if status is not Status.AT_SINGULARITY:
+                is_end |= np.abs(ends - position) < RANGE_END_TOLERANCE_RAD
     # Forwards from the start of each piece, backwards from its stop.
     inward = ends + INWARD_PART * np.diff(ends) * [1.0, -1.0]
     return ends[is_end], inward[is_end]
