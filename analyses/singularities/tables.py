@@ -139,8 +139,8 @@ RELATION = Table(
             "form",
             "",
             "form of the relation c y' = d q': i if y' is the rate relative to the "
-            "reference link of the output, ii if y' is the rate relative to the "
-            "reference link of the input",
+            "reference link of the output, ii if y' is the rate of the same link relative "
+            "to the reference link of the input",
             "text",
         ),
         Column(
@@ -158,8 +158,8 @@ RELATION = Table(
         Column(
             "velocity_coefficient",
             "",
-            "rate of the output per unit rate of the input, y'/q' = d/c; infinite at "
-            "a type II singularity",
+            "rate of the output per unit rate of the input, the same in both forms: "
+            "y'/q' = d/c of form i; infinite at a type II singularity",
         ),
         Column(
             "distance_I",
