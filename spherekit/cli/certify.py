@@ -716,17 +716,33 @@ def _report_curves(report: ScreenReport, curves: "CertifiedCurves") -> None:
     report.results.append(ScreenTable(columns, tuple(rows)))
     for sentence, count in Counter(_crossing_sentences(curves)).items():
         configurations = f", in {count} configurations" if count > 1 else ""
-        report.results.append(f"{sentence}{configurations}")
+        type_text = " (type III)" if sentence.startswith("curves cross at") else ""
+        report.results.append(f"{sentence}{configurations}{type_text}")
     # Along some curves the input is constant, and other links move.
     for q in curves.constant_input_values:
         report.results.append(
-            f"at {_degrees(q)} deg the mechanism can move while the input is at rest"
+            f"at {_degrees(q)} deg the mechanism can move while the input is at rest "
+            "(type II)"
         )
     for low, high in curves.undecided_ranges[:MAX_LISTED_RANGES]:
         report.warnings.append(f"undecided from {_degrees(low)} to {_degrees(high)} deg")
     unlisted = len(curves.undecided_ranges) - MAX_LISTED_RANGES
     if unlisted > 0:
         report.warnings.append(f"undecided in {counted(unlisted, 'more range')}")
+
+
+def _absence_sentence(curves: "CertifiedCurves", located: "CertifiedSingularities") -> str:
+    """Return the sentence that no single points of curves are singular.
+
+    Crossings, curves on which the input is at rest, and outputs that are always at rest are
+    reported in other lines, so the sentence excepts them.
+    """
+    may_cross = any(text.startswith("curves cross") for text in _crossing_sentences(curves))
+    has_exceptions = may_cross or curves.constant_input_values or located.resting
+    start = "Elsewhere there are" if has_exceptions else "There are"
+    # Of outputs whose angle no pair measures, only type II is examined.
+    types = " of type II" if located.skipped else ""
+    return f"{start} no singularities{types}."
 
 
 def _report_singularities(
@@ -782,7 +798,7 @@ def _report_singularities(
         cells = tuple(tuple(row[: len(columns)]) for row in rows)
         report.results.append(ScreenTable(tuple(columns), cells))
     elif not located.undecided:
-        report.results.append("There are no singularities.")
+        report.results.append(_absence_sentence(curves, located))
     if located.undecided:
         report.warnings.append(
             f"singularities are undecided in {counted(located.undecided, 'part')} of curves"
