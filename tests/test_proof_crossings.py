@@ -201,8 +201,10 @@ def test_the_command_says_where_curves_cross(tmp_path, capsys):
     path.write_text(FOUR_BAR.format(40, 40, 70, 70), encoding="utf-8")
     assert main(["certify", str(path)]) == 0
     said = capsys.readouterr().out
-    assert "curves cross at 0.000000000 deg, in 2 configurations" in said
-    assert "deg the mechanism can move while the input is at rest" in said
+    assert "curves cross at 0.000000000 deg, in 2 configurations (type III)" in said
+    assert "deg the mechanism can move while the input is at rest (type II)" in said
+    # The only singularities of the kite are these, which the last result does not deny.
+    assert "  Elsewhere there are no singularities." in said
 
 
 def kite_with_dyads(count):

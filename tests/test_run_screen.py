@@ -570,6 +570,17 @@ def test_an_accuracy_says_by_how_much_coarse_samples_miss_the_extremes(capsys):
     assert "Accuracy: the table is accurate to the digits shown; at each" in printed
 
 
+def test_an_accuracy_says_that_singular_samples_are_left_out(tmp_path, capsys):
+    """The rocker of a kite has no angle at inputs of 0 and 360 deg, where it can turn."""
+    path = tmp_path / "kite.toml"
+    text = (ROOT / "mechanisms" / "four_bar.toml").read_text(encoding="utf-8")
+    for arc, kite_arc in (("20.0", "60.0"), ("40.0", "70.0")):
+        text = text.replace(f"arcs = [{arc}]", f"arcs = [{kite_arc}]")
+    path.write_text(text, encoding="utf-8")
+    printed = print_run(capsys, path)
+    assert "; samples without a result are left out of the table; at each" in printed
+
+
 @pytest.mark.parametrize(
     ("value", "digits", "last_digit"),
     [(21.2, 3, 0.1), (4.85, 3, 0.01), (-0.052, 2, 0.001), (0.0, 3, np.inf)],

@@ -654,8 +654,11 @@ def _table_accuracy(overview: Any) -> str:
     if exceptions:
         because = f", as samples are {sample_distance} apart" if sample_distance else ""
         line += f", but {', '.join(exceptions)}{because}"
-    if not all(mode["closes_everywhere"] for mode in overview["modes"].values()):
+    modes = overview["modes"].values()
+    if not all(mode["closes_everywhere"] for mode in modes):
         line += "; where a mode ends, the table has the values of its last samples"
+    elif any(mode["statuses"] for mode in modes):
+        line += "; samples without a result are left out of the table"
     return line
 
 
