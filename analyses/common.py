@@ -12,6 +12,7 @@ from spherekit.plugin import (
     Batch,
     Column,
     Floats,
+    Mechanism,
     Scene,
     Series,
     TableData,
@@ -322,3 +323,22 @@ def direction_or_quaternion_columns(
         columns["phi"] = phi
         columns["gamma"] = gamma
     return columns
+
+
+def output_in_words(mechanism: Mechanism, links: str) -> str:
+    """Return the name of an output with its links, such as ``rocker (4/1)``.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    links
+        The names of the output link and of its reference link, such as ``4/1``. They are
+        returned alone unless the mechanism declares exactly one output with these links.
+    """
+    names = [
+        output.name
+        for output in mechanism.outputs
+        if f"{output.link}/{output.relative_to}" == links
+    ]
+    return f"{names[0]} ({links})" if len(names) == 1 else links

@@ -56,14 +56,14 @@ def build_mechanism(name, links, pair_text, outputs=("wing", "vane")):
 def test_a_stretched_dyad_is_no_crossing_for_outputs_before_it():
     """Where tie and vane are in line, crank and wing rest while the vane moves on.
 
-    That is a self-motion of the output wing/body; configuration curves do not cross.
+    That is a self-motion of the output wing; configuration curves do not cross.
     """
     remarks = read_remarks(flapper())
     places = "at motor = 4.31768, 108.184 deg"
     rests = f"rests with the input while other links move (self-motion) {places}"
-    assert f"output wing/body {rests}" in remarks
+    assert f"output wing (wing/body) {rests}" in remarks
     assert "Curves of configurations cross" not in remarks
-    assert "Least transmission angle of vane/body: 0 deg" in remarks
+    assert "Least transmission angle of vane (vane/body): 0 deg" in remarks
 
 
 @pytest.mark.slow
@@ -102,7 +102,7 @@ def test_the_turn_of_a_plate_about_a_moving_pole_is_the_sum_of_small_rotations()
 
     # The last angle in the remark is that of the whole motion.
     (line,) = (x for x in remarks.splitlines() if "moving pole" in x)
-    assert "plate/case turns by " in line
+    assert "plate (plate/case) turns by " in line
     assert abs(last_degrees(line) - turned_deg) < 1e-3
 
 

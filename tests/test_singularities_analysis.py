@@ -108,7 +108,7 @@ def test_singularities_are_warned_of_within_the_distance_that_near_states(rocker
         result = sk.run(four_bar(ROCKER), f"{NAME}:near={near}", samples=61)
         _, warnings_by_near[near] = findings_and_warnings(result)
     meets = (
-        "The output 4/1 meets a singularity of type II in the range: there the locked "
+        "The output rocker (4/1) meets a singularity of type II in the range: there the locked "
         "input does not hold it"
     )
     for warnings in (default_warnings, *warnings_by_near.values()):
@@ -142,10 +142,10 @@ def test_pages_list_every_singularity_and_mark_it_on_the_phase_portrait(rocker_r
 
 
 SWINGING = [
-    "4/1 swings 180 deg, from 0 to 180 deg on configuration curves",
-    "4/1 swings 180 deg, from -180 to 0 deg on configuration curves",
-    "Curves of configurations cross (type III of output 4/1) at 21 = 0, 180 deg",
-    "Least transmission angle of 4/1: 0 deg",
+    "rocker (4/1) swings 180 deg, from 0 to 180 deg on configuration curves",
+    "rocker (4/1) swings 180 deg, from -180 to 0 deg on configuration curves",
+    "Curves of configurations cross (type III of output rocker (4/1)) at 21 = 0, 180 deg",
+    "Least transmission angle of rocker (4/1): 0 deg",
 ]
 FOLDING = {
     "parallelogram": ([60.0, 40.0, 60.0, 40.0], {"III": 2}, {}, SWINGING),
@@ -155,7 +155,7 @@ FOLDING = {
         [90.0] * 4,
         {"III": 4, "I": 4, "II": 4},
         {"I": 4, "II": 4},
-        ["4/1 rests at 0 deg on configuration curves"],
+        ["rocker (4/1) rests at 0 deg on configuration curves"],
     ),
 }
 """A folding four-bar, its rows by type, those of them of whole curves, and what is said.
@@ -414,7 +414,7 @@ def test_the_summary_of_a_four_bar_states_swing_transmission_angle_and_limits():
     # The corner is obtuse there, and the transmission angle is the acute one.
     at_180_deg = 180.0 - corner_deg(ground + crank, coupler, rocker)
     least = min(at_0_deg, at_180_deg)
-    assert f"Least transmission angle of 4/1: {least:.4g} deg at 21 = 0 deg" in remarks
+    assert f"Least transmission angle of rocker (4/1): {least:.4g} deg at 21 = 0 deg" in remarks
 
     crank_stretched = corner_deg(rocker, coupler + crank, ground)
     # The coupler is folded back over the crank, so the crank points away from the rocker's

@@ -77,7 +77,9 @@ def test_findings_count_aspects_and_singular_curves_as_the_tables_do(five_bar_ru
     points = result.frame("singularities")
     curves_2 = points.curve[points.kind == "II"].nunique()
     assert findings["3/1"]["curves_II"] == curves_2
-    assert any("type II of output 3/1" in text for text in result.summary["warnings"])
+    assert any(
+        "type II of output pointer (3/1)" in text for text in result.summary["warnings"]
+    )
 
 
 def test_the_screen_says_how_many_singular_curves_there_are_and_where(five_bar_run):
@@ -85,7 +87,9 @@ def test_the_screen_says_how_many_singular_curves_there_are_and_where(five_bar_r
     result, _ = five_bar_run
     (summary,) = result.summary["analyses"]
     (table,) = summary["screen_tables"]
-    assert table["title"].startswith("Singularities of the output 3/1 in the ranges")
+    assert table["title"].startswith(
+        "Singularities of the output pointer (3/1) in the ranges"
+    )
     points = result.frame("singularities")
     rows = {row[0].split(" (")[0].removeprefix("type "): row for row in table["rows"]}
     for kind in ("I", "II"):

@@ -37,7 +37,7 @@ MEANING_OF_KIND = {
 
 
 def describe_inputs_of_kinds(
-    points: Mapping[str, Any], output: str, input_pair: str
+    points: Mapping[str, Any], output: str, output_in_words: str, input_pair: str
 ) -> list[str]:
     """Return a sentence for each kind of singularity of an output within the range.
 
@@ -50,6 +50,8 @@ def describe_inputs_of_kinds(
         The table of singularities, by column; ``q`` is the input (rad).
     output
         The output, as it is named in this table.
+    output_in_words
+        The output, as it is named in sentences.
     input_pair
         Name of the driven pair.
     """
@@ -60,15 +62,19 @@ def describe_inputs_of_kinds(
         if not np.any(rows):
             continue
         inputs_deg = np.degrees(points["q"][rows])
-        location = "everywhere on a configuration curve"
+        sentence = meaning.format(output=output_in_words)
         if np.all(np.isfinite(inputs_deg)):
             parts = []
             inputs_by_modes = _group_by_modes(inputs_deg, points["assembly_mode"][rows])
             for modes, inputs in inputs_by_modes.items():
                 in_modes = f" in {modes}" if modes else " in no computed mode"
                 parts.append(f"{_list_angles(inputs)} deg{in_modes}")
-            location = f"at {input_pair} = " + "; ".join(parts)
-        sentences.append(f"{meaning.format(output=output)} {location}")
+            sentence += f" at {input_pair} = " + "; ".join(parts)
+        else:
+            sentence = (
+                f"Throughout a configuration curve, {sentence[0].lower()}{sentence[1:]}"
+            )
+        sentences.append(sentence)
     return sentences
 
 
@@ -125,7 +131,7 @@ def describe_output_ranges(sampled: SampledSingularities, names: list[str]) -> l
     sampled
         The singularities on all curves.
     names
-        Name of each output.
+        Each output, as it is named in sentences.
     """
     curves_by_sentence: dict[str, list[int]] = {}
     curve_count = len(sampled.curves)
@@ -269,7 +275,7 @@ def describe_least_transmission(
     sampled
         The singularities on all curves.
     names
-        Name of each output.
+        Each output, as it is named in sentences.
     input_pair
         Name of the driven pair.
     """
@@ -295,6 +301,7 @@ def warn_of_near_misses(
     misses: Sequence[NearMiss],
     points: Mapping[str, Any],
     names: Sequence[str],
+    names_in_words: Sequence[str],
     near_deg: float,
     input_pair: str,
 ) -> list[str]:
@@ -310,8 +317,8 @@ def warn_of_near_misses(
         The near misses.
     points
         The table of singularities, by column.
-    names
-        Name of each output, as in the table of singularities.
+    names, names_in_words
+        Each output, as it is named in the table of singularities and in sentences.
     near_deg
         The angle below which a warning is given (deg).
     input_pair
@@ -334,7 +341,7 @@ def warn_of_near_misses(
         all_modes = sorted(set().union(*(modes for _, modes in remaining)))
         verb = "comes" if len(all_modes) == 1 else "come"
         warnings.append(
-            f"Assembly {numbered('mode', all_modes)} of output {name} "
+            f"Assembly {numbered('mode', all_modes)} of output {names_in_words[output]} "
             f"{verb} within {near_deg:g} deg of type {kind} without "
             f"meeting it, nearest {np.degrees(nearest.angle):.3g} deg in "
             f"{numbered('mode', sorted(modes_of_nearest))} at {input_pair} = "

@@ -41,6 +41,7 @@ from spherekit.plugin.singularities import (
     near_misses,
 )
 
+from ..common import output_in_words
 from .findings import (
     describe_accuracy,
     describe_inputs_of_kinds,
@@ -141,6 +142,11 @@ class OneInput:
         return "/".join(
             self.sampled.position_analysis.mechanism.links[link] for link in links
         )
+
+    @cached_property
+    def names_in_words(self) -> list[str]:
+        """The outputs in sentences, such as ``rocker (4/1)``, in the order of `names`."""
+        return [output_in_words(self.batch.mechanism, name) for name in self.names]
 
     @cached_property
     def points(self) -> Columns:
@@ -334,6 +340,7 @@ class OneInput:
         sampled = self.sampled
         points = self.points
         names = self.names
+        names_in_words = self.names_in_words
         report = sampled.report
         configurations = sampled.configurations
         input_pair = self.batch.moving_inputs[0]
@@ -367,21 +374,24 @@ class OneInput:
         is_type_two = is_inside & (points["kind"] == "II")
         for name in dict.fromkeys(points["output"][is_type_two]):
             warnings.append(
-                f"The output {name} meets a singularity of type II in the range: there the "
-                "locked input does not hold it"
+                f"The output {output_in_words(self.batch.mechanism, name)} meets a "
+                "singularity of type II in the range: there the locked input does not "
+                "hold it"
             )
-        warnings += warn_of_near_misses(misses, points, names, self.near, input_pair)
+        warnings += warn_of_near_misses(
+            misses, points, names, names_in_words, self.near, input_pair
+        )
 
         remarks = [self._describe_counts(counts_inside, counts_outside)]
         four_bar_class = grashof(self.batch.mechanism)
         if four_bar_class is not None:
             summary["grashof"] = four_bar_class.name
             remarks.append(str(four_bar_class))
-        for name in names:
-            remarks += describe_inputs_of_kinds(points, name, input_pair)
+        for name, name_in_words in zip(names, names_in_words, strict=True):
+            remarks += describe_inputs_of_kinds(points, name, name_in_words, input_pair)
         if report.everywhere is None:
-            remarks += describe_output_ranges(sampled, names)
-        remarks += describe_least_transmission(sampled, names, input_pair)
+            remarks += describe_output_ranges(sampled, names_in_words)
+        remarks += describe_least_transmission(sampled, names_in_words, input_pair)
         remarks += describe_accuracy(points)
         return Findings(summary, tuple(warnings), tuple(remarks))
 

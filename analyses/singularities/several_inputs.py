@@ -478,11 +478,12 @@ class SeveralInputs:
         for output in batch.mechanism.outputs:
             # 1. Loci.
             name = name_output(batch.mechanism, output)
+            name_in_words = f"{output.name} ({output.link}/{output.relative_to})"
             loci = self.loci[output.name]
             kinds_everywhere = [locus.kind for locus in loci if locus.everywhere]
             is_singular_everywhere |= bool(kinds_everywhere)
             remarks += [
-                f"The output {name} has singularities {of_kind(kind)} in every "
+                f"The output {name_in_words} has singularities {of_kind(kind)} in every "
                 f"configuration ({EFFECTS_EVERYWHERE[kind]})."
                 for kind in kinds_everywhere
             ]
@@ -493,8 +494,8 @@ class SeveralInputs:
                 suffix = locus.kind.replace("-", "_")
                 for key, value in _summarize_locus(locus).items():
                     summary[name][f"{key}_{suffix}"] = value
-                table_rows.append((name, *self._locus_cells(locus)))
-                remarks += _describe_search(locus, name)
+                table_rows.append((name_in_words, *self._locus_cells(locus)))
+                remarks += _describe_search(locus, name_in_words)
 
             # 2. Rows of the motion: assembly modes that are singular in every row, by the
             # type, and rows near a singularity.
@@ -502,13 +503,13 @@ class SeveralInputs:
             singular_modes = {} if kinds_everywhere else _singular_modes(batch, rows)
             for kind, modes in singular_modes.items():
                 remarks.append(
-                    f"The output {name} has singularities {of_kind(kind)} in every row of "
-                    f"{numbered('assembly mode', modes)}."
+                    f"The output {name_in_words} has singularities {of_kind(kind)} in "
+                    f"every row of {numbered('assembly mode', modes)}."
                 )
             for kind, sines in (("I", rows.type_one), ("II", rows.type_two)):
                 if kind not in kinds_everywhere:
                     modes = singular_modes.get(kind, [])
-                    warnings += self._warn_of_near_rows(kind, name, sines, modes)
+                    warnings += self._warn_of_near_rows(kind, name_in_words, sines, modes)
 
         # 3. Aspects.
         if self.input_grid is None and len(batch.mechanism.inputs) > MAX_OUTPUT_FREEDOMS:
