@@ -134,7 +134,9 @@ def test_the_least_transmission_angle_is_the_same_whatever_the_samples(samples, 
     )
     least = np.degrees(np.arccos(cosine))
     remarks = "\n".join(sk.run(made, NAME, samples=samples).summary["remarks"])
-    assert f"angle of rocker (4/1): {least:.4g} deg at 21 = 360 deg in modes 0, 1" in remarks
+    assert (
+        f"angle of rocker (4/1): {least:.4g} deg at 21 = 360 deg in modes 0, 1" in remarks
+    )
 
 
 def geared(teeth, ground=60.0, crank=20.0, span=360.0):

@@ -108,8 +108,8 @@ def test_singularities_are_warned_of_within_the_distance_that_near_states(rocker
         result = sk.run(four_bar(ROCKER), f"{NAME}:near={near}", samples=61)
         _, warnings_by_near[near] = findings_and_warnings(result)
     meets = (
-        "The output rocker (4/1) meets a singularity of type II in the range: there the locked "
-        "input does not hold it"
+        "The output rocker (4/1) meets a singularity of type II in the range: there the "
+        "locked input does not hold it"
     )
     for warnings in (default_warnings, *warnings_by_near.values()):
         assert f"{NAME}: {meets}" in warnings
@@ -414,7 +414,10 @@ def test_the_summary_of_a_four_bar_states_swing_transmission_angle_and_limits():
     # The corner is obtuse there, and the transmission angle is the acute one.
     at_180_deg = 180.0 - corner_deg(ground + crank, coupler, rocker)
     least = min(at_0_deg, at_180_deg)
-    assert f"Least transmission angle of rocker (4/1): {least:.4g} deg at 21 = 0 deg" in remarks
+    assert (
+        f"Least transmission angle of rocker (4/1): {least:.4g} deg at 21 = 0 deg"
+        in remarks
+    )
 
     crank_stretched = corner_deg(rocker, coupler + crank, ground)
     # The coupler is folded back over the crank, so the crank points away from the rocker's
