@@ -258,7 +258,7 @@ def describe_largest_torques(
                 f"Largest {quantity} at {name}: {record[key]:.6g} N m at {record['place']}"
             )
         else:
-            sentences.append(f"The {quantity} at {name} is 0 in every row")
+            sentences.append(f"The {quantity} at {name} is 0 throughout")
     return tuple(sentences)
 
 

@@ -412,7 +412,7 @@ def test_many_modes_stay_readable(capsys):
     ]
     assert resting == [1, 5, 8, 12]
     assert "The output does not move in modes 1, 5, 8, 12" in printed
-    assert "These places are from the samples" not in printed
+    assert "These places are estimated from the samples" not in printed
 
 
 def test_over_constrained_mechanisms_say_both_mobilities(capsys):
@@ -434,13 +434,19 @@ def test_a_sweep_has_words_and_says_where_figures_depend_on_samples(capsys):
     assert (
         "columns least_transmission_angle_43, largest_coefficient_4_1 in files" in printed
     )
-    assert re.search(r"exists at +links.2.arc \(deg\)", printed)
-    assert "Warning: Modes that exist at a part of the samples end, as a rule" in printed
+    assert "exists at" not in printed
+    assert "leaves out modes that exist at a part of the samples only. As a rule" in printed
     assert "Warning: Change-point four-bars (designs 2, 4) have a configuration" in printed
     whole = ["--where", "closes > 0.999", "--where", "links_2_arc < 25"]
     assert main(["sweep", "four_bar", *words, "--samples", "91", *whole]) == 0
     printed = capsys.readouterr().out
-    assert "exists at" not in printed and "Warning" not in printed
+    assert "leaves out modes" not in printed and "Warning" not in printed
+    # With a long driven link no design exists over the whole turn of the input.
+    partial = ["--vary", "links.2.arc=55:60:3", "-a", "poles", "--samples", "91"]
+    assert main(["sweep", "four_bar", *partial]) == 0
+    printed = capsys.readouterr().out
+    assert re.search(r"exists at +links.2.arc \(deg\)", printed)
+    assert "Warning: No mode exists at all samples. As a rule they end at" in printed
 
 
 def test_a_simulation_says_events_end_error_and_energy(capsys):

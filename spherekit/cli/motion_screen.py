@@ -385,8 +385,10 @@ def table_notes(summary: Any, table: ScreenTable | None) -> Lines:
         )
     if any(column.heading == MEASURE_HEADING for column in table.columns):
         notes.append(
-            "The transmission measure is 1 at best and 0 where the input cannot drive the "
-            "output (singularity of type II)."
+            "The transmission measure m says how firmly the locked inputs hold the output: "
+            "play in the pairs moves it about 1/m times as far as if every pair were "
+            "locked. m is 1 at best, and 0 where the inputs cannot drive the output "
+            "(singularity of type II)."
         )
     notes += _describe_other_dyad(summary)
     row_count = sum(len(entry["outputs"]) for entry in overview["modes"].values())

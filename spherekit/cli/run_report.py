@@ -235,6 +235,11 @@ def _results(summary: Any) -> list[str | ScreenTable]:
             results += _describe_simulation(summary["simulation"])
         else:
             results.append(summary["completeness"])
+            if len(summary["inputs"]) > 1 and summary["overview"]["is_path"]:
+                results.append(
+                    "These results are those of one path; --samples NxM, such as 41x21, "
+                    "gives a grid over the ranges of the inputs."
+                )
             results += _describe_meetings(summary)
             results += _describe_dead_centres(summary)
         results += describe_singularities(summary)

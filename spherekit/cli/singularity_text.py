@@ -68,8 +68,8 @@ def describe_singularities(summary: Any) -> Lines:
     has_exact_places = "singularities" in analyses
     if names_places and has_several_inputs and not is_simulation and not has_exact_places:
         lines[-1] += (
-            " These places are those of samples; -a singularities searches between "
-            "them, too."
+            " These places are estimated from the samples; -a singularities computes "
+            "them exactly, and searches between the samples, too."
         )
     return lines
 
@@ -343,7 +343,10 @@ def _describe_type_1(summary: Any, number: int) -> _Statement:
         if "simulation" not in summary:
             quantity = "velocity ratio"
             if has_several_inputs:
-                quantity = "smallest singular value of the velocity Jacobian"
+                quantity = (
+                    "least velocity ratio of all combinations of the inputs (smallest "
+                    "singular value of the velocity Jacobian)"
+                )
             noun = "closest configuration"
             if has_one_freedom:
                 quantity = "root of the sum of the squared velocity ratios"

@@ -4,12 +4,13 @@ from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.screen_report import ScreenReport
 from spherekit.conventions import Lines
-from spherekit.number_text import degrees_text, number_text
+from spherekit.number_text import degree_range_text, degrees_text, number_text
 from spherekit.tables.screen_table import ScreenColumn, ScreenTable
 from spherekit.type_checks import NUMERIC_KINDS
 from spherekit.wording import counted, numbered, without_numbers
 
 if TYPE_CHECKING:
+    from spherekit.designs.sweep import Sweep
     from spherekit.designs.sweep_parts import SweepResult
 
 MANY_FIGURES = 2
@@ -42,22 +43,29 @@ def sweep_report(result: "SweepResult") -> ScreenReport:
     frame: Any = result.frame()
     report = ScreenReport(
         f"{sweep.mechanism.name}: {counted(sweep.space.count, 'design')}, each in all its "
-        f"assembly modes, with varied {_varied_sizes(result)}"
+        f"assembly modes, with varied {_varied_sizes(result)}{_sample_words(sweep)}"
     )
     if frame.empty:
         report.results.append(f"0 rows: none meets {' and '.join(sweep.where)}")
     else:
         is_valid = np.array(frame["status"] == "OK")
         report.results.append(_count_rows(frame, is_valid, sweep.where))
-        report.results += _best_designs(result, frame[is_valid])
+        ranked = _ranked_rows(frame[is_valid])
+        report.results += _best_designs(result, ranked)
+        if len(ranked) < np.count_nonzero(is_valid):
+            report.results.append(
+                "This table leaves out modes that exist at a part of the samples only. As "
+                "a rule they end at dead centres (type II singularities), near which "
+                "velocity ratios and torques grow without bound."
+            )
         report.results += _count_texts(result, frame[is_valid])
-        if np.any(frame["closes"][is_valid] < 1.0):
+        if np.any(ranked["closes"] < 1.0):
             report.warnings.append(
-                "Modes that exist at a part of the samples end, as a rule, at dead centres "
-                "(type II singularities). There a transmission angle is 0, and velocity "
-                "ratios and torques grow without bound. Their largest and smallest figures "
-                "depend on how near the samples fall to the dead centres, so do not rank "
-                'such designs by them. --where "closes > 0.999" leaves them out.'
+                "No mode exists at all samples. As a rule they end at dead centres (type "
+                "II singularities). There a transmission angle is 0, and velocity ratios "
+                "and torques grow without bound. The largest and smallest figures depend "
+                "on how near the samples fall to the dead centres, so do not rank designs "
+                "by them."
             )
         report.warnings += _warn_of_change_points(frame[is_valid])
         report.warnings += _describe_reasons(frame[~is_valid])
@@ -94,6 +102,37 @@ def _varied_sizes(result: "SweepResult") -> str:
     return ", ".join(texts)
 
 
+def _sample_words(sweep: "Sweep") -> str:
+    """Return the samples of each design in words, empty if there are none.
+
+    An example is ``; 361 samples, input 21 from 0 to 360 deg``.
+    """
+    if sweep.samples is None:
+        return ""
+    inputs = sweep.samples.inputs
+    ranges = [
+        f"{pair} from {degree_range_text(min(values), max(values))} deg"
+        for pair, values in zip(inputs, sweep.samples.rows.T, strict=False)
+    ]
+    count = "x".join(map(str, sweep.samples.shape))
+    noun = "input" if len(ranges) == 1 else "inputs"
+    return f"; {counted(count, 'sample')}, {noun} {' and '.join(ranges)}"
+
+
+def _ranked_rows(frame: Any) -> Any:
+    """Return the rows by whose figures of merit designs are ranked.
+
+    These are the rows of modes that exist at all samples, or all rows if there are none.
+
+    Parameters
+    ----------
+    frame
+        The rows with figures of merit.
+    """
+    exists_at_all_samples = frame["closes"] >= 1.0
+    return frame[exists_at_all_samples] if exists_at_all_samples.any() else frame
+
+
 def _count_rows(frame: Any, is_valid: Any, where: tuple[str, ...]) -> str:
     """Return how many rows there are, and how many of them close at all samples.
 
@@ -116,7 +155,7 @@ def _count_rows(frame: Any, is_valid: Any, where: tuple[str, ...]) -> str:
     partial_count = int((closes < 1.0).sum())
     if partial_count:
         least = number_text(100.0 * closes.min(), digits=3)
-        text += f"; {partial_count} exist at a part of the samples only (least: {least} %)"
+        text += f"; {partial_count} exist at a part of the samples only (least {least} %)"
     elif len(closes):
         text += f"; {'the others' if failed_count else 'all'} exist at all samples"
     return text
@@ -133,7 +172,7 @@ def _best_designs(result: "SweepResult", frame: Any) -> list[str | ScreenTable]:
     result
         The sweep.
     frame
-        The rows with figures of merit.
+        The rows by which designs are ranked.
     """
     sweep = result.sweep
     units = sweep.units()
@@ -214,7 +253,8 @@ def _best_designs(result: "SweepResult", frame: Any) -> list[str | ScreenTable]:
     return [
         table,
         f"The figures of merit are the columns {', '.join(figures)} in files and in "
-        "conditions (--where).",
+        "conditions (--where). The column closes is the share of samples at which a mode "
+        "exists.",
     ]
 
 

@@ -906,7 +906,7 @@ def _describe_wrong_arc(arc: float) -> str:
     degrees = math.degrees(arc)
     return (
         f"found {degrees:.6g} deg ({arc:.6g} rad); an arc between two axes is between 0 "
-        f"and 180 deg. This arc leads to an axis {abs(math.remainder(degrees, 360)):.6g} "
-        "deg away, perhaps on the other side of the first axis; if this is meant, set "
-        "signed_arcs = true in the link"
+        "and 180 deg. Measured the shorter way, the axis is "
+        f"{abs(math.remainder(degrees, 360)):.6g} deg from the first one; to give arcs in "
+        "both directions, set signed_arcs = true in the link"
     )

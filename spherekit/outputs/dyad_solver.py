@@ -77,7 +77,7 @@ class DyadKinematics(ClosedKinematics):
             pairs = (dyad.near_pair, dyad.middle_pair, dyad.far_pair)
             # A virtual pair is named after the pair of the output link with the same axis.
             names = [self.name_of(self._find_real_pair(pair)) for pair in pairs]
-            legs.append(f"leg of {', '.join(names)}")
+            legs.append(f"the leg of pairs {', '.join(names)}")
         self.legs = tuple(legs)
 
     def _find_real_pair(self, pair: int) -> int:

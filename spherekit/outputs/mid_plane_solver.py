@@ -49,7 +49,7 @@ class MidPlaneKinematics(ClosedKinematics):
         self.form = form
         self.modes = tuple(product((1, -1), repeat=len(form.legs)))
         self.legs = tuple(
-            "leg of " + ", ".join(map(self.name_of, leg)) for leg in form.legs
+            "the leg of pairs " + ", ".join(map(self.name_of, leg)) for leg in form.legs
         )
 
     @property

@@ -164,8 +164,8 @@ class SearchStatistics:
         one_in = round(1.0 / self.missed_share)
         return (
             f"Further assembly modes cannot be excluded: the search was by {starts}, which "
-            f"found {modes}. A mode to which at least 1 of {one_in} starts leads would "
-            f"have been found with a probability of {1.0 - MISS_PROBABILITY:.0%}."
+            f"found {modes}. A mode that at least 1 in {one_in} random starts reaches "
+            f"would have been found with a probability of {1.0 - MISS_PROBABILITY:.0%}."
         )
 
     def progress_text(self, things: str) -> str:
