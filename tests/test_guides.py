@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from helpers.console_text import shows
 
 from spherekit.cli.main import main
 
@@ -92,13 +93,8 @@ def check_console(text, capsys):
         capsys.readouterr()
         assert main(arguments) == 0, command
         printed = capsys.readouterr()
-        lines = [line.rstrip() for line in (printed.out + printed.err).splitlines()]
-        pattern = "".join(
-            r"(?:.*\n)*" if line == "..." else re.escape(line.rstrip()) + r"\n"
-            for line in shown.splitlines()
-        )
-        text_on_screen = "".join(f"{line}\n" for line in lines)
-        assert re.fullmatch(pattern, text_on_screen), f"{command}\n{text_on_screen}"
+        text_on_screen = printed.out + printed.err
+        assert shows(shown, text_on_screen), f"{command}\n{text_on_screen}"
 
 
 @pytest.mark.slow
