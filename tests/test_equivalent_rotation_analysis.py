@@ -486,12 +486,12 @@ def test_a_dead_centre_at_the_start_is_named():
 def test_page_of_a_rotation_draws_axis_path_and_mid_planes(table_3, listener):
     """The scene has links, axis, pointer path, mid-planes and the singularity.
 
-    It shows the rotation of Table 3 of Chen et al. 2021 at four angles theta, over which
-    the scene is plotted (`scene.over`). The path of the pointer keeps its distance from the
-    axis. Base and platform are mirror images of each other in the mid-plane, which contains
-    the axis at every angle. At the type II singularity the inputs do not hold the platform.
-    It is marked on the path (``lost``), on the axis of theta (``marks/lost``) and in the
-    text (``words``), at the angle of the warning.
+    The rotation is that of Table 3 of Chen et al. 2021, at four angles theta. The path of
+    the pointer keeps its distance from the axis. Base and platform are mirror images of
+    each other in the mid-plane, which contains the axis at every angle. At the type II
+    singularity the inputs do not hold the platform. The singularity is marked on the path
+    (``lost``), on the axis of theta (``marks/lost``) and in the text (``words``), at the
+    angle that the warning has.
     """
     scene, row_count = listener.last_scene("Equivalent rotation")
     assert len(scene.over[0].values) == row_count == 4

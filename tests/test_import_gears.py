@@ -212,6 +212,7 @@ def test_motors_turn_by_the_equations_of_transmissions(
     text = transmission(kind, actuators, joints, form)
     imported = import_text(tmp_path, text, "wrist.urdf")
     mechanism = imported.mechanism
+    # The rate of each pair per unit rate of each of the two inputs.
     rates = rates_of_pairs(mechanism)
     notes = re.findall(r"motor (\w+) .*turns (\S+) times as far", imported.text)
     ratio_by_motor = {motor: float(ratio) for motor, ratio in notes}

@@ -99,9 +99,10 @@ def test_modes_of_a_platform_that_are_1e_6_to_1e_14_rad_apart_are_both_certified
     """Two modes of a platform on three legs are certified however near they are.
 
     Two modes (ways to assemble it) are equal at inputs of zero. Here the inputs are
-    10 ** -digits degrees. In both modes the plate is turned by half an angle of 0.5 to 1
-    times 10 ** (-digits - 2) rad, to one side or the other (`half_angle_between_modes`, a
-    closed form in 200 bits). All 8 complex modes are certified.
+    10 ** -digits degrees. One mode has the plate turned by a small angle to one side, the
+    other by the same angle to the other side. `half_angle_between_modes` computes this
+    angle by a closed form in 200 bits; it is 0.5 to 1 times 10 ** (-digits - 2) rad. All 8
+    complex modes are certified.
     """
     plate = 50  # angle (deg) from the axis of symmetry to the axes of the plate
     half_angle, has_real_modes = half_angle_between_modes(plate, digits)

@@ -80,8 +80,8 @@ def compute_true_error(plan, setting, exact_rows_by_request):
     setting
         How the run evaluates velocities.
     exact_rows_by_request
-        A list of two items for each input that moves alone: the request of its poles, and
-        the rows in 50 digits. `compute_exact_rows` returns it.
+        For each input that moves alone a pair: which poles are requested, and the rows of
+        these poles in 50 digits, as `compute_exact_rows` returns them.
     """
     tables, _, _ = compute_timed_tables(plan.sampling, *plan.analyses, setting)
     # Sort rows by mode, then by sample. Each sample of a mode then has one row for each
