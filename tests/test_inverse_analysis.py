@@ -16,7 +16,7 @@ from spherekit_analyses.inverse_kinematics.pose_lists import read_poses
 import spherekit as sk
 from spherekit.errors import AnalysisError, FileError
 from spherekit.geometry.sphere_mesh import spiral_directions
-from spherekit.outputs.dyad_chain import invert_output_rates
+from spherekit.outputs.dyad_chain import invert_jacobian
 from spherekit.outputs.forward_kinematics import ForwardKinematics, output_rates
 from spherekit.outputs.output_kinematics import InverseRows
 from spherekit.outputs.pose_solver import GraphKinematics, output_kinematics
@@ -75,7 +75,8 @@ def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
     # The output is the direction of a pointer, or else an orientation.
     is_pointer = solver.points
     directions = poses[rows.pose[is_regular]] if is_pointer else None
-    rates, type_1 = invert_output_rates(output_velocities, directions)
+    fractions = invert_jacobian(output_velocities, directions)
+    rates, type_1 = fractions.rates, fractions.type_1
     # Forward velocities are NaN where the inputs do not determine the motion, which may be
     # so in few rows only.
     is_finite = np.isfinite(output_velocities).all(axis=(1, 2))

@@ -7,7 +7,6 @@ the value in the file.
 from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.argument_types import sample_counts, seconds
@@ -304,7 +303,7 @@ def laws_of(law_texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
         the mechanism has several.
     """
     from spherekit.errors import AnalysisError, ModelError
-    from spherekit.files.time_law import LAW_KINDS, LAW_QUANTITIES, read_law_field
+    from spherekit.files.time_law import LAW_KINDS, make_field_readers
     from spherekit.files.units import KEYS
     from spherekit.planning.assembly_plan import driven_pairs
     from spherekit.runs.parameter_text import parse_fields
@@ -322,10 +321,7 @@ def laws_of(law_texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
         # Parameters are written with the keys of files, such as `from` for the field start.
         key_of_field = {field: key for key, field in KEYS[LAW_KINDS[kind]].items()}
         # Angles, rates and times may have a unit. Truth values have none.
-        readers = {
-            field: partial(read_law_field, field, angle_unit=study.mechanism.angle_unit)
-            for field in (*LAW_QUANTITIES, "coefficients")
-        }
+        readers = make_field_readers(study.mechanism.angle_unit)
         parameters = parse_fields(
             parameter_text,
             LAW_KINDS[kind],

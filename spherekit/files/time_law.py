@@ -1,9 +1,9 @@
 """Time laws: the variable of an input, its rate and its acceleration at any time."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -177,49 +177,88 @@ class TimeLaw(Protocol):
         """Return the input at times t (s)."""
 
 
-LAW_QUANTITIES: Mapping[str, Dimension] = {
-    "speed": ANGULAR_SPEED,
-    "start": ANGLE,
-    "stop": ANGLE,
-    "duration": DURATION,
-    "times": DURATION,
-    "angles": ANGLE,
-}
-"""The quantity of each number of a law, or of all numbers of a list, by field.
+def make_field_readers(
+    angle_unit: AngleUnit,
+) -> Mapping[str, Callable[[str], float | Numbers]]:
+    """Return, for each field of a time law, a function that reads its text.
 
-The coefficients of a polynomial have a different one each, see `angle_by_time`.
-"""
-
-
-def read_law_field(field: str, text: str, angle_unit: AngleUnit) -> float | Numbers:
-    """Return the numbers of a field of a law from a text such as ``30deg``.
+    A time law says how an input of a mechanism moves in time. Users write its fields as
+    text, with or without units, such as ``speed=30rpm`` or ``times=0s+2s+4s``. Each
+    function returns the number in rad, rad/s or s, or a tuple if the field is a list. It
+    raises `QuantityError` if the text or its unit is wrong.
 
     Parameters
     ----------
-    field
-        One of `LAW_QUANTITIES`, or ``coefficients``.
-    text
-        The text. A list is written ``a+b+c``.
     angle_unit
-        Unit of numbers without a unit.
+        Unit of angles that are written without a unit.
+    """
+    number = partial(read_quantity, angle_unit=angle_unit)
+    number_list = partial(read_quantity_list, angle_unit=angle_unit)
+    return {
+        "speed": partial(number, dimension=ANGULAR_SPEED),
+        "start": partial(number, dimension=ANGLE),
+        "stop": partial(number, dimension=ANGLE),
+        "duration": partial(number, dimension=DURATION),
+        "times": partial(number_list, dimension=DURATION),
+        "angles": partial(number_list, dimension=ANGLE),
+        "coefficients": partial(read_polynomial_coefficients, angle_unit=angle_unit),
+    }
+
+
+def read_quantity_list(text: str, dimension: Dimension, angle_unit: AngleUnit) -> Numbers:
+    """Read a list of angles, speeds or times, such as ``0deg+45deg+90deg``.
+
+    Parameters
+    ----------
+    text
+        Numbers with or without units, with a plus sign between them.
+    dimension
+        The quantity of all numbers: an angle, a speed or a time.
+    angle_unit
+        Unit of angles that are written without a unit.
 
     Returns
     -------
-    The number or the list, in rad, rad/s and so on, and in s.
+    The numbers in rad, rad/s or s.
 
     Raises
     ------
     QuantityError
-        If the text is not a number with a unit of this quantity.
+        If a part is not a number with a unit of this quantity.
     """
-    if field not in ("coefficients", "times", "angles"):
-        return read_quantity(text, LAW_QUANTITIES[field], angle_unit)
-    numbers = []
-    for power, part in enumerate(text.split("+")):
-        is_coefficient = field == "coefficients"
-        dimension = angle_by_time(power) if is_coefficient else LAW_QUANTITIES[field]
-        numbers.append(read_quantity(part, dimension, angle_unit))
-    return tuple(numbers)
+    return tuple(
+        read_quantity(number_text, dimension, angle_unit) for number_text in text.split("+")
+    )
+
+
+def read_polynomial_coefficients(text: str, angle_unit: AngleUnit) -> Numbers:
+    """Read the coefficients of an angle that is a polynomial in time.
+
+    The angle is c_0 + c_1 t + c_2 t^2 + ..., and c_0 is written first. The coefficients
+    have different units: an angle, a speed (deg/s), an acceleration (deg/s2), and so on. An
+    example is ``10deg+30deg/s``.
+
+    Parameters
+    ----------
+    text
+        Coefficients with or without units, with a plus sign between them.
+    angle_unit
+        Unit of angles in coefficients that are written without a unit.
+
+    Returns
+    -------
+    The coefficients in rad, rad/s, rad/s2, ...
+
+    Raises
+    ------
+    QuantityError
+        If a coefficient is not a number with its unit.
+    """
+    coefficients = []
+    for power, coefficient_text in enumerate(text.split("+")):
+        dimension = angle_by_time(power)
+        coefficients.append(read_quantity(coefficient_text, dimension, angle_unit))
+    return tuple(coefficients)
 
 
 LAW_KINDS: Mapping[str, type[Law]] = {

@@ -139,7 +139,7 @@ class DyadsWithClosingLink:
         Numbers of the two links that it joins, in the order of `pairs`.
     arc_cosine
         Cosine of the angle between its axes.
-    frame
+    pointer_frame
         (3, 3) right-handed frame in the axes of the output link, as rows: two axes from
         which the turn is measured, then the direction of the output.
     """
@@ -150,38 +150,56 @@ class DyadsWithClosingLink:
     pairs: tuple[int, ...]
     neighbours: tuple[int, ...]
     arc_cosine: float
-    frame: Floats
+    pointer_frame: Floats
 
-    def place_dyads(self, directions: Floats, turn: Floats, signs: Signs) -> WorkingMode:
-        """Return the dyads at given directions of the output and turns about them.
+    def place_dyads(self, directions: Floats, turns: Floats, signs: Signs) -> WorkingMode:
+        """Place all links but one, for given poses of the output link.
 
-        A turn is the angle of the output link about the direction at which it points. With
-        direction and turn given, all links are placed as dyads, except one with two pairs:
-        the closing link. It is left out here, since it fits between its neighbours at
-        certain turns only, see `residual`.
+        A pose is the direction in which the output link points, and its turn about this
+        direction. It places the output link. Other links follow two at a time. Such two
+        links, a dyad, are hinged to each other and to two links that are placed already, so
+        they have only two possible positions. One link is left out here, the closing link,
+        because it fits at certain turns only.
 
         Parameters
         ----------
         directions
             (3, n) unit vectors in the axes of the base.
-        turn
-            (n,) turns of the output link about these directions (rad).
+        turns
+            (n,) angles (rad) of the output link about these directions.
         signs
-            The sign of each dyad, 1 or -1, which chooses one of the two positions of its
-            middle axis. The sign of the closing link is left out.
+            1 or -1 for each dyad, which chooses one of its two positions.
         """
-        # The frame of the output link, rotated by the turn about the direction: three axes
-        # (3, n) in the base.
-        x_axis, y_axis = _axes_around(directions)
-        c = np.cos(turn)
-        s = np.sin(turn)
-        axes = [x_axis * c + y_axis * s, y_axis * c - x_axis * s, directions]
-        # Axis a of this frame has the constant components frame[a, j] in the output link
-        # (j), and axes[a][i, n] in the base (i). The sum of their products over a is the
-        # orientation: component i, in the base, of axis j of the output link.
-        rotation = np.einsum("aj,ain->jin", self.frame, axes)
-        # Axes of pairs of the output link are not given, since they follow from this.
-        return WorkingMode(self.chain, signs, posed_axes={}, posed_rotation=rotation)
+        output_orientation = self.orient_output(directions, turns)
+        # The result computes the position of a dyad when it is asked for.
+        return WorkingMode(self.chain, signs, posed_rotation=output_orientation)
+
+    def orient_output(self, directions: Floats, turns: Floats) -> Floats:
+        """Return the axes of the output link in the base, from its direction and turn.
+
+        Parameters
+        ----------
+        directions
+            (3, n) unit vectors in which the output link points, in the axes of the base.
+        turns
+            (n,) angles (rad) of the output link about these directions.
+
+        Returns
+        -------
+        (3, 3, n). Index 0 is the axis of the output link, index 1 its component in the
+        axes of the base.
+        """
+        # Axes of a frame that is fixed in the link. Its z axis is the direction.
+        x_in_base, y_in_base = _turned_axes(directions, turns)
+        z_in_base = directions
+        # Each axis of the link is a sum of these, with constant components. Row a of
+        # `pointer_frame` is frame axis a in the link, so column j has the components of
+        # link axis j.
+        link_axes = []
+        for x_part, y_part, z_part in self.pointer_frame.T:
+            link_axis = x_part * x_in_base + y_part * y_in_base + z_part * z_in_base
+            link_axes.append(link_axis)
+        return np.array(link_axes)
 
     def measure_turns(self, directions: Floats, rotations: Floats) -> Floats:
         """Return the turns about directions that come nearest to given orientations.
@@ -204,7 +222,7 @@ class DyadsWithClosingLink:
         """
         # The images of these two axes in the given orientations, (3, n) each in the axes of
         # the base. The transpose of the product (n, 3, 2) has the shape (2, 3, n).
-        x_image, y_image = (rotations @ self.frame[:2].T).T
+        x_image, y_image = (rotations @ self.pointer_frame[:2].T).T
         x_axis, y_axis = _axes_around(directions)
         # At the turn t these axes should be x cos t + y sin t and y cos t - x sin t. The
         # sum of the scalar products with the images, A cos t + B sin t, is largest at
@@ -543,7 +561,7 @@ def find_closing_link(
                     # The sum of both ends less one of them is the other one.
                     neighbours=tuple(sum(mechanism.ends[pair]) - link for pair in pairs),
                     arc_cosine=float(np.dot(first_axis, second_axis)),
-                    frame=frame,
+                    pointer_frame=frame,
                 )
             )
     return min(candidates, key=_count_dependences, default=None)
@@ -564,8 +582,30 @@ def _axes_around(directions: Floats) -> tuple[Floats, Floats]:
 
     Here z are directions at which the output points. The turn of the output link about z is
     counted from x: it is the angle from x to a fixed axis of the output link, the first row
-    of `DyadsWithClosingLink.frame`. x can be any perpendicular of z, but equal directions z
-    must have the same x.
+    of `DyadsWithClosingLink.pointer_frame`. x can be any perpendicular of z, but equal
+    directions z must have the same x.
     """
     x_axis = perpendicular(directions.T).T
     return x_axis, cross_columns(directions, x_axis)
+
+
+def _turned_axes(directions: Floats, turns: Floats) -> tuple[Floats, Floats]:
+    """Return two axes at right angles to each direction, turned about it by an angle.
+
+    Parameters
+    ----------
+    directions
+        (3, n) unit vectors.
+    turns
+        (n,) angles (rad), counted from the axes of `_axes_around`.
+
+    Returns
+    -------
+    Unit vectors x and y (3, n), which form right-handed frames with the directions.
+    """
+    x_at_zero, y_at_zero = _axes_around(directions)
+    cosine = np.cos(turns)
+    sine = np.sin(turns)
+    x_axis = x_at_zero * cosine + y_at_zero * sine
+    y_axis = y_at_zero * cosine - x_at_zero * sine
+    return x_axis, y_axis

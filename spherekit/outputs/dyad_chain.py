@@ -347,72 +347,66 @@ class DyadChain:
         return bool(np.sin(self._arc(link, pair, other_pair)) < COLLINEAR_SINE)
 
 
-def input_rates(numerators: Floats, denominators: Floats) -> tuple[Floats, Floats]:
-    """Return rates of the inputs per angular velocity of the output, and type I measures.
+@dataclass(frozen=True)
+class InputRates:
+    """How fast the inputs must move for any angular velocity of the output.
 
-    If the output has the angular velocity w, the rate of an input is
-    ``numerator . w / denominator``. The caller has eliminated the rates of all other pairs
-    from the loop equations. The vector `numerator` and the number `denominator` that
-    remain are finite also at singular configurations.
+    For the angular velocity w of the output, the rate of an input is the fraction
+    ``numerator . w / denominator``. At a singularity of type I the denominator is 0 and the
+    rate infinite. Numerator and denominator are stored, since both are finite there.
 
-    The output is singular of type I if an input can move while the output rests. The
-    measure of this is ``|denominator| / |numerator|``, which is 0 at the singularity.
-
-    Parameters
+    Attributes
     ----------
     numerators
-        (n, inputs, 3) the vectors, for n configurations, in the axes of the base.
+        (n, inputs, 3) vectors for n configurations, in the axes of w.
     denominators
-        (n, inputs) the numbers, or (n, 1) if all inputs have the same.
-
-    Returns
-    -------
-    rates
-        (n, inputs, 3) rates per unit angular velocity; infinite where an input is at a
-        singularity of type I.
-    type_1
-        (n, inputs) the measure: the angular velocity of the output about the direction of
-        the numerator, per unit rate of the input.
+        (n, inputs) numbers, or (n, 1) if all inputs have the same.
     """
-    with np.errstate(all="ignore"):
-        rates = numerators / denominators[..., None]
-        type_1 = np.abs(denominators) / np.linalg.norm(numerators, axis=2)
-    return rates, type_1
+
+    numerators: Floats
+    denominators: Floats
+
+    @property
+    def rates(self) -> Floats:
+        """(n, inputs, 3) rates of the inputs per unit of each component of w."""
+        with np.errstate(all="ignore"):
+            return self.numerators / self.denominators[..., None]
+
+    @property
+    def type_1(self) -> Floats:
+        """(n, inputs) distance of each input from a singularity of type I.
+
+        It is the least angular speed that the output can have while this input has the rate
+        1 and the others have any rates. At the singularity it is 0: the input can move
+        while the output rests.
+        """
+        # The rate is 1 if numerator . w = denominator. The shortest such w is parallel to
+        # the numerator and has the length |denominator| / |numerator|.
+        with np.errstate(all="ignore"):
+            return np.abs(self.denominators) / np.linalg.norm(self.numerators, axis=2)
 
 
-def invert_output_rates(
-    output_rates: Floats, directions: Floats | None
-) -> tuple[Floats, Floats]:
-    """Return rates of inputs from the angular velocities of the output that they cause.
+def invert_jacobian(jacobian: Floats, directions: Floats | None) -> InputRates:
+    """Return how fast the inputs must move, from how fast each input turns the output.
 
-    The matrix of three angular velocities is inverted. The rows of the inverse are cross
-    products of two of them, divided by the volume that all three span (the determinant).
-    With two inputs, the direction of the output takes the place of the third one.
-
-    The volume is 0 at a singularity of type I, at which an input can move while the output
-    rests. The rates are then infinite, but their measure of type I, the volume divided by
-    the length of the cross product, is 0 and accurate.
+    The Jacobian gives the angular velocity of the output for given rates of the inputs. It
+    is inverted by Cramer's rule: each row of the inverse is a cross product of two columns,
+    divided by the determinant. Both are finite at singularities too.
 
     Parameters
     ----------
-    output_rates
-        (n, 3, inputs) angular velocity of the output per unit rate of each input, for two
-        or three inputs.
+    jacobian
+        (n, 3, inputs) for n configurations. Column i is the angular velocity of the output
+        while input i has the rate 1 and the other one or two inputs rest.
     directions
-        (n, 3) unit vectors in which the output of two inputs points. A rotation of the
-        output about them does not count. None for three inputs.
-
-    Returns
-    -------
-    rates
-        (n, inputs, 3) rates of the inputs per unit of each component of the angular
-        velocity of the output; infinite at a singularity of type I.
-    type_1
-        (n, inputs) measures of type I: how fast the output turns about the cross product
-        per unit rate of the input. It is 0 at a singularity of type I.
+        (n, 3) unit vectors in which the output points if there are two inputs, otherwise
+        None. A rotation of the output about its direction is ignored.
     """
-    numerators, volume = reciprocal_vectors(np.swapaxes(output_rates, 1, 2), directions)
-    return input_rates(numerators, volume[:, None])
+    columns = np.swapaxes(jacobian, 1, 2)
+    # For two inputs, the direction is the third column, which makes the Jacobian square.
+    cross_products, determinant = reciprocal_vectors(columns, directions)
+    # The determinant is the same for all inputs.
+    return InputRates(numerators=cross_products, denominators=determinant[:, None])
 
 
 def reciprocal_vectors(vectors: Floats, direction: Floats | None) -> tuple[Floats, Floats]:

@@ -650,7 +650,7 @@ class InverseKinematics:
             inputs=values[order][:, self.driven],
             values=values[order],
             rotations=rotations[order],
-            directions=rotations[order] @ closing_link.frame[2],
+            directions=rotations[order] @ closing_link.pointer_frame[2],
             signs=tuple(signs[k] for k in order),
             complete=np.zeros(len(directions), dtype=bool),
         )

@@ -10,7 +10,7 @@ from spherekit.geometry.vectors import cross
 from spherekit.mechanism.elements import Output
 from spherekit.mechanism.joint import revolute
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.outputs.dyad_chain import Signs, input_rates
+from spherekit.outputs.dyad_chain import InputRates, Signs
 from spherekit.outputs.forward_kinematics import PoseSolutions
 from spherekit.outputs.mid_plane_architecture import MidPlaneArchitecture
 from spherekit.outputs.output_kinematics import ClosedKinematics
@@ -217,7 +217,7 @@ class _MidPlaneMode:
           length only changes n along itself, at right angles to the elbow. So
           elbow . n' = elbow . (w x p) / ``|p - m|`` = -(elbow x p) . w / ``|p - m|``.
 
-        `input_rates` computes these quotients. It also returns the measure of type I: the
+        `InputRates` computes these quotients. It also returns the measure of type I: the
         size of the denominator over the length of the numerator. If it is 0, the input can
         move while the output rests. There are two such cases. The leg is at the limit of
         its reach: n, base axis and elbow are in one plane. Or the output points in its home
@@ -234,7 +234,8 @@ class _MidPlaneMode:
         senses = self.form.plane.senses[self.driven]
         numerators = (numerators @ self.form.frame.T) * senses[:, None]
         denominators = elbow_heights[:, self.driven] * self.home_distance[:, None]
-        return input_rates(numerators, denominators)
+        fractions = InputRates(numerators, denominators)
+        return fractions.rates, fractions.type_1
 
     @property
     def type_1_square(self) -> Floats:

@@ -8,7 +8,7 @@ import numpy as np
 
 from spherekit.arrays import Floats, Integers
 from spherekit.mechanism.load_kinds import JointLimit
-from spherekit.outputs.dyad_chain import invert_output_rates, reciprocal_vectors
+from spherekit.outputs.dyad_chain import invert_jacobian, reciprocal_vectors
 
 
 def turns_of(rates: Floats, directions: Floats | None) -> Floats:
@@ -30,11 +30,11 @@ def turns_of(rates: Floats, directions: Floats | None) -> Floats:
     (k, 3, inputs) angular velocities in the axes of the rates. They are not finite in
     singular configurations, where the determinant of the rates is zero.
     """
-    # `invert_output_rates` inverts angular velocities (3, inputs), which are columns. The
+    # `invert_jacobian` inverts angular velocities (3, inputs), which are columns. The
     # same arithmetic inverts the rates (inputs, 3), if rows and columns are exchanged
     # before and after it.
     with np.errstate(over="ignore", invalid="ignore"):
-        angular_velocities, _ = invert_output_rates(np.swapaxes(rates, 1, 2), directions)
+        angular_velocities = invert_jacobian(np.swapaxes(rates, 1, 2), directions).rates
     return np.swapaxes(angular_velocities, 1, 2)
 
 

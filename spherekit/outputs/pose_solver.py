@@ -13,7 +13,7 @@ from spherekit.errors import ModelError, SolveError
 from spherekit.geometry.vectors import nans
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.output_choice import chosen_output
-from spherekit.outputs.dyad_chain import invert_output_rates
+from spherekit.outputs.dyad_chain import invert_jacobian
 from spherekit.outputs.dyad_solver import DyadKinematics, geared_kinematics
 from spherekit.outputs.inverse_kinematics import InverseKinematics
 from spherekit.outputs.mid_plane_solver import MidPlaneKinematics
@@ -186,7 +186,7 @@ class GraphKinematics(OutputKinematics):
         directions = None
         if self.points and solutions.directions is not None:
             directions = select(solutions.directions)
-        rates, type_1 = invert_output_rates(output_rates, directions)
+        input_rates = invert_jacobian(output_rates, directions)
         # The number of the first variable of each pair asked for.
         variables = [self.mechanism.variable_owners.index(pair) for pair in pairs]
         rows = InverseRows(
@@ -201,9 +201,9 @@ class GraphKinematics(OutputKinematics):
             limiting=np.full(len(solution), -1),
             # Measures that are 0 where an input moves and the output rests (type I), and
             # where the output can move with the inputs locked (type II).
-            type_1=type_1,
+            type_1=input_rates.type_1,
             type_2=self.type_2(values),
-            rates=rates,
+            rates=input_rates.rates,
             values=values[:, variables],
             limits=(),
         )

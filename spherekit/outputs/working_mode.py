@@ -206,8 +206,8 @@ class WorkingMode:
 
     chain: DyadChain
     signs: Signs
-    posed_axes: Mapping[int, Floats]
-    posed_rotation: Floats | None
+    posed_axes: Mapping[int, Floats] = field(default_factory=dict)
+    posed_rotation: Floats | None = None
     driven: tuple[int, ...] = ()
     measure: "Callable[[WorkingMode], Floats] | None" = None
     closing_link: ClosingLinkState | None = None

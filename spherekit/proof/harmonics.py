@@ -9,6 +9,7 @@ and Bernstein's inequality carries the bound over to derivatives.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cache
 from math import prod
 
@@ -27,6 +28,26 @@ from spherekit.proof.balls import (
 
 BallEquations = Callable[[Sequence[Ball]], Array]
 """Returns the values (equations,) of all equations at balls (rad) of all variables."""
+
+
+@dataclass(frozen=True)
+class PartialPolynomial:
+    """What is left of an equation in which some angles are known: a polynomial.
+
+    The polynomial is one in z_1, z_2, ... with z = e^(i angle) of each unknown angle.
+
+    Attributes
+    ----------
+    coefficients
+        (n, 2 m_1 + 1, 2 m_2 + 1, ...) coefficients for n sets of known angles. Index j of
+        the axis of an unknown belongs to the power z^j. The equation has the trigonometric
+        degrees m_1, m_2, ... in the unknowns.
+    coefficient_derivatives
+        (n, g, 2 m_1 + 1, ...) derivatives of the coefficients by the g known angles.
+    """
+
+    coefficients: Complexes
+    coefficient_derivatives: Complexes
 
 
 class Harmonics:
@@ -140,9 +161,9 @@ class Harmonics:
                 results[2][:, equation, variables[:, None], variables] = second_derivatives
         return results
 
-    def partial_polynomials(
+    def insert_given_angles(
         self, equation: int, unknowns: Sequence[int], given: Array
-    ) -> tuple[Complexes, Complexes]:
+    ) -> "PartialPolynomial":
         """Return an equation as a polynomial in z = e^(i angle) of some of its angles.
 
         All other angles are given, with n sets of values. An equation of degree m in an
@@ -182,7 +203,7 @@ class Harmonics:
         sums = np.broadcast_to(sums, (*sums.shape[:-1], len(given)))
         sums = np.moveaxis(sums, -1, 0)  # (n, 2^g, 2 m_1 + 1, ...)
         first_derivatives = 2 ** np.arange(len(others))
-        return sums[:, 0], sums[:, first_derivatives]
+        return PartialPolynomial(sums[:, 0], sums[:, first_derivatives])
 
 
 def _sum_waves(coefficients: Complexes, waves: Complexes) -> Complexes:

@@ -216,56 +216,78 @@ class EquationSystem:
         self.solved: list[SystemSolution] = []
 
     def form_polynomials(self, circle_points: Array) -> Polynomials:
-        """Return the polynomials of the system for m sets of values of the given variables.
+        """Insert known angles into the equations, which leaves polynomials in the unknowns.
 
-        They are polynomials in e^(i angle) of the unknowns. The other angles are given: the
-        inputs, and unknowns of systems that were solved before. `Polynomials` explains the
-        shapes of the coefficients and of their derivatives by the given angles.
+        The loop-closure equations contain all angles of the mechanism. Some are given: the
+        inputs, and angles that were computed before. With z = e^(i angle) of each unknown
+        angle, the equations then are polynomials in z. Their largest possible number of
+        roots is known (Bezout's theorem), so a proof can show that no root was missed.
 
         Parameters
         ----------
         circle_points
-            (m, given, 2) cosines and sines of the given variables. The error bound of the
-            result presumes that each is its exact value rounded once.
+            (m, given, 2) cosines and sines of m sets of given angles. Each is the exact
+            value rounded once; the error bounds presume this.
+
+        Returns
+        -------
+        The coefficients for each set, their error bounds, and their derivatives by the
+        given angles, which tell how the polynomials change near these angles.
         """
-        # The equations as Fourier sums over all angles. `partial_polynomials` inserts the
-        # given angles.
-        harmonics = self.equations.harmonics
         coefficients = []
-        # Derivatives of the coefficients by the given variables.
-        slopes = []
-        # For each equation the largest size of a coefficient or derivative.
-        largest_sizes = []
-        for row in self.rows:
-            coefficients_of_row, slopes_of_row = harmonics.partial_polynomials(
-                row, self.unknowns, circle_points
+        derivatives = []
+        for equation in self.rows:
+            polynomial = self.equations.harmonics.insert_given_angles(
+                equation, self.unknowns, circle_points
             )
-            coefficients.append(coefficients_of_row)
-            slopes.append(slopes_of_row)
-            largest_sizes.append(
-                max(
-                    np.max(np.abs(coefficients_of_row), initial=0.0),
-                    np.max(np.abs(slopes_of_row), initial=0.0),
-                )
-            )
-        # One error bound for each equation, which applies to its coefficients and to their
-        # derivatives by the given variables. It has two parts:
-        # - The error of the Fourier sum of the equation. A derivative of a wave cos(m x) by
-        #   x has the factor m. The error is therefore multiplied by the largest degree,
-        #   which is too much for coefficients, but enough for derivatives.
-        # - The rounding of sums, which is relative to the sizes of their terms. Adding 1 to
-        #   the sizes keeps the bound if terms cancel and leave small coefficients.
-        error = harmonics.error[self.rows] * np.max(self.degrees, axis=1, initial=1)
-        error += PRODUCT_ROUNDING * np.add(1.0, largest_sizes)
-        # `derivative_bound` (C) serves for bounds over a box: the derivative of an equation
-        # by some variables is at most C times its degrees in these variables.
+            coefficients.append(polynomial.coefficients)
+            derivatives.append(polynomial.coefficient_derivatives)
         return Polynomials(
             coefficients=tuple(coefficients),
-            slopes=tuple(slopes),
-            error=error,
+            coefficient_derivatives=tuple(derivatives),
+            error=self._bound_coefficient_errors(coefficients, derivatives),
             derivative_bound=self.equations.derivative_bound[self.rows],
             degrees=self.degrees,
         )
+
+    def _bound_coefficient_errors(
+        self, coefficients: Sequence[Complexes], derivatives: Sequence[Complexes]
+    ) -> Floats:
+        """Return by how much the polynomial coefficients of each equation may be wrong.
+
+        An equation is stored as a Fourier sum over all angles. Known angles were inserted
+        into it, which left a polynomial in the unknowns. Its coefficients have two errors:
+        that of the stored sum, and the rounding when angles were inserted. One bound for
+        each equation covers its coefficients and their derivatives by the known angles.
+
+        Parameters
+        ----------
+        coefficients, derivatives
+            For each equation the array of its coefficients, and that of their derivatives.
+
+        Returns
+        -------
+        (equations,) bounds of the absolute error.
+        """
+        # 1. The stored sum. A derivative multiplies the error of a wave, such as cos(d x),
+        # by its degree d. With the largest degree the bound holds for all derivatives. For
+        # the coefficients themselves it is larger than necessary.
+        largest_degree = np.max(self.degrees, axis=1, initial=1)
+        fourier_error = self.equations.harmonics.error[self.rows] * largest_degree
+        # 2. The rounding. Each number is a sum of waves, whose rounding is relative to its
+        # terms. If these cancel, they are larger than the sum; the 1 allows for this.
+        largest_sums = []
+        for equation_coefficients, equation_derivatives in zip(
+            coefficients, derivatives, strict=True
+        ):
+            largest_sums.append(
+                max(
+                    _largest_magnitude(equation_coefficients),
+                    _largest_magnitude(equation_derivatives),
+                )
+            )
+        rounding_error = PRODUCT_ROUNDING * np.add(1.0, largest_sums)
+        return fourier_error + rounding_error
 
     def prove_roots(
         self, modes: Array, centres: Floats, circle_points: Floats, half: Floats
@@ -549,3 +571,8 @@ def _bound_root_angles(roots: ChartRoots, tubes: RootTubes, half: Floats) -> Roo
     # The bound of the logarithm is useful for small w only.
     error = np.where(w < 0.5, error, np.inf)
     return RootAngles(sense * np.angle(roots.z), rates.real, error)
+
+
+def _largest_magnitude(numbers: Complexes) -> float:
+    """Return the largest magnitude in an array, 0 if the array is empty."""
+    return float(np.max(np.abs(numbers), initial=0.0))

@@ -199,57 +199,102 @@ class _CoordinateState:
 
 
 @dataclass(frozen=True)
-class _Step:
-    """A step of the motion, described by two series in a position x from -1 to 1.
+class _CoordinateSeries:
+    """The motion of a mechanism during one time step, as two polynomials in time.
 
-    The position x is proportional to the time. The coordinate c is a pair variable, and
-    p = sqrt(B) dc/dt with the equivalent inertia B. With the force Q, the equation of
-    motion is dp/dt = Q / sqrt(B), without a derivative of B. Picard's iteration, which
-    integrates it again and again, gives c and p as Legendre series.
+    The mechanism has one degree of freedom. The first polynomial is the angle c of one pair
+    (the coordinate), which determines all other angles. The second one is p = sqrt(B) dc/dt
+    with the equivalent inertia B at this pair, so that p^2 / 2 is the kinetic energy. The
+    time x is counted from -1 at the start of the step to 1 at its end.
 
-    Loads may contain `abs`, `sign`, `min` or `max`. Each is a switch, whose value depends
-    on the sign of one condition. Within a step this sign, +1 or -1, is constant: the side.
-    Numbers are balls (centres with a bound of the error).
+    Attributes
+    ----------
+    coefficients
+        (terms, 2) Legendre coefficients of c (rad) and of p, as functions of x.
+    """
+
+    coefficients: Array
+
+    def evaluate(self, x: Array) -> Array:
+        """Return c (rad) and p, (2, n), at times x (n,) from -1 to 1."""
+        # Each number has many digits and an error bound, which covers the rounding of this
+        # sum only. It is dropped, since it says nothing about missing terms of the series.
+        return exact_centres(_evaluate_series(self.coefficients, x).T)
+
+
+@dataclass(frozen=True)
+class _EndCondition:
+    """A quantity that is positive while a time step is valid. At its zero the step ends.
+
+    One example is the angle between a joint and its limit. Another one is a sliding speed:
+    the step computes the friction with one sign of it, and the quantity is the speed times
+    this sign.
+
+    Attributes
+    ----------
+    switch
+        Number of the function in a load, such as `sign` or `abs`, that depends on the sign.
+        `JOINT_LIMIT_SWITCH` for a joint limit.
+    coefficients
+        (terms,) Legendre coefficients of the quantity as a function of time. The time is
+        counted from -1 at the start of the step to 1 at its end.
+    """
+
+    switch: int
+    coefficients: Array
+
+
+@dataclass(frozen=True)
+class _StepConvergence:
+    """How well the computation of a time step converged.
+
+    The motion in the step is a truncated series in time, found by Picard's iteration. The
+    length of the next step is chosen by the two numbers.
+
+    Attributes
+    ----------
+    truncation_roundings
+        Estimated truncation error of the series, as a multiple of the rounding error.
+    picard_sweeps
+        Number of sweeps of the iteration.
+    """
+
+    truncation_roundings: float
+    picard_sweeps: int
+
+
+@dataclass(frozen=True)
+class _TimeStep:
+    """The computed motion of a mechanism in one time step.
+
+    The motion is a series in time, which converges only if all loads are smooth. A load may
+    contain `sign`, `abs`, `min` or `max`, such as the sign of a speed in dry friction. Each
+    of these functions, a switch, has a fixed sign in the step: abs(u) is u or -u. The step
+    has to end where u changes its sign.
 
     Attributes
     ----------
     start, length
         Start and length in time (s).
     coordinate
-        Number of the variable that is the coordinate.
-    series
-        (nodes + 1, 2) Legendre coefficients in x of the coordinate (rad) and of p.
-    sides
-        (switches,) +1 or -1, the side of each switch.
-    conditions
-        Legendre series that become negative where the step has to end: one for each switch
-        and two for each joint limit. Each has the number of its switch, -1 for a joint
-        limit.
-    truncation
-        Size of the last terms of the series, divided by the rounding error of a number near
-        1 in the present precision.
-    sweeps
-        Number of integrations until the iteration converged.
+        Number of the variable whose motion is stored. It determines the other variables.
+    motion
+        The series of this variable and of its speed.
+    switch_signs
+        (switches,) +1 or -1, the fixed sign of each switch.
+    end_conditions
+        Sign changes of the switches, and joint limits.
+    convergence
+        How well the computation converged.
     """
 
     start: Ball
     length: Ball
     coordinate: int
-    series: Array
-    sides: Floats
-    conditions: list[tuple[int, Array]]
-    truncation: float
-    sweeps: int
-
-    def evaluate(self, x: Array) -> Array:
-        """Return the coordinate c and p = sqrt(B) dc/dt, (2, n), at positions x (n,).
-
-        Positions are from -1 at the start of the step to 1 at its end. B is the equivalent
-        inertia.
-        """
-        # The radii of the balls would bound the rounding of this sum only, not the error of
-        # the series, so they are dropped.
-        return exact_centres(_evaluate_series(self.series, x).T)
+    motion: _CoordinateSeries
+    switch_signs: Floats
+    end_conditions: list[_EndCondition]
+    convergence: _StepConvergence
 
 
 @dataclass(frozen=True)
@@ -354,7 +399,7 @@ class ExactSimulation:
         self._float_solution = float_solution
         # Largest |p| so far. Changes of p count as rounding in comparison with it.
         self._largest_p = 0.0
-        self._steps: list[_Step] = []
+        self._steps: list[_TimeStep] = []
         self.switches: list[Ball] = []
         self.kind: EndKind = "time"
         with arithmetic.within():
@@ -415,7 +460,7 @@ class ExactSimulation:
                 states[:, rows] = self._evaluate_step(self._steps[number], times[rows])
         return states
 
-    def _evaluate_step(self, step: _Step, t: Array) -> list[Array]:
+    def _evaluate_step(self, step: _TimeStep, t: Array) -> list[Array]:
         """Return the variables and their first two derivatives at times within a step.
 
         The series of the step gives the coordinate c and p = sqrt(B) dc/dt, with the
@@ -435,7 +480,7 @@ class ExactSimulation:
         """
         # 1. The coordinate and p, and all variables that close the loops. The position in
         # the step is from -1 to 1.
-        c, p = step.evaluate(2 * (t - step.start) / step.length - 1)
+        c, p = step.motion.evaluate(2 * (t - step.start) / step.length - 1)
         closure = self._close_loops(t, c, step.coordinate)
         # Variables as power series in the coordinate: value, first derivative, and half of
         # the second one.
@@ -452,7 +497,7 @@ class ExactSimulation:
         # functions such as `abs` in loads depend.
         time_inside = float(step.start + step.length / 2)
         moving = MovingMechanism(values=values, rates=first, w=w, rotations=rotations)
-        force, _ = self._generalised_force(moving, speed, t, step.sides, time_inside)
+        force, _ = self._generalised_force(moving, speed, t, step.switch_signs, time_inside)
 
         # 3. Acceleration by Eksergian's equation B c'' + (dB/dc) c'^2 / 2 = Q, and the
         # other variables by the chain rule.
@@ -701,8 +746,11 @@ class ExactSimulation:
             time_left = (targets[0] - self.end).mid()
             length = min(length, time_left)
             # 2. Compute a step, and halve its length until the series converge.
-            step: _Step | None = None
-            while step is None or step.truncation > MAX_TRUNCATION_ROUNDINGS:
+            step: _TimeStep | None = None
+            while (
+                step is None
+                or step.convergence.truncation_roundings > MAX_TRUNCATION_ROUNDINGS
+            ):
                 shortest = min(MIN_STEP_RATIO * self.until, float(time_left))
                 if float(length) < shortest:
                     raise EngineError(
@@ -724,7 +772,7 @@ class ExactSimulation:
                 self.kind = "sticking"
                 break
             self._steps.append(step)
-            (c,), (p,) = step.evaluate(np.array([sign_change.x]))
+            (c,), (p,) = step.motion.evaluate(np.array([sign_change.x]))
             self._largest_p = max(self._largest_p, abs(float(p)))
             reaches_target = switch is None and step.length is time_left
             step_end = (step.start + step.length * (sign_change.x + 1) / 2).mid()
@@ -732,7 +780,7 @@ class ExactSimulation:
             # 4. The state from which the next step starts, and its sides and length.
             values = self._close_loops(np.array([self.end]), c, coordinate).values
             state = self._evaluate_coordinate(values, coordinate)
-            sides = step.sides.copy()
+            sides = step.switch_signs.copy()
             last_switch = switch
             if switch == JOINT_LIMIT_SWITCH:
                 self.kind = "joint_limit"
@@ -740,7 +788,10 @@ class ExactSimulation:
             if switch is not None:
                 sides[switch] = -sides[switch]
                 self.switches.append(self.end)
-            is_costly = step.sweeps > CHEAP_SWEEPS or step.truncation > 1.0
+            is_costly = (
+                step.convergence.picard_sweeps > CHEAP_SWEEPS
+                or step.convergence.truncation_roundings > 1.0
+            )
             length = (
                 step.length * (COSTLY_STEP_REDUCTION if is_costly else CHEAP_STEP_GROWTH)
             ).mid()
@@ -752,7 +803,7 @@ class ExactSimulation:
 
     def _try_step(
         self, c: Ball, p: Ball, coordinate: int, length: Ball, sides: SwitchSides
-    ) -> _Step | None:
+    ) -> _TimeStep | None:
         """Return a step from the present end, None if Picard's iteration does not converge.
 
         The equations for the coordinate c and p = sqrt(B) dc/dt are dc/dt = p / sqrt(B) and
@@ -840,22 +891,24 @@ class ExactSimulation:
                 roundings_per_term = (
                     float(half) / (2 * self._node_count) / self.arithmetic.eps
                 )
-                return _Step(
+                return _TimeStep(
                     start=self.end,
                     length=length,
                     coordinate=coordinate,
-                    series=series,
-                    sides=sides,
-                    conditions=self._expand_conditions(conditions, sides, values),
-                    truncation=roundings_per_term * last_terms,
-                    sweeps=sweep,
+                    motion=_CoordinateSeries(series),
+                    switch_signs=sides,
+                    end_conditions=self._expand_conditions(conditions, sides, values),
+                    convergence=_StepConvergence(
+                        truncation_roundings=roundings_per_term * last_terms,
+                        picard_sweeps=sweep,
+                    ),
                 )
             last_change = change
         return None
 
     def _expand_conditions(
         self, conditions: Sequence[Array], sides: Floats, values: Array
-    ) -> list[tuple[int, Array]]:
+    ) -> list[_EndCondition]:
         """Return Legendre series that are positive as long as a step may continue.
 
         A load may contain switches: `abs`, `sign`, `min` or `max`. Each depends on the sign
@@ -888,9 +941,11 @@ class ExactSimulation:
             angle = values[:, self.mechanism.angles[limit.pair]]
             node_values.append((JOINT_LIMIT_SWITCH, angle - limit.low))
             node_values.append((JOINT_LIMIT_SWITCH, limit.high - angle))
-        return [(number, self._to_series @ value) for number, value in node_values]
+        return [
+            _EndCondition(number, self._to_series @ value) for number, value in node_values
+        ]
 
-    def _find_sign_changes(self, step: _Step) -> Iterator[_SignChange]:
+    def _find_sign_changes(self, step: _TimeStep) -> Iterator[_SignChange]:
         """Yield the first sign change of each condition that has one in a step.
 
         A step is an interval of time on which the motion is a series. A switch is an
@@ -906,7 +961,9 @@ class ExactSimulation:
         # there, up to rounding.
         starts = self._samples[:-1]
         ends = self._samples[1:]
-        for switch, condition in step.conditions:
+        for end_condition in step.end_conditions:
+            switch = end_condition.switch
+            condition = end_condition.coefficients
             is_negative = _evaluate_series(centre_floats(condition), ends) < 0.0
             if not np.any(is_negative):
                 continue

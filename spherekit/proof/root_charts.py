@@ -75,7 +75,7 @@ class Polynomials:
         The first axis is the set of given values. Each further axis is the power of z of
         one unknown, from 0 to 2 d, with the trigonometric degree d of the equation in this
         unknown.
-    slopes
+    coefficient_derivatives
         For each equation (m, given, ...): derivatives of the coefficients by the given
         variables.
     error
@@ -90,7 +90,7 @@ class Polynomials:
     """
 
     coefficients: tuple[Complexes, ...]
-    slopes: tuple[Complexes, ...]
+    coefficient_derivatives: tuple[Complexes, ...]
     error: Floats
     derivative_bound: Floats
     degrees: Indices
@@ -295,7 +295,7 @@ def evaluate_polynomials(polynomials: Polynomials, roots: ChartRoots) -> Polynom
     return PolynomialValues(
         values=roots.derivatives(polynomials.coefficients),
         by_unknowns=by_unknowns,
-        by_given=roots.derivatives(polynomials.slopes),
+        by_given=roots.derivatives(polynomials.coefficient_derivatives),
     )
 
 
@@ -435,7 +435,9 @@ def _bound_changes(
     # Change of P_z. First term: second derivatives by g and z and by z, times the changes.
     # i: equation, j: unknown, g: given variable.
     slope_change_by_given = np.einsum(
-        "nijg,ng->nij", np.abs(roots.derivatives(polynomials.slopes, 1)), given_change
+        "nijg,ng->nij",
+        np.abs(roots.derivatives(polynomials.coefficient_derivatives, 1)),
+        given_change,
     )
     second_by_z = np.sum(np.abs(roots.derivatives(polynomials.coefficients, 2)), axis=3)
     slope_change = second_by_z * radius[:, None, None] + slope_change_by_given
