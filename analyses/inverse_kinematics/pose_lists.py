@@ -135,9 +135,9 @@ def read_poses(
         first_form = _forms_of_output(solver)[0]
         example = "+".join(f"{name}={10 * k}" for k, name in enumerate(first_form, 1))
         raise AnalysisError(
-            f"{where}: found {' and '.join(given_sources) or 'no poses'}; give one "
-            f"of these: a list (poses={example}), a file (file=NAME.csv), or a grid "
-            "(window=NAME:FROM:TO:COUNT, joined by + for each coordinate)"
+            f"{where}: found {' and '.join(given_sources) or 'no poses'}; give one of "
+            f"these: a list poses={example}, a file file=NAME.csv, or a grid "
+            "window=NAME:FROM:TO:COUNT (joined by + for each coordinate)"
         )
     if columns and not file:
         raise AnalysisError(
