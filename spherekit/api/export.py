@@ -33,7 +33,7 @@ from spherekit.positions.mode_meetings import degrees_text
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.quantity import AngleUnit
 from spherekit.storage.atomic_write import write_text
-from spherekit.wording import counted, listing
+from spherekit.wording import counted, listing, numbered
 
 Kind = Literal[
     "c",
@@ -308,8 +308,10 @@ def _export_source(
         f"{formula_set.operations} operations"
     )
     mode_table = formula_set.mode_table
-    # A text of `left_out` has the number of a mode, and why it has no formulas.
-    notes = [f"left out: assembly mode {text}" for text in mode_table.left_out]
+    notes = [
+        f"left out: assembly {numbered('mode', names)}: {reason}"
+        for reason, names in mode_table.left_out_by_reason().items()
+    ]
     if mode_table.undetermined:
         number = mode_table.undetermined[0]
         notes.append(

@@ -13,7 +13,7 @@ of arguments:
 - the *sizes*: numbers of the mechanism file that the user has chosen as arguments.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -152,6 +152,28 @@ class SmoothModes(NamedTuple):
         return pieces
 
 
+class LeftOutMode(NamedTuple):
+    """An assembly mode that has no formulas.
+
+    Attributes
+    ----------
+    number, title
+        Its number, and its signs or its name in the file.
+    reason
+        Why it has no formulas.
+    """
+
+    number: int
+    title: str
+    reason: str
+
+    @property
+    def name(self) -> str:
+        """The mode in messages, such as ``1 (p0)``, or ``1`` if it has no signs."""
+        has_signs_or_name = bool(self.title.strip("~"))
+        return f"{self.number} ({self.title})" if has_signs_or_name else f"{self.number}"
+
+
 class ModeTable(NamedTuple):
     """The assembly modes in generated source code, and how they were checked.
 
@@ -163,7 +185,7 @@ class ModeTable(NamedTuple):
     modes
         The modes that are written to the source code.
     left_out
-        A text for each other assembly mode, with its number and the reason.
+        The other assembly modes.
     undetermined
         Numbers of the modes that are left out because the chosen equations do not determine
         them. Formulas for such a mode alone solve equations that do.
@@ -180,11 +202,18 @@ class ModeTable(NamedTuple):
     """
 
     modes: tuple[Mode, ...]
-    left_out: Names = ()
+    left_out: tuple[LeftOutMode, ...] = ()
     undetermined: tuple[int, ...] = ()
     compared: int = 0
     largest_difference: float = 0.0
     smooth: SmoothModes | None = None
+
+    def left_out_by_reason(self) -> Mapping[str, Names]:
+        """Return the names of the modes that are left out, by the reason."""
+        names: dict[str, Names] = {}
+        for mode in self.left_out:
+            names[mode.reason] = (*names.get(mode.reason, ()), mode.name)
+        return names
 
 
 class SeriesTable(NamedTuple):

@@ -31,7 +31,13 @@ from spherekit.arrays import Floats, Indices
 from spherekit.completeness import Guarantee
 from spherekit.designs.varied_mechanism import VariedMechanism
 from spherekit.errors import EngineError
-from spherekit.exchange.formula_expressions import Formulas, Mode, ModeTable, SmoothModes
+from spherekit.exchange.formula_expressions import (
+    Formulas,
+    LeftOutMode,
+    Mode,
+    ModeTable,
+    SmoothModes,
+)
 from spherekit.files.study import Crossings
 from spherekit.geometry.vectors import max_abs
 from spherekit.mechanism.joint_construction import make_joints
@@ -224,7 +230,7 @@ def compare_modes(
             np.union1d(sampled_motion.inputs[:, 0], inputs_by_interval)
         )
     candidates: list[ModeCandidate] = []
-    left_out: list[str] = []
+    left_out: list[LeftOutMode] = []
     for mode in requested_modes:
         try:
             candidates.append(
@@ -233,7 +239,7 @@ def compare_modes(
                 )
             )
         except ModeProblem as problem:
-            left_out.append(f"{mode.number} ({mode.title}): {problem}")
+            left_out.append(LeftOutMode(mode.number, mode.title, str(problem)))
     # The interval in which a smooth curve has the number of the mode.
     first_interval = int(
         np.searchsorted(crossing_inputs, position_analysis.numbering_input)
@@ -265,7 +271,7 @@ def compare_modes(
                     f"{worst_input} rad a variable differs by "
                     f"{deviation[worst_row]:.2g} rad"
                 )
-            left_out.append(f"{mode.number} ({mode.title}): {reason}")
+            left_out.append(LeftOutMode(mode.number, mode.title, reason))
             continue
         known_input = candidate.find_known_input(first_interval)
         mode_values = candidate.mode_values[first_interval]
@@ -286,9 +292,9 @@ def compare_modes(
         compared.append(len(deviation))
         differences.append(float(np.max(deviation)))
     if not modes:
+        problems = "; ".join(f"{mode.name}: {mode.reason}" for mode in left_out)
         raise EngineError(
-            f"{varied.mechanism.name}: no assembly mode can be written: "
-            f"{'; '.join(left_out)}"
+            f"{varied.mechanism.name}: no assembly mode can be written: {problems}"
         )
     smooth = None
     if crossings == "pass":
@@ -686,6 +692,8 @@ def _compute_deviations(
         # Differences of angles are taken modulo 2 pi. The other variables are arc lengths
         # of profiles.
         angle_rows = [*terms.mechanism.angles.values()]
-        deviation[angle_rows] = wrap(deviation[angle_rows])
+        # Where Newton's method has diverged, a deviation is infinite and becomes NaN.
+        with np.errstate(invalid="ignore"):
+            deviation[angle_rows] = wrap(deviation[angle_rows])
     largest = max_abs(deviation, axis=0) if len(deviation) else np.zeros(deviation.shape[1])
     return np.split(largest, np.cumsum(counts)[:-1])

@@ -55,8 +55,9 @@ def _head_lines(source: Source) -> Iterator[str]:
     yield "assembly modes, each with inputs (rad) at which it exists:"
     for position, mode in enumerate(formulas.modes):
         yield from _mode_lines(source, position, mode)
-    for reason in formulas.mode_table.left_out:
-        yield from wrap(f"  not written: {reason}", LINE_WIDTH, subsequent_indent="    ")
+    for reason, names in formulas.mode_table.left_out_by_reason().items():
+        text = f"  not written: {', '.join(names)}: {reason}"
+        yield from wrap(text, LINE_WIDTH, subsequent_indent="    ")
     # The number of inputs at which the formulas were compared.
     if formulas.mode_table.compared:
         yield from wrap(_comparison_sentences(source), LINE_WIDTH)

@@ -48,7 +48,7 @@ from spherekit.positions.motion_cache import (
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.velocities.load_numbers import LOAD_DEPENDENT_PREFIXES
 from spherekit.version import __version__
-from spherekit.wording import listing
+from spherekit.wording import listing, numbered
 
 SCRIPTS = (
     "script/1_state.js",
@@ -182,8 +182,8 @@ class PageMaker:
                 self.notes.append(f"no slider for {key}: nothing changes with it")
             self.keys = tuple(key for key in self.keys if key not in idle_keys)
             return self.make_page()
-        for reason in row_formulas.mode_table.left_out:
-            self.notes.append(f"left out: assembly mode {reason}")
+        for reason, names in row_formulas.mode_table.left_out_by_reason().items():
+            self.notes.append(f"left out: assembly {numbered('mode', names)}: {reason}")
         # The user asked that modes pass through crossings, which Newton's method cannot do.
         # With the sizes of the file there are none: `_make_row_formulas` has checked this.
         if self._crossings == "pass" and not has_closed_form:
