@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -61,6 +61,25 @@ CHART_MEANINGS = {
     "other great circles with the same slope in the gnomonic chart",
 }
 """Meanings of the columns of the gnomonic chart. Axes of pairs have no great circles."""
+
+
+class MovingPole(NamedTuple):
+    """The pole of two links while one input moves and the other inputs are locked.
+
+    A pole is the axis about which two links turn relative to each other. It depends on the
+    input that moves.
+
+    Attributes
+    ----------
+    first_link, second_link
+        Numbers of the links. The motion is that of the second one relative to the first.
+    input_number
+        Position of the moving input among the inputs.
+    """
+
+    first_link: int
+    second_link: int
+    input_number: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -316,73 +335,52 @@ class Poles(AbstractAnalysis):
         return not self.only and len(mechanism.inputs) == 1
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
-        """Return the table `poles`.
+        """Return the table `poles`: the axes about which links turn relative to each other.
 
-        It has, for each row of the batch, one row per pole and moving input. The rows of
-        all poles at the first row of the batch come first, then those at the second row.
-
-        For each pole the table has its axis u, its derivative ``du_dq`` by the input, the
-        velocity coefficient, error bounds and the conditioning. The conditioning is the
-        relative speed of the two links over the sum of their speeds. If it is small, digits
-        cancel in the difference of their angular velocities.
+        A batch row is a sample in one assembly mode. The table has the rows of all poles,
+        while each input moves, at the first batch row, then those at the second, and so on.
         """
-        poles = self.poles(batch.mechanism)
-        # A pole is two links. With each moving input (one input moves while the others are
-        # locked) it is another axis: (first link, second link, number of the input).
-        moving_poles = [
-            (*pole, input_number)
-            for input_number in range(len(batch.moving_inputs))
-            for pole in poles
-        ]
-        columns = dict[str, Any](batch.pole_columns(moving_poles))
-        # The value of the input that moves. `interleaved` puts the columns of all poles
-        # together in the order of rows that the docstring states.
+        moving_poles = self._list_moving_poles(batch)
+        columns = dict[str, Any]()
+        # Names of the links, axes, and coefficients of velocity and acceleration.
+        columns |= batch.pole_columns(moving_poles)
+        # The value q of the input that moves.
         columns["q"] = batch.interleaved(
-            [batch.inputs[:, input_number] for _, _, input_number in moving_poles]
+            [batch.inputs[:, pole.input_number] for pole in moving_poles]
         )
-        # A function that returns the column of a quantity from its name and the index of a
-        # component, None for a scalar. The quantity "direction_dq" is the derivative of the
-        # axis by the input.
-        column_of = batch.of_poles(moving_poles)
-        for component, axis in enumerate("xyz"):
-            columns[f"du{axis}_dq"] = column_of("direction_dq", component)
-        for name in (
-            "conditioning",
-            "error_bound",
-            "velocity_coefficient_error_bound",
-            "acceleration_coefficient_error_bound",
-            "direction_dq_error_bound",
-        ):
-            columns[name] = column_of(name, None)
+        columns |= _make_accuracy_columns(batch, moving_poles)
+        columns |= _make_direction_derivative_columns(batch, moving_poles)
         if self.chart != "no":
-            columns |= self._chart_columns(batch, moving_poles)
+            columns |= self._make_chart_columns(batch, moving_poles)
         (table,) = self.requested_tables()
         return {"poles": {column.name: columns[column.name] for column in table.columns}}
 
-    def _chart_columns(
-        self, batch: Batch, moving_poles: Sequence[tuple[int, int, int]]
+    def _list_moving_poles(self, batch: Batch) -> list[MovingPole]:
+        """Return the poles of interest for each moving input, one input after another."""
+        return [
+            MovingPole(first_link, second_link, input_number)
+            for input_number in range(len(batch.moving_inputs))
+            for first_link, second_link in self.poles(batch.mechanism)
+        ]
+
+    def _make_chart_columns(
+        self, batch: Batch, moving_poles: Sequence[MovingPole]
     ) -> dict[str, Any]:
         """Return the coordinates of poles and of their great circles in the chart, by name.
 
-        Parameters
-        ----------
-        batch
-            The batch, with the great circles of all poles that are no axes of pairs.
-        moving_poles
-            For each pole the numbers of two links, and the number of the moving input.
+        The batch has the great circles of all poles that are no axes of pairs.
         """
         mechanism = batch.mechanism
         axes = list(chart_axes(mechanism, self.chart))
         values_by_name: dict[str, list[Floats]] = {name: [] for name in CHART_MEANINGS}
-        for first_link, second_link, input_number in moving_poles:
-            directions = batch.direction(first_link, second_link, input_number)
-            coordinates = [*chart_coordinates(directions[:, axes])]
+        for pole in moving_poles:
+            coordinates = [*chart_coordinates(batch.direction(*pole)[:, axes])]
             # Two great circles pass through a pole, and each has two coordinates. The
             # axis of a pair has no such circles, so these four columns are empty.
-            if (first_link, second_link) in mechanism.pole_pairs:
+            if (pole.first_link, pole.second_link) in mechanism.pole_pairs:
                 coordinates += [np.full(len(batch), np.nan)] * 4
             else:
-                normals = batch.planes(first_link, second_link, input_number)
+                normals = batch.planes(*pole)
                 for circle in (0, 1):
                     coordinates += circle_coordinates(normals[:, circle][:, axes])
             for name, values in zip(CHART_MEANINGS, coordinates, strict=True):
@@ -606,3 +604,34 @@ class Poles(AbstractAnalysis):
             unit="1/rad",
             link=link,
         )
+
+
+def _make_direction_derivative_columns(
+    batch: Batch, moving_poles: Sequence[MovingPole]
+) -> dict[str, Any]:
+    """Return the derivatives of the axes of poles by the moving input, by column name."""
+    make_column = batch.of_poles(moving_poles)
+    return {
+        f"du{axis}_dq": make_column("direction_dq", component)
+        for component, axis in enumerate("xyz")
+    }
+
+
+def _make_accuracy_columns(
+    batch: Batch, moving_poles: Sequence[MovingPole]
+) -> dict[str, Any]:
+    """Return the error bounds of poles and coefficients, and the conditioning, by name.
+
+    The conditioning is the relative speed of the two links over the sum of their speeds. If
+    it is small, digits cancel in the difference of their angular velocities.
+    """
+    make_column = batch.of_poles(moving_poles)
+    names = (
+        "conditioning",
+        "error_bound",
+        "velocity_coefficient_error_bound",
+        "acceleration_coefficient_error_bound",
+        "direction_dq_error_bound",
+    )
+    # None: these quantities are numbers, without components.
+    return {name: make_column(name, None) for name in names}

@@ -19,7 +19,13 @@ from numpy.typing import ArrayLike
 
 from spherekit.arrays import Floats
 from spherekit.geometry.arc_length import ArcLength, integrate_rate, measure_arc_length
-from spherekit.geometry.parametric_curve import FourierPath, Path, SplinePath, axes_about
+from spherekit.geometry.parametric_curve import (
+    FourierPath,
+    Path,
+    PathFrames,
+    SplinePath,
+    axes_about,
+)
 from spherekit.geometry.profile_curve import azimuth_panels, spline_fits
 from spherekit.geometry.vectors import cross, dot
 from spherekit.numerics.complex_step import add_complex_step, extract_derivative
@@ -132,6 +138,28 @@ class PathVariation:
     length_rate: float
     closed: bool
 
+    @property
+    def whole_length(self) -> Floats:
+        """The whole length (rad), with its derivative as a complex step."""
+        return add_complex_step(self.arc_length.length, self.length_rate)
+
+    def find_parameters(self, path_lengths: Floats) -> Floats:
+        """Return the parameters (n,) of the points at arc lengths (n,) on the path.
+
+        If the design variable x changes the path, the point at an arc length gets another
+        parameter u. Its derivative u' follows from the chain rule for the arc length
+        s(u, x): ds/du u' + ds/dx = s'. Here ds/du is the speed |dp/du| of the path, ds/dx
+        is `arc_length_rate`, and s' is the derivative of the arc length itself.
+
+        Arc lengths and parameters are complex: each has its derivative by x as a complex
+        step.
+        """
+        u = self.arc_length.invert(np.real(path_lengths))
+        # The speed is the real part, which does not depend on the derivative of u: 0 here.
+        speed = np.real(self.path.speed(add_complex_step(u, 0.0)))
+        length_change = extract_derivative(path_lengths) - self.arc_length_rate.evaluate(u)
+        return add_complex_step(u, length_change / speed)
+
 
 def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
     """Return the smooth curve through moving points, with its derivative.
@@ -241,79 +269,76 @@ def _differentiate_arcs(points: Floats) -> Floats:
     )
 
 
-CurveDerivative = Callable[[Floats], Floats]
-"""A function of arc lengths (n,) in rad that returns derivatives (8, n) of a curve by a
-design variable, at these fixed arc lengths. Rows 0 to 2 belong to the tangent, 3 to 5 to
-the point, 6 to the geodesic curvature k and 7 to dk/ds."""
+@dataclass(frozen=True)
+class CurveDerivative:
+    """The derivative of a curve by a design variable, as a function of the arc length.
 
+    The curve is a path on the unit sphere, run forwards or backwards. A design variable,
+    such as a radius, changes it. The derivative is the rate at which the point of the
+    curve at a fixed arc length moves, and its tangent and curvature change.
 
-def _differentiate(variation: PathVariation, backwards: bool) -> CurveDerivative:
-    """Return the derivative of a curve by a design variable, at fixed arc lengths.
-
-    A curve is a path p(u) on the unit sphere with the arc length s as its variable. A
-    design variable, such as a coefficient of the path, changes the curve. The points of the
-    path are complex numbers: the real part is the point itself, the scaled imaginary part
-    is its derivative by the design variable (complex step).
-
-    Parameters
+    Attributes
     ----------
     variation
-        The complex path, with the arc length of the real path and its derivative.
+        The path, with its derivative by the design variable.
     backwards
         Whether the curve runs against the path.
     """
-    path = variation.path
 
-    def evaluate(s: Floats) -> Floats:
-        """Return the derivatives (8, n) of the curve by the design variable.
+    variation: PathVariation
+    backwards: bool
 
-        They are taken at the fixed arc lengths `s` (n,), rad. The rows are the components
-        of the tangent and of the point, the geodesic curvature, and its derivative by the
-        arc length.
+    def __call__(self, s: Floats) -> Floats:
+        """Return the derivatives by the design variable at fixed arc lengths s (n,), rad.
 
-        The path is evaluated with complex numbers: the real part is a quantity, the scaled
-        imaginary part its derivative by the design variable. Its parameter u is complex,
-        too, because u has to change with the design variable to keep the arc length fixed.
+        Returns
+        -------
+        (8, n) derivatives. Rows 0 to 2 are those of the tangent, 3 to 5 those of the point,
+        6 that of the geodesic curvature k, and 7 that of dk/ds.
         """
-        direction = -1.0 if backwards else 1.0
-        # `path_length` is the arc length on the path, which has to be from 0 to the whole
-        # length. On a closed curve whole lengths (`laps`) are added to reach that. An open
-        # curve that runs backwards starts at the end of the path, so one length is added.
-        path_length = direction * s
-        whole_length = variation.arc_length.length
-        if variation.closed:
-            laps = -np.floor(path_length / whole_length)
+        # Each number is complex: a value and its derivative by the design variable.
+        path_lengths = self._find_path_lengths(s)
+        parameters = self.variation.find_parameters(path_lengths)
+        frames = self.variation.path.frames(parameters)
+        return self._stack_derivatives(frames)
+
+    def _find_path_lengths(self, s: Floats) -> Floats:
+        """Return the arc lengths (n,) on the path of points of the curve.
+
+        The curve and the path are the same line. They differ in the direction, and in the
+        start of an open curve that runs backwards. Points of a closed curve repeat after
+        each lap, and the result is that of the first lap.
+
+        The length of a lap changes with the design variable. The result is therefore
+        complex, with its derivative as imaginary part (complex step). The arc lengths s
+        (n,) on the curve are constant.
+        """
+        path_lengths = -s if self.backwards else s
+        whole_length = self.variation.whole_length
+        if self.variation.closed:
+            laps = -np.floor(path_lengths / np.real(whole_length))
+        elif self.backwards:
+            # The curve starts at the end of the path.
+            laps = np.ones_like(s)
         else:
-            laps = np.full_like(s, 1.0 if backwards else 0.0)
-        path_length = path_length + laps * whole_length
-        # Its derivative by the design variable: the whole length depends on it, s does not.
-        target_rate = laps * variation.length_rate
+            laps = np.zeros_like(s)
+        return path_lengths + laps * whole_length
 
-        # The arc length s(u, x) depends on the parameter u and on the design variable x. It
-        # has to remain at its target, ds/dx + ds/du u' = (rate of the target). Here ds/dx
-        # is `arc_length_rate`, ds/du = |dp/du| is the speed, and u' is the derivative of
-        # the parameter by x.
-        u = variation.arc_length.invert(path_length)
-        # The speed itself is the real part, for which the rate of u does not matter (0.0).
-        speed = np.real(path.speed(add_complex_step(u, 0.0)))
-        u_rate = (target_rate - variation.arc_length_rate.evaluate(u)) / speed
-        frames = path.frames(add_complex_step(u, u_rate))
+    def _stack_derivatives(self, frames: PathFrames) -> Floats:
+        """Return the derivatives (8, n) of tangent, point, curvature k and dk/ds.
+
+        `frames` are those of the path, with their derivatives as a complex step.
+        """
         frame = extract_derivative(frames.frame)
+        tangent = frame[:, :, 0].T
+        point = frame[:, :, 2].T
         curvature = extract_derivative(frames.curvature)
+        # dk/ds is the same in both directions, since k and s both change their sign.
         curvature_rate = extract_derivative(frames.curvature_rate)
-        # The columns of a frame are tangent t, p x t and point p. On a curve that runs
-        # backwards, tangent and curvature change their sign. The derivative of the
-        # curvature by the arc length does not: both curvature and arc length change theirs.
-        return np.concatenate(
-            [
-                direction * frame[:, :, 0].T,
-                frame[:, :, 2].T,
-                direction * curvature[None],
-                curvature_rate[None],
-            ]
-        )
-
-    return evaluate
+        if self.backwards:
+            tangent = -tangent
+            curvature = -curvature
+        return np.concatenate([tangent, point, curvature[None], curvature_rate[None]])
 
 
 def differentiate_fourier(
@@ -363,7 +388,7 @@ def differentiate_fourier(
         length_rate=arc_length_rate.length,
         closed=True,
     )
-    return _differentiate(variation, backwards)
+    return CurveDerivative(variation, backwards)
 
 
 def differentiate_spline(
@@ -388,4 +413,4 @@ def differentiate_spline(
     variation = _vary_spline(
         np.asarray(points, dtype=float), np.asarray(change, dtype=float), closed
     )
-    return _differentiate(variation, backwards)
+    return CurveDerivative(variation, backwards)

@@ -154,6 +154,21 @@ class PebbleGame:
             return None
         return self.reachable_bodies([body_a, body_b])
 
+    def find_mobile_part(self, body_a: int, body_b: int) -> set[int]:
+        """Return the smallest set with one degree of freedom that contains two bodies.
+
+        The whole mechanism must have one degree of freedom as well, and no rigid part may
+        contain both bodies.
+
+        A pebble is a degree of freedom of a body that no constraint has taken. Four of them
+        are free: three for the motion of the mechanism as a whole, and one for the relative
+        motion. They are moved to the two bodies. The set consists of all bodies to which
+        constraints lead from there.
+        """
+        rigid_part = self.find_rigid_part(body_a, body_b)
+        assert rigid_part is None, "rigid parts are merged before"
+        return self.reachable_bodies([body_a, body_b])
+
     def merge_bodies(self, part: set[int], into: int) -> None:
         """Replace a rigid part by one of its bodies, which has three free pebbles then.
 

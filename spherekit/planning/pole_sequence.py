@@ -110,8 +110,7 @@ def find_all_steps(empty_plan: Plan, pebble_game: PebbleGame | None) -> list[Ste
             known_poles.add(primary_pole)
 
     unknown_poles = known_poles.unknown_of(combinations(empty_plan.bodies, 2))
-    # The smallest part with one degree of freedom that contains a pole, once it was found.
-    part_by_pole: dict[Pole, set[int]] = {}
+    mobile_parts = MobileParts(empty_plan.bodies, pebble_game)
     round_number = 0  # number of the pass
     while unknown_poles:
         round_number += 1
@@ -125,10 +124,10 @@ def find_all_steps(empty_plan: Plan, pebble_game: PebbleGame | None) -> list[Ste
                     empty_plan, contacts_by_pole, known_poles, [pole], round_number
                 )
         if not new_steps:
-            # The pass finds nothing: solve a part from its velocity equations.
-            block = _find_smallest_block(
-                empty_plan, pebble_game, part_by_pole, unknown_poles, round_number
-            )
+            # The pass finds nothing: solve the smallest part with an unknown pole from its
+            # velocity equations.
+            part = min(map(mobile_parts.find_part, unknown_poles), key=len)
+            block = _make_block(empty_plan, part, unknown_poles, round_number)
             if pebble_game is not None:
                 block = _choose_opening(empty_plan, contacts_by_pole, known_poles, block)
             new_steps = [block]
@@ -229,51 +228,54 @@ def group_by_circle(
     return circles
 
 
-def _find_smallest_block(
-    empty_plan: Plan,
-    pebble_game: PebbleGame | None,
-    part_by_pole: dict[Pole, set[int]],
-    unknown_poles: Sequence[Pole],
-    round_number: int,
-) -> BlockPoles:
-    """Return the smallest part with one degree of freedom that contains an unknown pole.
+class MobileParts:
+    """The smallest parts of a mechanism that determine a pole.
 
-    A part is a set of bodies and the pairs between them, called a block once its poles are
-    to be computed together. It contains the pole of any two of its bodies, which is the
-    axis of their relative rotation.
+    A pole is the axis of the relative rotation of two bodies. Its part is the smallest set
+    of bodies that contains both and has one degree of freedom. The pole then follows from
+    the pairs between bodies of the part. Parts that were found are remembered.
+
+    Parameters
+    ----------
+    bodies
+        All bodies of the mechanism.
+    pebble_game
+        Counts the degrees of freedom of any set of bodies. It is None if redundant
+        constraints make the count useless. Each part is then the whole mechanism.
+    """
+
+    def __init__(self, bodies: Iterable[int], pebble_game: PebbleGame | None) -> None:
+        """Begin without any part."""
+        self._bodies = set(bodies)
+        self._pebble_game = pebble_game
+        self._part_by_pole: dict[Pole, set[int]] = {}
+
+    def find_part(self, pole: Pole) -> set[int]:
+        """Return the bodies of the part of a pole."""
+        if self._pebble_game is None:
+            return self._bodies
+        if pole not in self._part_by_pole:
+            self._part_by_pole[pole] = self._pebble_game.find_mobile_part(*pole)
+        return self._part_by_pole[pole]
+
+
+def _make_block(
+    empty_plan: Plan, part: set[int], unknown_poles: Sequence[Pole], round_number: int
+) -> BlockPoles:
+    """Return the step that computes all unknown poles of a part of the mechanism together.
 
     Parameters
     ----------
     empty_plan
         The mechanism with its bodies and the moving input, as a plan without steps.
-    pebble_game
-        Counts the degrees of freedom: each body owns three, its pebbles. A constraint takes
-        a pebble of one of its two bodies and points to the other. It is None if redundant
-        constraints make the count useless. The part is then the whole mechanism.
-    part_by_pole
-        The bodies of the smallest part for each pole that was examined. Results are added,
-        so that later calls need not find them again.
+    part
+        The bodies of the part.
     unknown_poles
-        The poles that are unknown.
+        All poles that are unknown. A pole belongs to the part if both its bodies do.
     round_number
         Number of the pass in which the part is solved. A pass finds all poles that follow
         from poles of earlier passes.
     """
-    for pole in unknown_poles:
-        if pebble_game is None:
-            part_by_pole[pole] = set(empty_plan.bodies)
-        elif pole not in part_by_pole:
-            # `find_rigid_part` moves free pebbles to the two bodies. There is no rigid part
-            # that contains both, because such parts were merged to one body each before. So
-            # the two bodies have four free pebbles: three for the motion of the whole, and
-            # one for their relative motion. `reachable_bodies` adds all bodies to which
-            # constraints lead from the two. In this set of b bodies, only four of the 3 b
-            # pebbles are free, and constraints within the set have taken all others. It
-            # therefore has one degree of freedom, and no smaller set with both bodies has.
-            rigid_part = pebble_game.find_rigid_part(*pole)
-            assert rigid_part is None, "rigid parts are merged before"
-            part_by_pole[pole] = pebble_game.reachable_bodies(pole)
-    part = min((part_by_pole[pole] for pole in unknown_poles), key=len)
     # The pairs between different bodies of the part. A locked input joins two links of one
     # body (a = b), so it is not one of these pairs.
     pairs = [n for n, (a, b) in enumerate(empty_plan.ends) if a != b and {a, b} <= part]
