@@ -64,7 +64,8 @@ def dark_copy(figure: Figure) -> Figure:
             stroke["foreground"] = _dark_rgba(stroke["foreground"])
     background = _dark_rgba("white")
     for patch in (dark.patch, *(panel.patch for panel in dark.axes)):
-        # Panels with a colour of their own show the absence of values by it.
+        # A panel with another background keeps it. The colour marks where a map of colours
+        # has no values.
         if np.allclose(to_rgba(patch.get_facecolor()), background):
             patch.set_alpha(0.0)
     return dark

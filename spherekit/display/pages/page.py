@@ -201,18 +201,14 @@ class PageMaker:
     # Formulas of the kernels
 
     def _make_formulas(self, names: Sequence[str]) -> Formulas:
-        """Return the formulas of quantities, with arguments that the page can give.
-
-        These are the inputs, and their rates and accelerations. The page also counts the
-        whole revolutions of a passive pair if a load depends on them. An example is a
-        spring that is wound up.
+        """Return the formulas of quantities, after a check that the page can use them.
 
         Raises
         ------
         EngineError
-            If loads depend on other arguments, such as the time. Also if the page is asked
-            to pass crossings of configuration curves, but positions are computed by
-            Newton's method, which cannot pass them.
+            If loads depend on arguments that the page does not have, such as the time.
+            Also if the page is asked to pass crossings of configuration curves, but
+            positions are computed by Newton's method, which cannot pass them.
         """
         page_formulas = formulas(
             self._any_mechanism,
@@ -222,11 +218,25 @@ class PageMaker:
             crossings=self._crossings,
         )
         self._check_smooth_curves(page_formulas)
-        # The formulas have the crossings for the sizes of the file (`smooth`). They move
-        # when sizes change, so the page finds them itself.
-        page_formulas = replace(
+        self._check_arguments(page_formulas)
+        # The crossings of curves (`smooth`) are those for the sizes of the file. They move
+        # when a slider changes a size, so the page computes them itself.
+        return replace(
             page_formulas, mode_table=page_formulas.mode_table._replace(smooth=None)
         )
+
+    def _check_arguments(self, page_formulas: Formulas) -> None:
+        """Raise an error if formulas have arguments that the page does not have.
+
+        The page has the inputs, and their rates and accelerations. It also counts the whole
+        revolutions of a passive pair on which a load depends, such as a spring that is
+        wound up.
+
+        Raises
+        ------
+        EngineError
+            If a load depends on other arguments, such as the time.
+        """
         turn_arguments = {f"turns_of_{pair}" for pair in self._wound_pairs}
         # `motion` lists the arguments that are neither sizes nor signs of an assembly mode.
         # Their names begin with "q", "dq" or "ddq" for inputs, rates and accelerations.
@@ -240,7 +250,6 @@ class PageMaker:
                 f"loads depend on {listing(unknown_arguments)}, which pages do not "
                 "support; remove these loads from the file to see the torque of the others"
             )
-        return page_formulas
 
     def _check_smooth_curves(self, page_formulas: Formulas) -> None:
         """Raise an error if Newton's method would have to pass crossings of assembly modes.
@@ -278,16 +287,14 @@ class PageMaker:
         )
 
     def _make_row_formulas(self) -> Formulas:
-        """Return the formulas that are evaluated at every sample of every mode.
+        """Return the formulas that the page evaluates at every sample of every mode.
 
-        The page is an HTML file that computes the mechanism in the browser. It needs
-        formulas of the quantities that it shows, and of two other kinds:
+        Besides the quantities that the page shows, these are two kinds:
 
-        - Angular velocities of links. They decide the sign of a velocity coefficient of two
-          links that no pair joins: the axis of their relative rotation has two directions.
-          The page takes the one that continues that of the sample before.
-        - If positions have a closed form, a number for each dyad (two links between two
-          known axes) that is negative if its loop does not close.
+        - angular velocities of links, by which the page makes pole axes continuous: an axis
+          has two directions, and the page takes the one nearer to the sample before,
+        - a number for each dyad (two links between two known axes), which is negative if
+          the dyad does not reach. Only positions in closed form have it.
         """
         # `_wound_pairs` are the pairs on whose angle loads depend, such as springs. The
         # page counts their whole revolutions.
@@ -295,11 +302,10 @@ class PageMaker:
         row_formulas = self._make_formulas_with_torques(needed_names)
         sign_velocities = self._page_quantities.sign_velocities(row_formulas.results)
         added_names = [name for name in sign_velocities if name not in row_formulas.results]
-        # `step` contains a step of Newton's method; it is empty if positions have a closed
-        # form. In closed form `mode_value_names` are the names of the signs of the dyads,
-        # which select the assembly mode.
+        # `step` is a step of Newton's method, and empty if positions have a closed form.
         has_closed_form = not row_formulas.step
         if has_closed_form:
+            # In closed form, a mode has a value for each dyad: its sign.
             dyad_count = len(row_formulas.mode_value_names)
             added_names += [f"{CLOSURE_PREFIX}{dyad + 1}" for dyad in range(dyad_count)]
         if not added_names:

@@ -69,9 +69,9 @@ def preview(mechanism: Mechanism, path: Path | str) -> str:
     # Axes on opposite sides may cancel but for rounding. Then they have no middle.
     focus = axis_sum / length if length > 1e-9 else None
     with RerunRecorder(mechanism.name, path=path) as recorder:
-        # The plans tell how the pole axes are constructed while one input moves. They
-        # refuse a mechanism whose links and pairs give a wrong mobility by count, unless
-        # `by_rank` says that the rank of the velocity equations gave the right one.
+        # The plans of how pole axes are constructed, one for each moving input. Some
+        # mechanisms move although links and pairs give too small a mobility by count. With
+        # `by_rank`, their mobility is that by the rank of the velocity equations.
         pole_plans = plans(mechanism, position_analysis.by_rank)
         still_scene = static_scene(pole_plans, shapes)
         recorder.start(RecordingHead([still_scene], assembly_modes=titles, focus=focus))

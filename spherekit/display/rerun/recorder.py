@@ -539,9 +539,9 @@ class RerunRecorder:
         The result is a mapping from the path of a link (its name in the tree of the
         recording) to the names that are drawn with the link.
         """
-        # Each page has an object that chooses positions where names do not cover each
-        # other. What is recorded for the page None is shown on all pages. So a new page
-        # also shows its names, and begins with a copy of its object.
+        # Each page has an object that places names so that they do not cover each other.
+        # The page None is a part of all pages, so a new page begins with the names of the
+        # page None.
         if scene.page not in self._names:
             self._names[scene.page] = deepcopy(self._names[None])
         layout = self._open_charts.layout
