@@ -15,7 +15,7 @@ from oracles.exact_configurations import (
 )
 
 from spherekit.errors import SpherekitError
-from spherekit.positions.fold_bounds import bound_by_newton
+from spherekit.positions.fold_bounds import bound_by_kantorovich
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 from spherekit.tolerances import EPS, MAX_SINGULAR_ANGLE_ERROR_RAD
@@ -130,8 +130,8 @@ def test_newton_bounds_hold_if_all_loops_are_open_in_the_weakest_direction(loop_
     distance = np.linalg.norm(np.linalg.solve(jacobian, np.full(count, gap)))
     assert distance == pytest.approx(np.sqrt(count) * gap / least)
     sensitivity = np.linalg.norm(np.linalg.inv(jacobian))
-    bound = bound_by_newton(
-        np.array([sensitivity]), np.array([gap]), np.zeros(1), loop_count
+    bound = bound_by_kantorovich(
+        np.array([gap]), np.array([sensitivity]), np.zeros(1), loop_count
     )
     assert distance <= bound[0] <= 1.01 * distance
 
@@ -146,7 +146,9 @@ def test_newton_bounds_are_infinite_if_loops_together_may_have_no_solution(loop_
     curvature = 0.1
     gaps = np.array([0.01, 0.5, 1.0, 1.01]) / (2.0 * curvature)
     sensitivity = np.full(len(gaps), 1.0 / np.sqrt(loop_count))
-    bounds = bound_by_newton(sensitivity, gaps, np.full(len(gaps), curvature), loop_count)
+    bounds = bound_by_kantorovich(
+        gaps, sensitivity, np.full(len(gaps), curvature), loop_count
+    )
     roots = (1.0 - np.sqrt(np.maximum(1.0 - 2.0 * curvature * gaps, 0.0))) / curvature
     assert np.isfinite(bounds[0])
     assert np.isinf(bounds[-1])

@@ -250,14 +250,14 @@ def _integrate(
             homogeneous_rates = compiled_equation.homogeneous_rates(problem.values[None])
             sense = float(np.copysign(1.0, homogeneous_rates[0, 0] @ problem.frame[0]))
             momenta = sense * momentum_unit * problem.speed
-            convert_momenta: MomentumConversion = CurveMomentumConversion(
+            momentum_conversion: MomentumConversion = CurveMomentumConversion(
                 compiled_equation, sense
             )
         else:
             # The momenta of the compiled equation are scaled rates of the coordinates.
             momentum_unit = float(np.sqrt(total_moment_of_inertia(mechanism)))
             momenta = momentum_unit * variable_rates[coordinate_variables]
-            convert_momenta = CoordinateMomentumConversion(equation, frame)
+            momentum_conversion = CoordinateMomentumConversion(equation, frame)
 
         # Integrate, from the end of the previous run, if there is one.
         integration = TaylorIntegration(
@@ -283,7 +283,7 @@ def _integrate(
             break
         _check_first_step(problem, run)
         runs.append(run)
-        conversions.append(convert_momenta)
+        conversions.append(momentum_conversion)
         # The run that follows has a finer tolerance near a crossing, or other coordinates.
         if run.end == "singularity" and not can_see_crossings:
             max_tolerance = MAX_STEP_TOLERANCE

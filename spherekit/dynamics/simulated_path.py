@@ -7,6 +7,7 @@ series. Both become parts of a `StatePath`.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 
@@ -161,116 +162,172 @@ def _evaluate_step(step: CollocationStep, turns: Floats, t: Floats) -> PathState
     )
 
 
-MomentumConversion = Callable[[Floats, Floats], Floats]
-"""A function of the states and their rates (n, states) of a compiled equation. It replaces
-the momenta in both arrays by those of `PathStates`. It returns the frames
-(n, m, variables), which define the coordinates of the momenta."""
+class MomentumConversion(Protocol):
+    """Converts states of the compiled engine to states of a simulation.
+
+    The states of a simulation have the same meaning whichever engine computed them. A state
+    has the pair variables, the momenta of m coordinates, and the work of each load. Only
+    the momenta of the compiled engine are defined in another way.
+    """
+
+    def convert_momenta(self, states: Floats, state_rates: Floats) -> None:
+        """Replace the momenta in n states and in their rates by time, in place.
+
+        Parameters
+        ----------
+        states, state_rates
+            (n, states) states and their rates by time.
+        """
+
+    def compute_frames(self, states: Floats) -> Floats:
+        """Return the frames (n, m, variables) of n states (n, states).
+
+        The frame of a state defines the coordinates by the pair variables.
+        """
 
 
 @dataclass(frozen=True)
 class CurveMomentumConversion:
-    """Converts momenta of the compiled engine if there is one degree of freedom.
+    """Converts states of the compiled engine if there is one degree of freedom.
 
-    A momentum is positive if the mechanism moves along the configuration curve in its
-    positive direction. The compiled engine may have chosen the opposite direction. Its
-    momenta then change their sign.
-
-    Instances are called like functions. They can be pickled, which nested functions cannot.
+    The mechanism moves along a curve of configurations. The compiled engine and the
+    simulation may count the momentum as positive in opposite directions of this curve.
 
     Attributes
     ----------
     equation
-        The compiled equation of motion. It computes homogeneous rates: a tangent of the
-        curve, of any length.
+        The compiled equation of motion. It computes tangents of the curve.
     sense
-        +1 if this tangent points in the positive direction of the simulation, otherwise -1.
+        +1 if these tangents point in the positive direction of the simulation, otherwise
+        -1.
     """
 
     equation: CompiledEquation
     sense: float
 
-    def __call__(self, states: Floats, rates: Floats) -> Floats:
+    def convert_momenta(self, states: Floats, state_rates: Floats) -> None:
         """Give the momentum the sign that it has in a simulation, in place.
-
-        The mechanism has one degree of freedom, so it moves along a curve of
-        configurations. The compiled engine may count a momentum as positive along this
-        curve in the direction opposite to that of the simulation. `sense` is then -1,
-        otherwise +1, and all momenta are multiplied by it.
 
         Parameters
         ----------
-        states, rates
+        states, state_rates
             (n, states) states and their rates by time. The momentum is the column after the
             pair variables.
-
-        Returns
-        -------
-        (n, 1, variables) tangents of the configuration curve, of any length. A positive
-        momentum, as it is after the conversion, moves the mechanism along them.
         """
-        count = self.equation.layout.variable_count
-        for array in (states, rates):
-            array[:, count] *= self.sense
-        tangents = self.equation.homogeneous_rates(states[:, :count])
-        return self.sense * tangents
+        momentum = self.equation.layout.variable_count
+        states[:, momentum] *= self.sense
+        state_rates[:, momentum] *= self.sense
+
+    def compute_frames(self, states: Floats) -> Floats:
+        """Return tangents (n, 1, variables) of the configuration curve, of any length.
+
+        They point in the direction in which the mechanism moves if its momentum is positive
+        in the simulation.
+
+        Parameters
+        ----------
+        states
+            (n, states) states. The pair variables are the first columns.
+        """
+        pair_variables = states[:, : self.equation.layout.variable_count]
+        return self.sense * self.equation.homogeneous_rates(pair_variables)
 
 
 @dataclass(frozen=True)
 class CoordinateMomentumConversion:
-    """Converts rates of the compiled engine to momenta if there are several freedoms.
+    """Converts states of the compiled engine if there are several degrees of freedom.
 
-    The m coordinates of a run are some of the pair variables. The states of the compiled
-    engine contain scaled rates of the coordinates, those of a simulation contain momenta.
-    Instances are called like functions. They can be pickled with a simulation.
+    The velocity of the mechanism is given by the rates u of its m coordinates, which are
+    some of the pair variables. The compiled engine stores scaled rates s u. A simulation
+    stores momenta p = R u, with which the kinetic energy is p^2 / 2 in all configurations.
+    R is the symmetric root of the inertia matrix, M = R R.
 
     Attributes
     ----------
     equation
         The equation of motion, whose functions compute the inertia.
     frame
-        (m, variables) the coefficients of the pair variables in each of the m coordinates:
-        a 1 in each row, at the variable that is the coordinate.
+        (m, variables) the definition of the coordinates: in each row a 1 at the pair
+        variable that is the coordinate, and 0 elsewhere.
     """
 
     equation: EquationOfMotion
     frame: Floats
 
-    def __call__(self, states: Floats, rates: Floats) -> Floats:
-        """Convert the coordinate rates in each state to momenta, in place.
+    def convert_momenta(self, states: Floats, state_rates: Floats) -> None:
+        """Replace the scaled rates of the coordinates by momenta, in place.
 
-        The compiled engine stores s u. Here u are the rates of the m coordinates. The
-        factor s, the square root of the sum of the largest moments of inertia of all links,
-        gives them the unit of the momenta of a simulation. These are p = R u, with the
-        symmetric root R of the inertia matrix, M = R R.
+        The velocity of the mechanism is given by the rates of its m coordinates. In states
+        of the compiled engine they are multiplied by a constant, `rate_scale`. The results
+        of a simulation have momenta instead, whichever engine computed them.
 
         Parameters
         ----------
-        states, rates
+        states, state_rates
             (n, states) states and their rates by time. The columns `equation.momenta` have
-            s u at first, and p after the call.
+            the scaled rates of the coordinates before the call, and the momenta after it.
+        """
+        columns = self.equation.momenta
+        coordinate_rates = states[:, columns] / self.rate_scale
+        coordinate_accelerations = state_rates[:, columns] / self.rate_scale
+        momenta, momentum_rates = self._compute_momenta(
+            states[:, : self.equation.variable_count],
+            coordinate_rates,
+            coordinate_accelerations,
+        )
+        states[:, columns] = momenta
+        state_rates[:, columns] = momentum_rates
+
+    def compute_frames(self, states: Floats) -> Floats:
+        """Return the frame, repeated for each of n states: (n, m, variables).
+
+        The frame defines the coordinates, which are the same in all states.
+        """
+        return np.broadcast_to(self.frame, (len(states), *self.frame.shape))
+
+    @property
+    def rate_scale(self) -> float:
+        """Factor by which the compiled engine multiplies the rates of the coordinates.
+
+        It is the square root of a moment of inertia of the whole mechanism, so that scaled
+        rates have the unit of momenta.
+        """
+        return float(np.sqrt(total_moment_of_inertia(self.equation.mechanism)))
+
+    def _compute_momenta(
+        self,
+        pair_variables: Floats,
+        coordinate_rates: Floats,
+        coordinate_accelerations: Floats,
+    ) -> tuple[Floats, Floats]:
+        """Return the momenta p = R u of moving configurations, and their rates by time.
+
+        u are the rates of the m coordinates. R is the symmetric root of the inertia matrix,
+        M = R R, so that the kinetic energy u . M u / 2 is p^2 / 2.
+
+        Parameters
+        ----------
+        pair_variables
+            (n, variables) configurations, rad.
+        coordinate_rates, coordinate_accelerations
+            (n, m) first and second derivatives of the coordinates by time: u and du/dt.
 
         Returns
         -------
-        (n, m, variables) the frame, repeated for each state. It defines the coordinates of
-        the momenta: each coordinate is a sum of pair variables, with the coefficients in
-        its row. With one degree of freedom the frame differs from state to state.
+        momenta, momentum_rates
+            (n, m) p and dp/dt.
         """
-        equation = self.equation
-        scale = np.sqrt(total_moment_of_inertia(equation.mechanism))
-        momenta = equation.momenta
-        speeds = states[:, momenta] / scale
-        accelerations = rates[:, momenta] / scale
-        motion = equation.compute_motion(
-            states[:, : equation.variable_count], self.frame, order=2
-        )
-        masses = inertia(equation.mechanism, motion)
-        roots = InertiaRoots.from_inertia(masses.M)
-        # p = R u.
-        states[:, momenta] = roots.multiply(speeds)
+        # First and second derivatives of the configurations by the coordinates.
+        motion = self.equation.compute_motion(pair_variables, self.frame, order=2)
+        mechanism_inertia = inertia(self.equation.mechanism, motion)
+        inertia_roots = InertiaRoots.from_inertia(mechanism_inertia.M)
+        momenta = inertia_roots.multiply(coordinate_rates)
         # By the product rule, dp/dt = (dR/dt) u + R du/dt.
-        root_part = roots.multiply_derivative(masses.dM, speeds)
-        rates[:, momenta] = root_part + roots.multiply(accelerations)
-        return np.broadcast_to(self.frame, (len(states), *self.frame.shape))
+        by_change_of_inertia = inertia_roots.multiply_derivative(
+            mechanism_inertia.dM, coordinate_rates
+        )
+        by_acceleration = inertia_roots.multiply(coordinate_accelerations)
+        return momenta, by_change_of_inertia + by_acceleration
 
 
 def make_taylor_path(
@@ -287,15 +344,14 @@ def make_taylor_path(
     runs
         The runs in order of time.
     momentum_conversions
-        For each run a function that converts the momenta in its states, in place, to those
-        of `PathStates`. It returns the frames, which define the coordinates of the momenta.
+        For each run the conversion of the momenta in its states to those of `PathStates`.
     """
     segments: list[Segment] = []
     parts: list[Callable[[Floats], PathStates]] = []
-    for run, convert_momenta in zip(runs, momentum_conversions, strict=True):
+    for run, momentum_conversion in zip(runs, momentum_conversions, strict=True):
         for segment in run.segments:
             segments.append(segment)
-            parts.append(partial(_evaluate_segment, segment, convert_momenta))
+            parts.append(partial(_evaluate_segment, segment, momentum_conversion))
     # `segment.starts` are the start times of the steps in a segment.
     return StatePath(
         part_starts=np.array([segment.starts[0] for segment in segments]),
@@ -307,10 +363,11 @@ def make_taylor_path(
 
 
 def _evaluate_segment(
-    segment: Segment, convert_momenta: MomentumConversion, t: Floats
+    segment: Segment, momentum_conversion: MomentumConversion, t: Floats
 ) -> PathStates:
     """Return the states at times (n,) within a segment; see `make_taylor_path`."""
     states, rates = segment.evaluate(t)
     turns = np.broadcast_to(segment.turns, (len(t), len(segment.turns)))
-    frames = convert_momenta(states, rates)
+    frames = momentum_conversion.compute_frames(states)
+    momentum_conversion.convert_momenta(states, rates)
     return PathStates(states, rates, frames, turns)

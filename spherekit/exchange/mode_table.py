@@ -158,7 +158,7 @@ class ModeCandidate:
         steps and no error bound of their own. A smaller factor would reject right modes of
         long chains.
         """
-        return ANGLE_TOLERANCE_RAD + 10.0 * self.motion.float64_error
+        return ANGLE_TOLERANCE_RAD + 10.0 * self.motion.kantorovich_error
 
 
 def _middle_row(row_intervals: Indices, interval: int) -> int | None:
@@ -579,7 +579,7 @@ def _find_accurate_rows(sampled_motion: Motion, mode: AssemblyMode) -> Indices:
         sampled_motion.status == Status.OK
     )
     rows = np.flatnonzero(is_valid)
-    is_accurate = sampled_motion.rows(rows).float64_error <= MAX_CONFIGURATION_ERROR_RAD
+    is_accurate = sampled_motion.rows(rows).kantorovich_error <= MAX_CONFIGURATION_ERROR_RAD
     return np.asarray(rows[is_accurate])
 
 

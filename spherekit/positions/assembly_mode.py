@@ -29,7 +29,7 @@ class AssemblyMode(NamedTuple):
     guide
         Verified configurations over the inputs: a curve for one input, the samples of a
         grid for several. None if all groups are dyads or trains of wheels.
-    determinants
+    group_signs
         For each group the sign of the determinant of its velocity equations, which is
         constant in a mode. Empty if all groups are dyads or trains of wheels.
     name
@@ -45,7 +45,7 @@ class AssemblyMode(NamedTuple):
     number: int
     signs: tuple[int, ...]
     guide: ModeCurve | ModeOverGrid | None = None
-    determinants: tuple[float, ...] = ()
+    group_signs: tuple[float, ...] = ()
     name: str = ""
     pieces: tuple[tuple[float, "AssemblyMode"], ...] = ()
 

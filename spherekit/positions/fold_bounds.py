@@ -46,37 +46,48 @@ MAX_FOLD_NEWTON_STEPS = 4
 """Largest number of steps to the root of the quadratic model. Each doubles the digits."""
 
 
-def bound_by_newton(
-    sensitivity: Floats, gap: Floats, curvature: Floats, loop_count: int
+def bound_by_kantorovich(
+    residual_bound: Floats, sensitivity: Floats, curvature: Floats, loop_count: int
 ) -> Floats:
-    """Return bounds (n,) in rad of the errors of variables by Kantorovich's theorem.
+    """Return how far a computed configuration can be from one with exactly closed loops.
 
-    J is the derivative of the loop residuals by the variables that are not inputs. All
-    norms are Euclidean. Each of L loops has three residuals of at most g, so that their
-    norm is at most sqrt(3 L) g, and the first step of Newton's method at most
-    e = b sqrt(3 L) g, with the sensitivity b. If each loop changes its rows of J by at most
-    k per radian, J changes by at most K = k sqrt(L). If K b e is at most 1/2, the solution
-    is not farther away than 2 e / (1 + sqrt(1 - 2 K b e)), which is at most twice the first
-    step. Otherwise the theorem does not apply, and the bound is infinite. The rounding of
-    the variables themselves, 2 `EPS`, is added.
+    Newton's method would close the loops step by step. The Newton-Kantorovich theorem
+    bounds the sum of all steps by the first one. If the Jacobian J of the loop residuals
+    changes little along the first step, the closed configuration is at most twice this step
+    away. Otherwise there may be no closed configuration nearby.
 
     Parameters
     ----------
+    residual_bound
+        (n,) bounds (rad) of each component of the residuals of the loops.
     sensitivity
-        (n,) Frobenius norm of the inverse of J, rad of a variable per rad of a loop.
-    gap
-        (n,) bound (rad) of each component by which loops are open.
+        (n,) Frobenius norm of the inverse of J: the largest change of the pair variables
+        per unit change of the residuals.
     curvature
-        (n,) bound of the change of the rows of J of one loop, per radian of all variables.
+        (n,) bounds (1/rad) of the change of J in each loop, per radian of all variables.
     loop_count
-        Number of loops.
+        Number of loops. Each has three residuals.
+
+    Returns
+    -------
+    (n,) bounds (rad), infinite where the theorem does not apply.
+
+    References
+    ----------
+    Ciarlet, Mardare: On the Newton-Kantorovich theorem. Analysis and Applications 10, 2012.
     """
     with np.errstate(invalid="ignore", over="ignore"):
-        first_step = sensitivity * np.sqrt(3.0 * loop_count) * gap
-        kantorovich_number = np.sqrt(loop_count) * curvature * sensitivity * first_step
+        # All norms are Euclidean. The residuals of all loops have the norm
+        # sqrt(3 loop_count) residual_bound, and J changes by sqrt(loop_count) curvature.
+        first_step = sensitivity * np.sqrt(3.0 * loop_count) * residual_bound
+        jacobian_change = np.sqrt(loop_count) * curvature
+        kantorovich_number = jacobian_change * sensitivity * first_step
         root = np.sqrt(np.maximum(1.0 - 2.0 * kantorovich_number, 0.0))
         distance = 2.0 * first_step / (1.0 + root)
-        return np.where(kantorovich_number <= 0.5, 2.0 * EPS + distance, np.inf)
+        # The stored variables are themselves rounded.
+        bound = distance + 2.0 * EPS
+        # The theorem applies up to a Kantorovich number of 1/2.
+        return np.where(kantorovich_number <= 0.5, bound, np.inf)
 
 
 def curvature_bound(linearisation: Linearisation) -> Floats:
@@ -186,11 +197,11 @@ def place_at_folds(
     # Error bound by Newton's method, where its theorem applies. `gap` bounds each component
     # (rad) by which the loops may be open.
     gap = linearisation.closure_residual + rounding_of_loops(linearisation)
-    newton_error = bound_by_newton(
-        fold.sensitivity,
-        gap,
-        curvature_bound(linearisation),
-        loop_count=len(closure.tree.chords),
+    newton_error = bound_by_kantorovich(
+        residual_bound=gap,
+        sensitivity=fold.sensitivity,
+        curvature=curvature_bound(linearisation),
+        loop_count=closure.tree.loop_count,
     )
     # Otherwise by the quadratic function. At a fold the rounding of the inputs matters, and
     # opens the loops by `input_gap`.

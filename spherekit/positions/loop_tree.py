@@ -95,6 +95,11 @@ class LoopTree:
         tree_pairs = {pair for pair, _, _ in self.placements}
         return tuple(sorted({*range(len(self.ends))} - tree_pairs))
 
+    @property
+    def loop_count(self) -> int:
+        """Number of independent loops. Each pair outside the tree closes one."""
+        return len(self.chords)
+
     @cached_property
     def closing(self) -> Indices:
         """(3, loops) the chord of each loop, its first body, and its second body."""

@@ -314,7 +314,7 @@ class ModesOverRange:
                 signs=signs_at(self.solver, middle_values),
                 # The configurations from which Newton's method starts at other inputs.
                 guide=curve,
-                determinants=tuple(determinant_signs.tolist()),
+                group_signs=tuple(determinant_signs.tolist()),
             )
         )
         self._progress.report_if_due(lambda: f"{len(self.assembly_modes)} followed")

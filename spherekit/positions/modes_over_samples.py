@@ -624,41 +624,85 @@ class SampledModes:
             )
         return sorted(united_modes, key=lambda mode: -int(np.sum(mode >= 0)))
 
-    def _make_mode(self, number: int, mode: Indices, signs: SmallIntegers) -> AssemblyMode:
-        """Return an assembly mode, from its nodes in the graph.
+    def _make_mode(
+        self, number: int, configuration_numbers: Indices, group_signs: SmallIntegers
+    ) -> AssemblyMode:
+        """Return an assembly mode with all data from which it can be computed again.
 
-        A node is one configuration at one sample of the inputs. The configurations of the
-        mode become its guide: Newton's method starts from them if the mode is evaluated.
+        Links are placed in groups, one group after another. At given inputs each group can
+        be placed in several ways. An assembly mode is one choice for all groups.
 
         Parameters
         ----------
         number
-            Number that the mode gets.
-        mode
-            (n,) node at each sample, or -1. The values at samples without a node are NaN,
-            and their status is OUT_OF_REACH.
-        signs
-            (groups,) for each group of links the sign of a determinant, in a configuration
-            that is not singular: of the matrix of the three axes of a dyad (two links and
-            three R pairs), or of the velocity equations of another group.
+            Number of the mode.
+        configuration_numbers
+            (n,) the configuration of the mode at each sample of the inputs, as its number
+            in the graph of all configurations; -1 if the mode has none there.
+        group_signs
+            (groups,) sign of each group of links in this mode. Two ways to place a group
+            that meet at a singularity have opposite signs.
         """
-        has_node = mode >= 0
-        values = nans((len(mode), self._graph.values.shape[1]))
-        values[has_node] = self._graph.values[mode[has_node]]
-        status = np.where(has_node, Status.OK, Status.OUT_OF_REACH).astype(np.int8)
-        # The sign of a dyad selects one of its two closed forms. At a determinant of 0 both
-        # forms coincide, so either sign is right. Other groups have no closed form, and
-        # get 0.
-        dyad_signs = [
-            (1 if sign >= 0 else -1) if group.is_dyad else 0
-            for group, sign in zip(self.groups, signs.tolist(), strict=True)
-        ]
         return AssemblyMode(
             number=number,
-            signs=tuple(dyad_signs),
-            guide=ModeOverGrid(values, status),
-            determinants=tuple(signs.tolist()),
+            # A dyad (a group of two links) can be placed in two ways, computed by a
+            # formula. A sign selects one of them.
+            signs=self._select_dyad_solutions(group_signs),
+            # Groups without a formula are placed by Newton's method, which starts at these
+            # configurations.
+            guide=self._collect_configurations(configuration_numbers),
+            # A result with another sign than this belongs to another mode and is rejected.
+            group_signs=tuple(group_signs.tolist()),
         )
+
+    def _select_dyad_solutions(self, group_signs: SmallIntegers) -> tuple[int, ...]:
+        """Return the sign that selects a solution of each dyad, and 0 for other groups.
+
+        A dyad is a group of two links with three pair axes. The axes are the corners of a
+        spherical triangle with given sides. There are two such triangles, one the mirror
+        image of the other. In the order of the pairs, the corners run counterclockwise (+1)
+        or clockwise (-1).
+
+        Parameters
+        ----------
+        group_signs
+            (groups,) sign of each group of links. For a dyad it is the sign of the triple
+            product of its three axes.
+
+        Returns
+        -------
+        +1 or -1 for each dyad, and 0 for each other group.
+        """
+        dyad_signs = []
+        for group, sign in zip(self.groups, group_signs.tolist(), strict=True):
+            if not group.is_dyad:
+                dyad_signs.append(0)
+            elif sign >= 0:
+                # If the sign is 0, the three axes are in a plane. Both triangles are then
+                # equal, and either sign is right.
+                dyad_signs.append(1)
+            else:
+                dyad_signs.append(-1)
+        return tuple(dyad_signs)
+
+    def _collect_configurations(self, configuration_numbers: Indices) -> ModeOverGrid:
+        """Return the configurations of a mode at all n samples of the inputs.
+
+        Parameters
+        ----------
+        configuration_numbers
+            (n,) the configuration at each sample, as its number in the graph of all
+            configurations; -1 if the mode has none there. The result then has the status
+            OUT_OF_REACH and pair variables NaN.
+        """
+        is_reached = configuration_numbers >= 0
+        reached_configurations = configuration_numbers[is_reached]
+        # (configurations, variables) pair variables of all configurations in the graph.
+        values_in_graph = self._graph.values
+        values = nans((len(configuration_numbers), values_in_graph.shape[1]))
+        values[is_reached] = values_in_graph[reached_configurations]
+        status = np.where(is_reached, Status.OK, Status.OUT_OF_REACH).astype(np.int8)
+        return ModeOverGrid(values=values, status=status)
 
 
 def _count_samples(q: Floats, complete: int) -> str:

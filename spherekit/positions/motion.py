@@ -18,7 +18,7 @@ from spherekit.numerics.array_rows import ArrayRows
 from spherekit.planning.assembly_plan import Assembly
 from spherekit.positions.assembly_mode import AssemblyMode, has_configuration
 from spherekit.positions.fold_bounds import (
-    bound_by_newton,
+    bound_by_kantorovich,
     curvature_bound,
     rounding_of_loops,
 )
@@ -227,34 +227,42 @@ class Motion(ArrayRows):
         return np.sqrt(self.residual_bound / self._curvature_bound)
 
     @cached_property
-    def float64_error(self) -> Floats:
-        """(n,) bounds (rad) of the errors of the variables, from float64 results alone.
+    def kantorovich_error(self) -> Floats:
+        """(n,) upper bounds (rad) of the errors of the pair variables, one for each row.
 
-        The bounds contain the rounding of the sizes in the file to float64, so they apply
-        to the decimal sizes too. They are infinite near dead centres, where Newton's
-        theorem gives no bound, and NaN in failed rows and rows that were not solved.
+        Each row is a computed configuration. It closes the loops of links only up to
+        rounding errors. So its pair variables differ a little from those of the exact
+        configuration, whose loops are closed. The Newton-Kantorovich theorem bounds this
+        difference.
+
+        The bound is infinite near a dead centre, where the theorem does not apply. It is
+        NaN in rows without a configuration.
         """
+        # If no row was solved, there is nothing to bound.
         if np.all(np.isnan(self.residual)):
             return nans(len(self))
-        error = bound_by_newton(
-            self.sensitivity,
-            self.residual_bound,
-            self._curvature_bound,
-            loop_count=len(self.linearisation.tree.chords),
+        bounds = bound_by_kantorovich(
+            # How far the loops can be open. This includes the rounding of the link sizes.
+            residual_bound=self.residual_bound,
+            # How much the pair variables change per unit change of the residuals.
+            sensitivity=self.sensitivity,
+            # How much the Jacobian of a loop changes per radian.
+            curvature=self._curvature_bound,
+            loop_count=self.linearisation.tree.loop_count,
         )
-        return np.where(self.failed, np.nan, error)
+        return np.where(self.failed, np.nan, bounds)
 
     @cached_property
     def configuration_error(self) -> Floats:
         """(n,) bounds (rad) of the errors of the variables.
 
-        This is the `float64_error` if it is finite, and the `singular_error` near dead
+        This is the `kantorovich_error` if it is finite, and the `singular_error` near dead
         centres. It is NaN in failed rows and in rows that were not solved.
         """
         if self.singular_error is None:
-            return self.float64_error
-        is_unknown = np.isinf(self.float64_error) & np.isfinite(self.singular_error)
-        return np.where(is_unknown, self.singular_error, self.float64_error)
+            return self.kantorovich_error
+        is_unknown = np.isinf(self.kantorovich_error) & np.isfinite(self.singular_error)
+        return np.where(is_unknown, self.singular_error, self.kantorovich_error)
 
     @property
     def orientation_error(self) -> Floats:

@@ -458,11 +458,11 @@ class PositionSolver:
             _set_status(status, ~(deviation <= limit), Status.MODE_LOST)
         reciprocal_condition = group_reciprocal_condition(closure.jacobian)
         is_singular = reciprocal_condition < SINGULAR_GROUP_CONDITION
-        if assembly_mode.determinants:
+        if assembly_mode.group_signs:
             # The sign of the determinant differs between neighbouring modes. In a singular
             # configuration it is caused by rounding.
             sign = determinant_sign(closure.jacobian)
-            is_flipped = sign != assembly_mode.determinants[position]
+            is_flipped = sign != assembly_mode.group_signs[position]
             is_flipped &= reciprocal_condition >= SINGULAR_GROUP_CONDITION
             _set_status(status, is_flipped, Status.MODE_LOST)
         _set_status(status, is_singular, Status.AT_SINGULARITY)
@@ -597,7 +597,7 @@ class PositionSolver:
         # In quad precision, as far as that is possible.
         if self._quad_assembly.is_supported:
             placed = self._quad_assembly.place(
-                assembly_mode.signs, assembly_mode.determinants, q[rows], state.values[rows]
+                assembly_mode.signs, assembly_mode.group_signs, q[rows], state.values[rows]
             )
             values = placed.values
             error = placed.error

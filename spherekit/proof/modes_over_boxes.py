@@ -21,7 +21,7 @@ from spherekit.proof.construction import permanent
 from spherekit.proof.homotopy import HOMOTOPY_SEEDS, track_homotopy
 from spherekit.proof.root_charts import (
     ChartRoots,
-    InputBoxes,
+    KnownAngleChanges,
     Polynomials,
     RootTubes,
     apply_matrices,
@@ -328,17 +328,17 @@ class EquationSystem:
 
         given = select_given("angle", centres)
         polynomials = self.form_polynomials(select_given("circle_points", circle_points))
-        input_boxes = InputBoxes(
-            half=half,
-            given_rates=select_given("rates", unit_rates),
-            given_error=select_given("error", no_error),
+        known_angle_changes = KnownAngleChanges(
+            input_half_widths=half,
+            rates=select_given("rates", unit_rates),
+            max_error=select_given("error", no_error),
         )
         if len(self.unknowns) == 1:
             approximations = solve_one_unknown(polynomials)
         else:
             approximations = self._follow_roots(given)
         roots, has_converged = polish_roots(polynomials, approximations)
-        tubes = enclose_roots(polynomials, roots, input_boxes)
+        tubes = enclose_roots(polynomials, roots, known_angle_changes)
         # If all roots at the centre of a box are known, they are starts for other boxes,
         # even if nothing can be proven over the whole box because it is too large. Each
         # mode has `bound` roots, one after another.

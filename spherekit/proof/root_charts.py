@@ -466,28 +466,49 @@ def _bound_changes(
 
 
 @dataclass(frozen=True)
-class InputBoxes:
-    """m boxes of the inputs, and how the given variables of equations change in them.
+class KnownAngleChanges:
+    """Changes of the known angles of equations, while the inputs vary in small boxes.
 
-    The equations of a mechanism are solved in parts, called systems. The given variables of
-    a system are the inputs and the unknowns of the systems before it. They change nearly
-    linearly with the inputs. Their values at the centres of the boxes are not stored here.
-    The polynomials that are used with the boxes already contain them: they are polynomials
-    in the unknowns, with one set of coefficients for each box.
+    A box is an interval for each input. A proof must show that equations have a solution
+    for all inputs in the box, not only at its centre. Some angles in the equations are
+    known: the inputs themselves, and angles that were solved before. They vary in the box,
+    too, nearly as linear functions of the inputs (a first-order Taylor model). If the
+    inputs move by dq from the centre of the box, the known angles change by
+
+        rates dq + error,   |error| <= max_error.
+
+    For an input itself, the derivative by this input is 1, and the error is 0.
 
     Attributes
     ----------
-    half
-        (m, inputs) half widths (rad) of the boxes.
-    given_rates
-        (m, given, inputs) derivatives of the given variables by the inputs.
-    given_error
-        (m, given) largest deviation (rad) of the given variables from linear motion.
+    input_half_widths
+        (boxes, inputs) half widths (rad) of the boxes.
+    rates
+        (boxes, known angles, inputs) derivatives of the known angles by the inputs.
+    max_error
+        (boxes, known angles) bounds (rad) of the error.
     """
 
-    half: Floats
-    given_rates: Floats
-    given_error: Floats
+    input_half_widths: Floats
+    rates: Floats
+    max_error: Floats
+
+    def select_boxes(self, box_numbers: Indices) -> "KnownAngleChanges":
+        """Return the changes in some boxes. A number may occur more than once."""
+        return KnownAngleChanges(
+            input_half_widths=self.input_half_widths[box_numbers],
+            rates=self.rates[box_numbers],
+            max_error=self.max_error[box_numbers],
+        )
+
+    def upper_bounds(self) -> Floats:
+        """Return upper bounds (boxes, known angles), in rad, of the changes.
+
+        They apply to the change of each known angle from the centre to any point of a box.
+        """
+        # A linear function changes most towards a corner of the box.
+        linear_change = apply_matrices(np.abs(self.rates), self.input_half_widths)
+        return (linear_change + self.max_error) * ROUND_UP
 
 
 @dataclass(frozen=True)
@@ -534,7 +555,9 @@ class RootTubes:
 
 
 def enclose_roots(
-    polynomials: Polynomials, roots: ChartRoots, input_boxes: InputBoxes
+    polynomials: Polynomials,
+    roots: ChartRoots,
+    known_angle_changes: KnownAngleChanges,
 ) -> RootTubes:
     """Return tubes about approximate roots with exactly one root for each input.
 
@@ -557,13 +580,13 @@ def enclose_roots(
         boxes.
     roots
         Approximate roots.
-    input_boxes
+    known_angle_changes
         The boxes of the inputs about each of these sets.
     """
     count = roots.z.shape[1]
-    half = input_boxes.half[roots.row]
-    given_rates = input_boxes.given_rates[roots.row]
-    given_error = input_boxes.given_error[roots.row]
+    changes_at_roots = known_angle_changes.select_boxes(roots.row)
+    half = changes_at_roots.input_half_widths
+    given_error = changes_at_roots.max_error
     at_roots = evaluate_polynomials(polynomials, roots)
     values = at_roots.values
     by_unknowns = at_roots.by_unknowns
@@ -574,9 +597,9 @@ def enclose_roots(
 
     # Motion of the root over the box: linear part, and what deviations of the given
     # variables add.
-    rates = -inverse_by_given @ given_rates
+    rates = -inverse_by_given @ changes_at_roots.rates
     motion = apply_matrices(np.abs(rates), half) * ROUND_UP
-    given_change = (apply_matrices(np.abs(given_rates), half) + given_error) * ROUND_UP
+    given_change = changes_at_roots.upper_bounds()
     from_given_error = apply_matrices(np.abs(inverse_by_given), given_error)
     newton_step = np.abs(apply_matrices(inverse, values))
 

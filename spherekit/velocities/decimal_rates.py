@@ -109,7 +109,7 @@ class DecimalRates:
             # in two ways, which its sign distinguishes. For any other group of links it is
             # the sign of the determinant of its closure equations.
             placed = quad_assembly.place(
-                mode.signs, mode.determinants, motion.inputs[rows], motion.values[rows]
+                mode.signs, mode.group_signs, motion.inputs[rows], motion.values[rows]
             )
             # The number type (quad precision) is known from the first result.
             if rotations is None:

@@ -533,10 +533,10 @@ def choose_order(motion: Motion) -> EliminationOrder | None:
     """
     if not motion.passive_variables:
         return []
-    # `float64_error` is the error bound (rad) of the variables of each row. It is large
+    # `kantorovich_error` is the error bound (rad) of the variables of each row. It is large
     # near singular configurations, which are no good references. They are only used if
     # there are no others.
-    is_accurate = motion.float64_error < MAX_REFERENCE_ERROR_RAD
+    is_accurate = motion.kantorovich_error < MAX_REFERENCE_ERROR_RAD
     candidates = np.flatnonzero(~motion.failed & is_accurate)
     if not len(candidates):
         candidates = np.flatnonzero(~motion.failed)

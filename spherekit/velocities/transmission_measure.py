@@ -185,7 +185,7 @@ class Transmission:
             motion_per_misfit = output_motion @ inverse
             # Negated, so that NaN counts as too large.
             is_weak = ~(max_abs(inverse, (1, 2)) < MAX_INVERSE_ENTRY)
-            motion_per_misfit[is_weak] = _motion_by_singular_values(
+            motion_per_misfit[is_weak] = _output_motion_per_opening(
                 output_motion[is_weak], loops[is_weak]
             )
             size = np.linalg.norm(motion_per_misfit, 2, axis=(1, 2))
@@ -319,36 +319,67 @@ def _orthonormal_vectors(tree: LoopTree, vectors: Floats) -> Floats:
     return units
 
 
-def _motion_by_singular_values(output_motion: Floats, loops: Floats) -> Floats:
-    """Return the motion of the output per unit misfit if equations are nearly singular.
+def _output_motion_per_opening(output_motion: Floats, loop_equations: Floats) -> Floats:
+    """Return how much the output moves per unit opening of the loops, near a singularity.
 
-    If the passive pairs move at any rates, the relative angular velocities around a loop do
-    not add up to 0, but to the misfits. The result is the basis of the transmission
-    measure: it is large if small misfits, which the play of pairs allows, move the output
-    much.
+    The inputs are locked, but the pairs have play. So the loops can open a little: the
+    relative angular velocities of their pairs do not add up to 0. The passive pairs can
+    then move, and the output moves with them. Locked inputs hold the output firmly if it
+    moves little per opening.
 
-    In a nearly singular mechanism some motions of the passive pairs have practically no
-    misfits. If such a motion moves the output, the result is practically infinite. If it
-    moves other links only, it is left out.
+    The result is the product of two matrices: the motion of the output, and the inverse of
+    the loop equations. Near a singularity the inverse hardly exists. The singular value
+    decomposition therefore splits the motion of the passive pairs into independent motions.
+    Each opens the loops by its singular value, and is inverted separately.
 
     Parameters
     ----------
     output_motion
-        (n, 3, passive) motion of the output per unit rate of each passive variable.
-    loops
-        (n, equations, passive) the loop equations.
+        (n, 3, passive) angular velocity of the output per unit rate of each passive
+        variable.
+    loop_equations
+        (n, equations, passive) opening rates of the loops per unit rate of each passive
+        variable.
 
     Returns
     -------
-    (n, 3, equations) `output_motion` times the pseudo-inverse of `loops`.
+    (n, 3, equations) angular velocity of the output per unit opening rate.
     """
-    # loops = left diag(sizes) right. The rows of `right` are motions of the passive pairs.
-    left, sizes, right = np.linalg.svd(loops, full_matrices=False)
-    moved = output_motion @ np.swapaxes(right, 1, 2)
-    is_resting = np.linalg.norm(moved, axis=1) < MIN_OUTPUT_MOTION
-    # A motion of the passive pairs whose singular value is this small has no misfits. If
-    # the output rests in it, it is left out. Otherwise its large reciprocal remains.
-    is_self_motion = (sizes < 1.0 / MAX_INVERSE_ENTRY) & is_resting
-    # The smallest divisor prevents a division by zero.
-    inverse_sizes = np.where(is_self_motion, 0.0, 1.0 / np.maximum(sizes, 1e-300))
-    return (moved * inverse_sizes[:, None]) @ np.swapaxes(left, 1, 2)
+    # Row i of `passive_motions` is a motion that opens the loops by `openings[i]`, in the
+    # direction of column i of `opening_directions`.
+    opening_directions, openings, passive_motions = np.linalg.svd(
+        loop_equations, full_matrices=False
+    )
+    # (n, 3, motions) angular velocity of the output in each independent motion.
+    output_in_motions = output_motion @ np.swapaxes(passive_motions, 1, 2)
+    output_speeds = np.linalg.norm(output_in_motions, axis=1)
+    inverse_openings = _invert_openings(openings, output_speeds)
+    output_per_opening = output_in_motions * inverse_openings[:, None]
+    # From the opening directions of the motions to the equations of the loops.
+    return output_per_opening @ np.swapaxes(opening_directions, 1, 2)
+
+
+def _invert_openings(openings: Floats, output_speeds: Floats) -> Floats:
+    """Return 1 / opening for each motion of the passive pairs, but 0 for harmless motions.
+
+    A motion that opens no loop is possible although the inputs are locked. If it moves the
+    output, nothing holds the output, and 1 / opening is practically infinite. If the output
+    rests, only other links move. Such a motion is harmless for this output.
+
+    Parameters
+    ----------
+    openings
+        (n, motions) rate at which the loops open in each motion of the passive pairs.
+    output_speeds
+        (n, motions) angular speed of the output in each motion.
+
+    Returns
+    -------
+    (n, motions) reciprocals.
+    """
+    # An opening as small as this is a rounding error.
+    opens_no_loop = openings < 1.0 / MAX_INVERSE_ENTRY
+    output_rests = output_speeds < MIN_OUTPUT_MOTION
+    # The limit 1e-300 prevents a division by zero.
+    inverse_openings = 1.0 / np.maximum(openings, 1e-300)
+    return np.where(opens_no_loop & output_rests, 0.0, inverse_openings)
