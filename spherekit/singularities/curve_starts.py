@@ -323,8 +323,7 @@ def points_from(
     """Return the singular configurations that Newton's method reaches from given ones.
 
     In most rows Newton's method changes only one of the inputs, so that the others stay in
-    their ranges. This free input differs from row to row, in turn. In some rows all inputs
-    are free, and Newton's method takes the shortest steps to a singular configuration.
+    their ranges, see `_locked_input_conditions`.
 
     Parameters
     ----------
@@ -339,21 +338,43 @@ def points_from(
     -------
     At most n points.
     """
-    # Linear equations (borders of the matrix of Newton's method) that keep all inputs but
-    # one, for each free input.
-    input_rows = np.eye(values.shape[1])[list(driven)]
-    choices = [np.delete(input_rows, free, 0) for free in range(len(input_rows))]
-    # The last choice keeps no input: as many equations 0 = 0. They do no harm, because each
-    # step is the shortest one that satisfies all equations.
-    choices.append(np.zeros_like(input_rows[1:]))
-    borders = np.array(choices)[np.arange(len(values)) % len(choices)]
     # A singular motion consists of unit rates that close the loops while the inputs (type
     # II) or the output (type I) rest. At a configuration that is not singular none exists.
     # Newton's method starts with the rates at which the inputs, or the output, move least.
     motions = locus.measure(locus.tangent_space(values)).motion
-    # Values of the inputs that the borders keep.
-    targets = np.matvec(borders, values)
+    conditions = _locked_input_conditions(len(values), values.shape[1], driven)
+    locked_values = np.matvec(conditions, values)
     points = locus.correct(
-        values, motions, borders, targets, max_steps=RANDOM_LOCUS_NEWTON_STEPS
+        values, motions, conditions, locked_values, max_steps=RANDOM_LOCUS_NEWTON_STEPS
     )
     return points.rows(points.is_on_locus)
+
+
+def _locked_input_conditions(
+    row_count: int, variable_count: int, driven: Sequence[int]
+) -> Floats:
+    """Return the linear conditions that lock all inputs but one, in turn.
+
+    With two inputs, row 0 locks the second input, row 1 the first one, and row 2 none. Row
+    3 begins again with the second input. In rows that lock no input, Newton's method takes
+    the shortest steps to a singular configuration.
+
+    Parameters
+    ----------
+    row_count
+        Number n of configurations.
+    variable_count
+        Number V of the pair variables.
+    driven
+        Numbers of the inputs' variables.
+
+    Returns
+    -------
+    (n, inputs - 1, V) matrices. Their products with the variables are the locked inputs.
+    """
+    input_rows = np.eye(variable_count)[list(driven)]
+    choices = [np.delete(input_rows, free, 0) for free in range(len(input_rows))]
+    # No input is locked by as many equations 0 = 0. They do no harm, because each step is
+    # the shortest one that satisfies all equations.
+    choices.append(np.zeros_like(input_rows[1:]))
+    return np.array(choices)[np.arange(row_count) % len(choices)]

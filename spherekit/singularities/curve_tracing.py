@@ -13,7 +13,11 @@ from spherekit.positions.continuation import UNFINISHED, CurveContinuation, Trie
 from spherekit.positions.curve_segment import CurvePoints
 from spherekit.positions.gear_phases import variable_periods
 from spherekit.positions.verified_steps import STEP_PARTS, Verification, extrapolate
-from spherekit.singularities.locus import LocusPoints, SingularityLocus
+from spherekit.singularities.locus import (
+    LocusPoints,
+    SingularityLocus,
+    append_conditions,
+)
 from spherekit.singularities.singular_curve import (
     SingularCurve,
     orient_tangents,
@@ -100,31 +104,23 @@ class _LocusNodes(CurvePoints):
     points: LocusPoints
 
 
-def _bordered_equations(points: LocusPoints, tangents: Floats) -> Floats:
-    """Return the equations of points of the locus, with the tangent as a further row.
+def _equations_with_tangent(points: LocusPoints, tangents: Floats) -> Floats:
+    """Return the linearised equations of points on a curve, with the tangent as last row.
 
-    A point of the locus is a configuration in which some unit rates x close the loops while
-    the inputs, or the output, are at rest. These rates are the singular motion. The further
-    row makes the matrix regular as long as curves do not cross.
+    The equations of the locus leave one freedom, the change along the curve. The last row
+    is the component of a change along the tangent. With it the matrix is regular as long as
+    curves do not cross.
 
     Parameters
     ----------
     points
-        n points with their linearised equations, (n, equations, g + k). The unknowns are g
-        coordinates of the configuration, then k coordinates of its singular motion. Curves
-        have g = `CURVE_FREEDOMS`.
+        n points with their linearised equations.
     tangents
-        (n, variables) tangents of the curve in the pair variables.
-
-    Returns
-    -------
-    (n, equations + 1, g + k) matrices.
+        (n, V) tangents of the curve in the V variables.
     """
-    # (n, g + k) products of the tangent with the basis vectors of all unknowns. The tangent
-    # is a change of the configuration, so the elements of the singular motion are zero.
-    border = np.einsum("nv,nvg->ng", tangents, points.basis)
-    border[:, CURVE_FREEDOMS:] = 0.0
-    return np.concatenate([points.equations, border[:, None]], axis=1)
+    return append_conditions(
+        points.equations, tangents[:, None], points.bases.configuration
+    )
 
 
 @dataclass
@@ -201,7 +197,7 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
         # arrays below are the middle and the end of step j.
         parts = distances[:, None] * STEP_PARTS
         # The component of a point along the tangent at the start selects it on the curve.
-        borders = np.repeat(nodes.tangents, 2, axis=0)
+        start_tangents = np.repeat(nodes.tangents, 2, axis=0)
         motion_derivatives = start.motion_derivatives[:, :, 0]
         targets = np.vecdot(nodes.tangents, start.values)[:, None] + parts
         points = self.locus.correct(
@@ -209,9 +205,9 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
             motions=extrapolate(
                 start.motions, motion_derivatives, np.zeros_like(motion_derivatives), parts
             ),
-            borders=borders[:, None],
+            conditions=start_tangents[:, None],
             targets=targets.reshape(-1, 1),
-            reference_basis=np.repeat(start.basis, 2, axis=0),
+            reference=start.bases.rows(np.repeat(np.arange(len(start)), 2)),
         )
         # The size of a step includes the change of the singular motion, which is fast where
         # curves pass each other.
@@ -220,10 +216,11 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
             (points.first_step, points.step_ratio), np.repeat(step_sizes, 2)
         )
         # Tangents have an arbitrary sign; they get the direction of the step.
-        tangent_cosine = np.vecdot(points.tangents[:, :, 0], borders)
+        tangent_cosine = np.vecdot(points.tangents[:, :, 0], start_tangents)
         points = orient_tangents(points, np.sign(tangent_cosine))
-        equations_before = np.repeat(_bordered_equations(start, nodes.tangents), 2, axis=0)
-        equations_after = _bordered_equations(points, borders)
+        equations_before = _equations_with_tangent(start, nodes.tangents)
+        equations_before = np.repeat(equations_before, 2, axis=0)
+        equations_after = _equations_with_tangent(points, start_tangents)
         # The matrix A of the equations stays regular on the way if |A^-1 dA| < 1.
         relative_change = np.linalg.pinv(equations_before) @ (
             equations_after - equations_before

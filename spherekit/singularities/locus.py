@@ -27,6 +27,7 @@ from spherekit.positions.loop_closure import Closure, newton
 from spherekit.singularities.stationarity import StationarityConstraint
 from spherekit.singularities.tangent_space import (
     SMALLEST_NORMAL,
+    ConfigurationChanges,
     OutputPart,
     TangentSpace,
     decompose,
@@ -52,8 +53,9 @@ shortened. Larger: faster, but points of remote parts of the locus may be reache
 class SingularityMeasure:
     """How near n configurations are to the locus, the set of singular configurations.
 
-    A configuration is singular if unit rates x close the loops and satisfy E x = 0. For
-    type II, E x are the rates of the inputs, for type I those of the output.
+    A configuration is singular if it can move while some rates are all zero: those of the
+    inputs (type II) or of the output (type I). The rates x of such a motion close the loops
+    and satisfy E x = 0.
 
     Attributes
     ----------
@@ -61,10 +63,12 @@ class SingularityMeasure:
         The condition E x = 0.
     space, motion_space
         Rates that close the loops of the mechanism, and those among which x is looked for.
-    constraint_on_basis
-        (n, m, k) E applied to the basis of `motion_space`.
+    constrained_rates
+        (n, m, k) the m rates E x that have to be zero, in each of k independent motions:
+        the columns of `motion_space.basis`. In a singular configuration they are all zero
+        in a combination of these motions.
     smallest_singular_value
-        (n,) smallest singular value of `constraint_on_basis`, zero on the locus.
+        (n,) smallest singular value of `constrained_rates`, zero on the locus.
     motion
         (n, V) unit rates that belong to this singular value: the x with least |E x|.
     """
@@ -72,7 +76,7 @@ class SingularityMeasure:
     constraint: StationarityConstraint
     space: TangentSpace
     motion_space: TangentSpace
-    constraint_on_basis: Floats
+    constrained_rates: Floats
     smallest_singular_value: Floats
     motion: Floats
 
@@ -80,67 +84,89 @@ class SingularityMeasure:
     def changes_sign(self) -> bool:
         """Whether `value` changes its sign across the locus, the singular configurations.
 
-        `value` is a determinant that is zero in singular configurations. A configuration is
-        singular if rates x close the loops and satisfy E x = 0, where E x are the rates of
-        the inputs (type II) or of the output (type I). B is E applied to a basis of the
-        rates that close the loops. det B is used if B is square and the sense of the basis
-        is fixed, because det B would change its sign with that sense. Otherwise det(B^T B)
-        is used, which is never negative, so it only touches zero.
+        `value` is the determinant of `constrained_rates` if this matrix is square and the
+        sense of its basis of motions is fixed, because the determinant would change its
+        sign with that sense. Otherwise `value` is never negative and only touches zero.
         """
-        _, rows, columns = self.constraint_on_basis.shape
+        _, rows, columns = self.constrained_rates.shape
         return self.motion_space.has_fixed_sense and rows == columns
 
     @cached_property
     def _square_matrix(self) -> Floats:
         """(n, k, k) the square matrix whose determinant is `value`.
 
-        It is B = E N (`constraint_on_basis`): the equations E x = 0 of a singularity,
-        applied to a basis N of the k rates x that close the loops. It is B^T B if B is not
-        square, or if det B does not change its sign across the locus, the singular
-        configurations.
+        It is the matrix B of `constrained_rates` if det B changes its sign across the
+        locus, and B^T B otherwise. Both are singular in the same configurations.
         """
-        matrix = self.constraint_on_basis
+        matrix = self.constrained_rates
         return matrix if self.changes_sign else np.swapaxes(matrix, 1, 2) @ matrix
 
     @property
     def value(self) -> Floats:
-        """(n,) determinant, zero in singular configurations: det B, or det(B^T B)."""
+        """(n,) determinant, zero in singular configurations.
+
+        It is det B of the matrix B of `constrained_rates`, or det(B^T B).
+        """
         return np.linalg.det(self._square_matrix)
 
     @property
     def gradient(self) -> Floats:
-        """(n, g) derivatives of `value` as the configuration changes, with g freedoms.
+        """(n, g) derivatives of `value` along g changes of the configuration.
 
-        A configuration is singular if rates x close the loops and satisfy E x = 0, where E
-        x are the rates of the inputs (type II) or of the output (type I). N is a basis of
-        the k rates that close the loops, and B = E N (`constraint_on_basis`). `value` is
-        det B if this determinant changes its sign at singularities (`changes_sign`), and
-        otherwise det(B^T B). The derivative of a determinant is
-        d det A = trace(adj(A) dA) for the matrix A = B or A = B^T B (`_square_matrix`). The
-        adjugate adj(A) exists where A is singular, too.
-
-        The derivatives are along the g columns of the basis of the tangent space, which
-        are the changes of the configuration that keep the loops closed.
+        The changes are the columns of `space.basis`, which keep the loops closed. `value`
+        is the determinant of a matrix A, so Jacobi's formula gives its derivative:
+        d det A = trace(adj(A) dA). The adjugate adj(A) exists at singular configurations,
+        too, where A has no inverse.
         """
-        # B = E N has the derivative dB = dE N + E dN. N changes because its rates must
-        # continue to close the loops: dN = C N with `rate_corrections` C. Axis 1 of dE and
-        # C has g + 1 directions of change. The last one, a step that closes slightly open
-        # loops, is left out.
-        degrees_of_freedom = self.space.dimension
+        # The letters are: n configuration, j change, a and b rows and columns of A.
+        return np.einsum(
+            "nab,njba->nj",
+            adjugate(self._square_matrix),
+            self._square_matrix_derivatives(),
+        )
+
+    def _square_matrix_derivatives(self) -> Floats:
+        """Return the derivatives (n, g, k, k) of `_square_matrix` along g changes."""
+        derivatives = self._constrained_rate_derivatives()
+        if self.changes_sign:
+            return derivatives
+        # The product rule d(B^T B) = dB^T B + B^T dB: a matrix plus its transpose.
+        half = np.swapaxes(derivatives, 2, 3) @ self.constrained_rates[:, None]
+        return half + np.swapaxes(half, 2, 3)
+
+    def _constrained_rate_derivatives(self) -> Floats:
+        """Return the derivatives (n, g, m, k) of `constrained_rates` along g changes.
+
+        Two things change with the configuration: the matrix E, and the motions, which have
+        to be corrected to continue to close the loops.
+        """
+        changes = self.space.closed_changes
         basis = self.motion_space.basis[:, None]
-        equation_derivatives = self.constraint.equation_derivatives(self.space)
-        corrections = self.motion_space.rate_corrections[:, :degrees_of_freedom]
-        equations = self.constraint.equations(self.space.linearisation)
-        # (n, g, m, k) derivatives of B.
-        derivatives = equation_derivatives[:, :degrees_of_freedom] @ basis
-        derivatives += equations[:, None] @ corrections @ basis
-        if not self.changes_sign:
-            # `value` is det(B^T B) here. The derivative of B^T B is B'^T B + B^T B', the
-            # sum of a matrix and its transpose.
-            half = np.swapaxes(derivatives, 2, 3) @ self.constraint_on_basis[:, None]
-            derivatives = half + np.swapaxes(half, 2, 3)
-        # The letters are: n configuration, j direction of change, a and b rows and columns.
-        return np.einsum("nab,njba->nj", adjugate(self._square_matrix), derivatives)
+        constraint_matrix = self.constraint.equations(self.space.linearisation)  # E
+        motion_changes = self.motion_space.rate_corrections(changes) @ basis
+        from_constraint = self.constraint.equation_derivatives(changes) @ basis
+        from_motions = constraint_matrix[:, None] @ motion_changes
+        return from_constraint + from_motions
+
+
+@dataclass(frozen=True)
+class LocusBases(ArrayRows):
+    """Bases in which points of the locus change: of configurations, and of motions.
+
+    A point of the locus is a configuration with its singular motion x: unit rates that
+    close the loops while the inputs (type II) or the output (type I) rest.
+
+    Attributes
+    ----------
+    configuration
+        (n, V, g) orthonormal changes of the variables that keep the loops closed.
+    motion
+        (n, V, k) orthonormal rates that close the loops. x and its changes are combinations
+        of them.
+    """
+
+    configuration: Floats
+    motion: Floats
 
 
 @dataclass(frozen=True)
@@ -181,10 +207,10 @@ class LocusPoints(ArrayRows):
         along a curve are accepted only if both are small.
     equations
         (n, m + 1, g + k) the equations E x = 0 and |x| = 1, linearised at the point. The
-        unknowns are coefficients of the columns of `basis`.
-    basis
-        (n, V, g + k) two bases side by side. The first g columns are changes of the
-        configuration that keep the loops closed. The other k columns are changes of x.
+        unknowns are g coordinates of the change of the configuration and k coordinates of
+        the change of x, in `bases`.
+    bases
+        The bases of these changes.
     """
 
     values: Floats
@@ -196,7 +222,7 @@ class LocusPoints(ArrayRows):
     first_step: Floats
     step_ratio: Floats
     equations: Floats
-    basis: Floats
+    bases: LocusBases
 
     def __len__(self) -> int:
         return len(self.values)
@@ -209,26 +235,21 @@ class LocusPoints(ArrayRows):
 
 @dataclass(frozen=True)
 class _LinearisedLocus:
-    """The equations of a locus, linearised at n pairs of a configuration and a motion.
+    """The equations of a locus, linearised at n configurations with a motion x each.
 
-    The locus is the set of singular configurations of one type. Newton's method and the
-    tangents of the locus use these linear equations. A configuration of V variables is on
-    the locus if it has a singular motion. The rates x (V,) of this motion satisfy:
+    The locus is the set of singular configurations: those with a unit motion x that closes
+    the loops and satisfies E x = 0. E x are the m rates that have to be zero, of the inputs
+    (type II) or of the output (type I).
 
-    - J x = 0, with the Jacobian J of the loop closure: the motion keeps the loops closed.
-    - E x = 0, m equations. E x are the rates of the inputs for a singularity of type II,
-      and those of the output for type I.
-    - The length of x is 1.
+    The unknowns of the linear equations are the coordinates of two changes:
 
-    There may be b more linear equations in the variables, the borders, which select points
-    of the locus.
+    - u, g coordinates: the configuration changes by `space.basis` u, with closed loops.
+    - z, k coordinates: x changes by `motion_space.basis` z + `motion_slopes` u. The second
+      term is necessary because the changed configuration needs other rates to close the
+      loops.
 
-    The unknowns are g coordinates of the change of the configuration in the basis of
-    `space`, then k coordinates of the change of x in the basis of `motion_space`. Both
-    bases consist of rates that close the loops. A change of the configuration along them
-    keeps the loops closed, to first order. But it changes J, so x also changes by
-    `motion_corrections`, which keeps J x = 0. The loops and J x = 0 therefore have no rows
-    in `equations`.
+    So every u and z keeps the loops closed, to first order, and only E x = 0 and |x| = 1
+    remain as equations.
 
     Attributes
     ----------
@@ -239,28 +260,77 @@ class _LinearisedLocus:
         only a part of the mechanism can move the output, they are those of this part, so
         that motions of other links do not count as singular.
     unit_motions
-        (n, V) the motions x, projected onto `motion_space` and scaled to length 1.
-    constraint_residual
-        (n, m) E x.
-    closing_change
-        (n, m) the change of E x when slightly open loops are closed, by the step
-        `space.closing_step` of the variables.
-    motion_corrections
-        (n, V, g + 1) changes of x. J depends on the configuration, so x has to change with
-        it to keep J x = 0. The first g columns belong to changes of the configuration along
-        the rates of `space`. The last one belongs to the step that closes slightly open
-        loops.
+        (n, V) the motions x, of length 1.
+    motion_slopes
+        (n, V, g) changes of x that keep the loops closed, per unit of u.
+    constraint_matrix
+        (n, m, V) the matrices E.
     equations
-        (n, m + 1 + b, g + k) the rows E x = 0, |x| = 1 and the borders.
+        (n, m + 1, g + k) matrices of E x = 0 and |x| = 1, over u and z.
     """
 
     space: TangentSpace
     motion_space: TangentSpace
     unit_motions: Floats
-    constraint_residual: Floats
-    closing_change: Floats
-    motion_corrections: Floats
+    motion_slopes: Floats
+    constraint_matrix: Floats
     equations: Floats
+
+    @property
+    def constrained_rates(self) -> Floats:
+        """(n, m) the rates E x, zero on the locus."""
+        return np.matvec(self.constraint_matrix, self.unit_motions)
+
+    def value_changes(self, coordinates: Floats) -> Floats:
+        """Return the changes (n, V, j) of the variables for j columns of u and z.
+
+        `coordinates` are (n, g + k, j).
+        """
+        return self.space.basis @ coordinates[:, : self.space.dimension]
+
+    def motion_changes(self, coordinates: Floats) -> Floats:
+        """Return the changes (n, V, j) of x for j columns (n, g + k, j) of u and z."""
+        g = self.space.dimension
+        changes = self.motion_space.basis @ coordinates[:, g:]
+        return changes + self.motion_slopes @ coordinates[:, :g]
+
+
+@dataclass(frozen=True)
+class _ClosingStep:
+    """Newton's step that closes slightly open loops, and what changes with it.
+
+    Attributes
+    ----------
+    values
+        (n, V) changes of the variables (rad).
+    motions
+        (n, V) changes of the motion x, so that it closes the loops after the step.
+    constrained_rates
+        (n, m) changes of the rates E x that have to be zero.
+    """
+
+    values: Floats
+    motions: Floats
+    constrained_rates: Floats
+
+
+@dataclass(frozen=True)
+class _LocusTangents:
+    """The tangents of a locus at n points, and how regular it is there.
+
+    Attributes
+    ----------
+    values
+        (n, V, g - 1) orthonormal changes of the variables along the locus.
+    motion_derivatives
+        (n, V, g - 1) derivatives of the singular motion along them.
+    reciprocal_condition
+        (n,) 0 where the locus crosses itself, or where a row is not finite.
+    """
+
+    values: Floats
+    motion_derivatives: Floats
+    reciprocal_condition: Floats
 
 
 @dataclass(frozen=True)
@@ -300,57 +370,54 @@ class SingularityLocus:
     def tangent_space(
         self, values: Floats, reference_basis: Floats | None = None
     ) -> TangentSpace:
-        """Return the tangent spaces at configurations (n, V).
+        """Return the rates that close the loops at configurations (n, V).
 
-        `reference_basis` (n, V, g + k) aligns the basis, see `LocusPoints.basis`.
+        Their basis is aligned to `reference_basis` (n, V, g), if it is given.
         """
-        if reference_basis is not None:
-            reference_basis = reference_basis[..., : self.degrees_of_freedom]
         linearisation = self.closure.linearise(values)
         return tangent_space(linearisation, self.degrees_of_freedom, reference_basis)
 
     def motion_space(
         self, space: TangentSpace, reference_basis: Floats | None = None
     ) -> TangentSpace:
-        """Return the space of motions among which singular motions are sought.
+        """Return the rates among which singular motions are sought.
 
-        A motion is given by the rates of all V variables, which close the loops. It is
-        singular if the inputs rest in it (type II), or if the output does (type I). The
-        space of motions is `space`, unless only a part of the mechanism moves with the
-        output (`self.part`). It then has the k motions of the part, in which all other
-        variables rest, since motions of other pairs are no singularities of this output.
+        They are all rates that close the loops, unless only a part of the mechanism moves
+        the output (`part`). All other variables then rest, since motions of other pairs are
+        no singularities of this output.
 
         Parameters
         ----------
         space
-            All g independent rates that close the loops of the mechanism.
+            All rates that close the loops of the mechanism.
         reference_basis
-            (n, V, g + k) two bases side by side at neighbouring configurations: g columns
-            of `space`, then k columns of motions. The basis of the result is rotated to be
-            as near as possible to the k columns, so that it changes continuously.
+            (n, V, k) basis of the result at neighbouring configurations. The basis of a
+            part is rotated to be as near as possible to it, so that it changes
+            continuously.
         """
         if self.part is None:
             return space
-        if reference_basis is not None:
-            # The last k columns belong to the motions.
-            reference_basis = reference_basis[..., self.degrees_of_freedom :]
         return tangent_space(
-            space.linearisation, self.motion_dimension, reference_basis, self.part, space
+            space.linearisation, self.motion_dimension, reference_basis, part=self.part
         )
 
     def measure(self, space: TangentSpace) -> SingularityMeasure:
-        """Return how near the configurations of a tangent space are to being singular.
+        """Return how near configurations are to being singular.
 
-        A configuration is singular if a unit vector x of rates closes the loops and has
-        E x = 0, where E x are the rates of the inputs (type II) or of the output (type I).
-        The least size of E x over all x that close the loops is the smallest singular value
-        of E on an orthonormal basis of these rates. For a part of the mechanism only the
-        rates of the part are used, with the other variables at rest.
+        In a singular configuration the inputs (type II) or the output (type I) rest in some
+        motion. The measure is the smallest size that their rates have in any unit motion x
+        that closes the loops. These rates are E x, so this is the smallest singular value
+        of the matrix E, applied to an orthonormal basis of the motions.
+
+        Parameters
+        ----------
+        space
+            The rates that close the loops at the configurations.
         """
         motion_space = self.motion_space(space)
-        equations = self.constraint.equations(space.linearisation)
-        constraint_on_basis = equations @ motion_space.basis
-        svd = decompose(constraint_on_basis)
+        constraint_matrix = self.constraint.equations(space.linearisation)  # E
+        constrained_rates = constraint_matrix @ motion_space.basis
+        svd = decompose(constrained_rates)
         # Singular values are in descending order. The smallest one belongs to the last row
         # of `svd.right`, which has the coordinates of x.
         last = self.motion_dimension - 1
@@ -360,7 +427,7 @@ class SingularityLocus:
             constraint=self.constraint,
             space=space,
             motion_space=motion_space,
-            constraint_on_basis=constraint_on_basis,
+            constrained_rates=constrained_rates,
             smallest_singular_value=smallest,
             motion=motion,
         )
@@ -373,21 +440,21 @@ class SingularityLocus:
         there may be fewer points.
         """
         motions = self.measure(self.tangent_space(values)).motion
-        no_borders = np.zeros((len(values), 0, values.shape[1]))
+        no_conditions = np.zeros((len(values), 0, values.shape[1]))
         no_targets = np.zeros((len(values), 0))
-        points = self.correct(values, motions, no_borders, no_targets)
+        points = self.correct(values, motions, no_conditions, no_targets)
         return points.rows(points.is_on_locus)
 
     def correct(
         self,
         values: Floats,
         motions: Floats,
-        borders: Floats,
+        conditions: Floats,
         targets: Floats,
-        reference_basis: Floats | None = None,
+        reference: LocusBases | None = None,
         max_steps: int = MAX_LOCUS_NEWTON_STEPS,
     ) -> LocusPoints:
-        """Return the points of the locus with borders @ values = targets.
+        """Return the points of the locus with conditions @ values = targets.
 
         The locus is the set of configurations in which a singular motion exists: unit rates
         x of the V variables that close the loops, with E x = 0. E x are the rates of the
@@ -398,14 +465,13 @@ class SingularityLocus:
         ----------
         values, motions
             (n, V) starting values of the variables (rad) and of the singular motions.
-        borders, targets
+        conditions, targets
             (n, b, V) and (n, b) matrices and right-hand sides of b linear equations in the
             variables, which select a point of the locus of g - 1 dimensions. With fewer
             than g - 1 of them, Newton's steps are the shortest ones.
-        reference_basis
-            (n, V, g + k) the bases of the result are aligned to these, see
-            `LocusPoints.basis`. They then change continuously from point to point. k is the
-            dimension of the space of motions in which x is looked for.
+        reference
+            Bases at neighbouring points. Those of the result are aligned to these, so that
+            they change continuously from point to point.
         max_steps
             Most Newton steps.
 
@@ -413,12 +479,13 @@ class SingularityLocus:
         -------
         n points; NaN where Newton's method failed.
         """
-        variable_count = values.shape[1]
 
         def newton_step(unknowns: Floats, rows: Indices) -> Floats:
             """Return the steps (k, 2 V) of the unknowns of k of the n rows."""
-            reference = None if reference_basis is None else reference_basis[rows]
-            return self._newton_step(unknowns, borders[rows], targets[rows], reference)
+            row_reference = None if reference is None else reference.rows(rows)
+            return self._newton_step(
+                unknowns, conditions[rows], targets[rows], row_reference
+            )
 
         unknowns, (first_step, step_ratio) = newton(
             newton_step,
@@ -428,234 +495,222 @@ class SingularityLocus:
             LOCUS_TRUST_REGION,
         )
         # The system at the points that were reached gives the residuals and the tangents.
-        values, motions = np.split(unknowns, [variable_count], axis=1)
-        linearised = self._linearise(values, motions, borders, reference_basis)
+        values, motions = np.split(unknowns, 2, axis=1)
+        linearised = self._linearise(values, motions, reference)
         motions = linearised.unit_motions
         residual = np.maximum(
             linearised.space.linearisation.closure_residual,
-            max_abs(linearised.constraint_residual, axis=1),
+            max_abs(linearised.constrained_rates, axis=1),
         )
-        # Without the borders: the rows of E x = 0 and of |x| = 1.
-        equations = linearised.equations[:, : self.constraint.equation_count + 1]
-        tangents, motion_derivatives, reciprocal_condition = self._tangents(
-            linearised, equations
-        )
+        tangents = self._find_tangents(linearised)
         has_failed = ~(residual < ON_LOCUS_TOLERANCE)
-        for array in (values, motions, tangents, motion_derivatives, residual):
+        for array in (
+            values,
+            motions,
+            tangents.values,
+            tangents.motion_derivatives,
+            residual,
+        ):
             array[has_failed] = np.nan
         return LocusPoints(
             values=values,
             motions=motions,
-            tangents=tangents,
-            motion_derivatives=motion_derivatives,
+            tangents=tangents.values,
+            motion_derivatives=tangents.motion_derivatives,
             residual=residual,
-            reciprocal_condition=reciprocal_condition,
+            reciprocal_condition=tangents.reciprocal_condition,
             first_step=first_step,
             step_ratio=step_ratio,
-            equations=equations,
-            basis=np.concatenate(
-                [linearised.space.basis, linearised.motion_space.basis], axis=2
+            equations=linearised.equations,
+            bases=LocusBases(
+                configuration=linearised.space.basis, motion=linearised.motion_space.basis
             ),
         )
 
     def _newton_step(
         self,
         unknowns: Floats,
-        borders: Floats,
+        conditions: Floats,
         targets: Floats,
-        reference_basis: Floats | None,
+        reference: LocusBases | None,
     ) -> Floats:
         """Return Newton's steps (n, 2 V) of the unknowns: variables, then motions.
 
-        The locus is the set of singular configurations. The equations of its points are:
-        the loops are closed, the motion x is a unit vector of rates that close the loops,
-        E x = 0, and borders @ values = targets. E x are the rates of the inputs (type II)
-        or of the output (type I). The borders are further linear equations in the
-        variables, which select one point of the locus.
-
-        The unknowns of the linear system are g coordinates of the change of the
-        configuration, along the rates that close the loops, and k coordinates of the change
-        of x. The change of x is along the same rates (k = g) or, if only a part of the
-        mechanism can move the output, along the k rates that move this part. The steps of
-        the V variables and V rates follow from the coordinates. A row whose system is not
-        finite only gets the step that closes the loops.
+        A point of the locus is a singular configuration: the loops are closed, and a unit
+        motion x closes the loops with E x = 0. Each step has two parts. The first one
+        closes the loops. The second one keeps them closed and solves E x = 0, |x| = 1 and
+        conditions @ values = targets. A row whose equations are not finite only gets the
+        first part.
 
         Parameters
         ----------
         unknowns
             (n, 2 V) variables (rad), then rates of the motion.
-        borders, targets
+        conditions, targets
             (n, b, V) and (n, b) linear equations in the variables that select a point.
-        reference_basis
-            (n, V, g + k) bases of neighbouring configurations, to which those of the g and
-            of the k coordinates are aligned, so that they change continuously; or None.
+        reference
+            Bases at neighbouring points, to which those of the step are aligned; or None.
         """
         values, motions = np.split(unknowns, 2, axis=1)
-        linearised = self._linearise(values, motions, borders, reference_basis)
-        space = linearised.space
-        # All residuals are those after the step that closes the loops, to first order.
-        closed_values = values + space.closing_step
-        border_residual = targets - np.matvec(borders, closed_values)
-        constraint_residual = -linearised.constraint_residual - linearised.closing_change
-        # `unit_motions` have |x| = 1 already. The steps to them are added below.
-        norm_residual = np.zeros((len(values), 1))
-        # The rows are in the order of `linearised.equations`.
-        right_side = np.concatenate(
-            [constraint_residual, norm_residual, border_residual], axis=1
+        linearised = self._linearise(values, motions, reference)
+        closing = self._closing_step(linearised)
+        equations = append_conditions(
+            linearised.equations, conditions, linearised.space.basis
         )
-        equations = linearised.equations
+        # What the second part has to correct, in the order of the equations: E x, |x| and
+        # the conditions. All are residuals after the first part, to first order.
+        # `unit_motions` have |x| = 1 already.
+        right_side = np.concatenate(
+            [
+                -linearised.constrained_rates - closing.constrained_rates,
+                np.zeros((len(values), 1)),
+                targets - np.matvec(conditions, values + closing.values),
+            ],
+            axis=1,
+        )
         finite = all_finite(equations, (1, 2))
-        coordinates = np.zeros((len(values), equations.shape[2]))
-        # The pseudo-inverse gives the shortest step if there are fewer borders than
+        # The pseudo-inverse gives the shortest step if there are fewer conditions than
         # dimensions of the locus, and ignores equations that repeat others.
         inverse = np.linalg.pinv(equations[finite], rcond=REDUNDANT_EQUATION_RATIO)
-        coordinates[finite] = np.matvec(inverse, right_side[finite])
-        value_coordinates, motion_coordinates = np.split(
-            coordinates, [self.degrees_of_freedom], axis=1
-        )
-        # The variables change by the step that closes the loops, and along the locus.
-        value_steps = space.closing_step + space.to_rates(value_coordinates)
-        # The motion is scaled to length 1, changes within the space of motions, and must
-        # continue to close the loops when the variables change.
-        motion_steps = linearised.unit_motions - motions
-        motion_steps = motion_steps + linearised.motion_space.to_rates(motion_coordinates)
-        # The corrections of the motion for unit changes of the configuration along the g
-        # columns of the basis, and, in the last column, for the step that closes the loops.
-        basis_corrections = linearised.motion_corrections[..., :-1]
-        closing_correction = linearised.motion_corrections[..., -1]
-        motion_steps += closing_correction + np.matvec(basis_corrections, value_coordinates)
+        coordinates = np.zeros((len(values), equations.shape[2], 1))
+        coordinates[finite, :, 0] = np.matvec(inverse, right_side[finite])
+        value_steps = closing.values + linearised.value_changes(coordinates)[:, :, 0]
+        scaling_steps = linearised.unit_motions - motions  # to |x| = 1
+        motion_changes = linearised.motion_changes(coordinates)[:, :, 0]
+        motion_steps = scaling_steps + closing.motions + motion_changes
         return np.concatenate([value_steps, motion_steps], axis=1)
 
     def _linearise(
-        self,
-        values: Floats,
-        motions: Floats,
-        borders: Floats,
-        reference_basis: Floats | None,
+        self, values: Floats, motions: Floats, reference: LocusBases | None
     ) -> _LinearisedLocus:
         """Return the equations of the locus, linearised at configurations and motions.
 
-        A singular configuration has a motion: unit rates x that close the loops, with
-        E x = 0. E x are the rates of the inputs (type II) or of the output (type I). The
-        borders are further linear equations in the variables, which select points of the
-        locus.
-
-        Rows of the matrix are: E x = 0 (m), |x| = 1 (one), and the borders (b). Columns are
-        the coordinates of the change of the configuration (g), along the rates that close
-        the loops, then those of the change of x (k). The change of x is along the same
-        rates (k = g) or, if only a part of the mechanism can move the output, along the k
-        rates that move this part. The derivative of E x by the configuration has two terms:
-        E changes, and x changes because it must continue to close the loops.
+        The locus is the set of singular configurations. Each has a singular motion: unit
+        rates x that close the loops, with E x = 0. E x are the rates of the inputs (type
+        II) or of the output (type I). `_LinearisedLocus` explains the unknowns u and z.
 
         Parameters
         ----------
         values, motions
             (n, V) variables (rad), and motions that need not close the loops exactly.
-        borders
-            (n, b, V) rows of linear equations in the variables that select a point.
-        reference_basis
-            (n, V, g + k) bases of neighbouring configurations, to which those of the g and
-            of the k coordinates are aligned, so that they change continuously; or None.
+        reference
+            Bases at neighbouring points, to which those of u and z are aligned; or None.
         """
-        space = self.tangent_space(values, reference_basis)
-        motion_space = self.motion_space(space, reference_basis)
+        if reference is None:
+            space = self.tangent_space(values)
+            motion_space = self.motion_space(space)
+        else:
+            space = self.tangent_space(values, reference.configuration)
+            motion_space = self.motion_space(space, reference.motion)
+        # The motions, projected onto the rates that close the loops.
         coordinates = unit_rows(np.vecmat(motions, motion_space.basis))
         unit_motions = motion_space.to_rates(coordinates)
-        constraint = self.constraint.equations(space.linearisation)
-        # `rate_corrections` has g + 1 directions of change: those of the basis of `space`,
-        # then the step that closes the loops. The letters are: n configuration, g direction
-        # of change, v and w variables, m equations E x.
-        motion_corrections = np.einsum(
-            "ngvw,nw->nvg", motion_space.rate_corrections, unit_motions
-        )
-        constraint_derivatives = self.constraint.equation_derivatives(space)
-        # (n, m, g + 1) derivatives of E x along the tangent space, and, in the last column,
-        # along the step that closes the loops.
-        slopes = np.einsum("ngmv,nv->nmg", constraint_derivatives, unit_motions)
-        slopes += constraint @ motion_corrections
 
-        # The rows of the equations, over the g + k unknowns.
-        g = self.degrees_of_freedom
-        constraint_rows = np.concatenate(
-            [slopes[:, :, :g], constraint @ motion_space.basis], axis=2
+        # Derivatives by u, the change of the configuration. The letters are: n
+        # configuration, g direction of change, v and w variables, m equations E x = 0.
+        changes = space.closed_changes
+        motion_slopes = np.einsum(
+            "ngvw,nw->nvg", motion_space.rate_corrections(changes), unit_motions
         )
-        norm_row = np.pad(coordinates, ((0, 0), (g, 0)))[:, None]
-        zeros = np.zeros((len(values), borders.shape[1], self.motion_dimension))
-        border_rows = np.concatenate([borders @ space.basis, zeros], axis=2)
-        equations = np.concatenate([constraint_rows, norm_row, border_rows], axis=1)
+        constraint_matrix = self.constraint.equations(space.linearisation)
+        # E x changes because E changes, and because x has to be corrected.
+        constraint_derivatives = self.constraint.equation_derivatives(changes)
+        slopes = np.einsum("ngmv,nv->nmg", constraint_derivatives, unit_motions)
+        slopes += constraint_matrix @ motion_slopes
+
+        constraint_rows = np.concatenate(
+            [slopes, constraint_matrix @ motion_space.basis], axis=2
+        )
+        # The length of x keeps its value if the change z is perpendicular to x. (The
+        # corrections of x are perpendicular to all rates that close the loops.)
+        norm_row = np.pad(coordinates, ((0, 0), (space.dimension, 0)))[:, None]
         return _LinearisedLocus(
             space=space,
             motion_space=motion_space,
             unit_motions=unit_motions,
-            constraint_residual=np.matvec(constraint, unit_motions),
-            closing_change=slopes[..., g],
-            motion_corrections=motion_corrections,
-            equations=equations,
+            motion_slopes=motion_slopes,
+            constraint_matrix=constraint_matrix,
+            equations=np.concatenate([constraint_rows, norm_row], axis=1),
         )
 
-    def _tangents(
-        self, linearised: _LinearisedLocus, equations: Floats
-    ) -> tuple[Floats, Floats, Floats]:
+    def _closing_step(self, linearised: _LinearisedLocus) -> _ClosingStep:
+        """Return the shortest step that closes slightly open loops, with its effects."""
+        space = linearised.space
+        # (n, V, 1) one direction of change. For contacts that close a loop, derivatives
+        # along this step are an approximation.
+        change = ConfigurationChanges(space.linearisation, space.closing_step[:, :, None])
+        rate_corrections = linearised.motion_space.rate_corrections(change)[:, 0]
+        motions = np.matvec(rate_corrections, linearised.unit_motions)
+        # E x changes because E changes, and because x has to be corrected.
+        constraint_change = self.constraint.equation_derivatives(change)[:, 0]
+        from_constraint = np.matvec(constraint_change, linearised.unit_motions)
+        from_motions = np.matvec(linearised.constraint_matrix, motions)
+        return _ClosingStep(
+            values=space.closing_step,
+            motions=motions,
+            constrained_rates=from_constraint + from_motions,
+        )
+
+    def _find_tangents(self, linearised: _LinearisedLocus) -> _LocusTangents:
         """Return the tangents of the locus at n points of it, and how regular it is there.
 
-        A point of the locus is a configuration of V variables with a singular motion: unit
-        rates x that close the loops and satisfy the m equations E x = 0. Changes along the
-        locus are the null space of the linearised equations. It has g - 1 dimensions at a
-        regular point.
+        The locus is the set of singular configurations. A tangent is a change of the
+        configuration and of its singular motion that satisfies all linearised equations:
+        the null space of their matrix. It has g - 1 dimensions at a regular point.
 
-        The unknowns of these equations are g + k coordinates. The first g belong to the
-        change of the configuration, along g independent rates that close the loops. The
-        last k belong to the change of x. It is along the same rates (k = g) or, if only a
-        part of the mechanism can move the output, along the k rates that move this part.
-
-        For example, a mechanism with two inputs has g = k = 2. There are four coordinates.
-        The equations that both inputs rest (m = 2) and |x| = 1 are three, so that the null
-        space has one dimension: the locus is a curve.
-
-        Parameters
-        ----------
-        linearised
-            The equations of the locus at n points.
-        equations
-            (n, m + 1, g + k) the linearised equations E x = 0 and |x| = 1, over the g + k
-            coordinates.
-
-        Returns
-        -------
-        tangents, motion_derivatives
-            (n, V, g - 1) orthonormal changes of the variables along the locus, and the
-            derivatives of x along them.
-        reciprocal_condition
-            (n,) 0 where the locus crosses itself, or where a row is not finite.
+        For example, a mechanism with two inputs has four unknowns, g = 2 for the
+        configuration and k = 2 for the motion. The equations that both inputs rest and that
+        the motion has length 1 are three, so that the null space has one dimension: the
+        locus is a curve.
         """
-        g = self.degrees_of_freedom
-        # At a regular point, k + 1 of the m + 1 equations are independent, so that the null
-        # space has (g + k) - (k + 1) dimensions.
+        # At a regular point, k + 1 of the equations are independent, so that the null space
+        # has (g + k) - (k + 1) dimensions.
         rank = self.motion_dimension + 1
-        svd = decompose(equations)
+        svd = decompose(linearised.equations)
         null_space = np.swapaxes(svd.right[:, rank:], 1, 2)
-        # The coordinates of the configuration. The k coordinates of x follow them.
-        value_part = null_space[:, :g]
-        # x changes along its k coordinates. In addition it changes with the g coordinates
-        # of the configuration, because it has to close the loops in the changed
-        # configuration: these changes are the first g columns of `motion_corrections`. (The
-        # last column is for open loops, and the loops are closed here.)
-        motion_changes = linearised.motion_space.basis @ null_space[:, g:]
-        motion_changes += linearised.motion_corrections[..., :g] @ value_part
+        motion_changes = linearised.motion_changes(null_space)
         # The basis of the null space is replaced by one whose changes of the variables are
         # orthonormal: with the singular value decomposition U S W of these changes, they
         # become U, and the changes of x are multiplied by W^T S^-1. If an element of S
         # (`lengths`) is zero, the locus is not regular. The smallest divisor, a ratio that
         # serves elsewhere to recognise redundant equations, then prevents a division by 0.
-        left, lengths, mixing = np.linalg.svd(value_part, full_matrices=False)
+        configuration_part = null_space[:, : self.degrees_of_freedom]
+        left, lengths, mixing = np.linalg.svd(configuration_part, full_matrices=False)
         divisors = np.maximum(lengths, REDUNDANT_EQUATION_RATIO)[:, None]
-        tangents = linearised.space.basis @ left
-        motion_derivatives = motion_changes @ np.swapaxes(mixing, 1, 2) / divisors
         # The smallest singular value relative to the greatest one, times the smallest
         # length: at an irregular point a tangent hardly changes the variables.
         condition = svd.values[:, rank - 1] * lengths[:, -1]
         condition = condition / np.maximum(svd.values[:, 0], SMALLEST_NORMAL)
-        return tangents, motion_derivatives, np.where(svd.is_finite, condition, 0.0)
+        return _LocusTangents(
+            values=linearised.space.basis @ left,
+            motion_derivatives=motion_changes @ np.swapaxes(mixing, 1, 2) / divisors,
+            reciprocal_condition=np.where(svd.is_finite, condition, 0.0),
+        )
+
+
+def append_conditions(
+    equations: Floats, conditions: Floats, configuration_basis: Floats
+) -> Floats:
+    """Return the linearised equations of a locus, with conditions on the variables added.
+
+    Parameters
+    ----------
+    equations
+        (n, rows, g + k) matrices over g coordinates of the change of the configuration,
+        then k coordinates of the change of its singular motion.
+    conditions
+        (n, b, V) matrices of b linear equations in the V variables.
+    configuration_basis
+        (n, V, g) changes of the variables per unit of the g coordinates.
+
+    Returns
+    -------
+    (n, rows + b, g + k) matrices. The new rows do not depend on the singular motion.
+    """
+    condition_rows = np.zeros((len(equations), conditions.shape[1], equations.shape[2]))
+    degrees_of_freedom = configuration_basis.shape[2]
+    condition_rows[:, :, :degrees_of_freedom] = conditions @ configuration_basis
+    return np.concatenate([equations, condition_rows], axis=1)
 
 
 def adjugate(matrices: Floats) -> Floats:

@@ -111,18 +111,18 @@ class SingularCurve:
         # Singular motions (n, V) for the start, interpolated between the nodes.
         start_motions = nodes.motions[chord_numbers]
         motion_changes = nodes.motions[chord_numbers + 1] - start_motions
-        # One linear equation, borders . values = targets, prescribes the component of the
-        # variables along each chord.
+        # One linear equation, conditions @ values = targets, prescribes the component of
+        # the variables along each chord.
         projections = np.vecdot(directions, nodes.values[chord_numbers])
         points = self.locus.correct(
             values=self.chords.predict(chord_numbers, parts),
             motions=start_motions + parts[:, None] * motion_changes,
-            borders=directions[:, None],
+            conditions=directions[:, None],
             targets=(projections + parts * lengths)[:, None],
             # Each point also gets a basis of the rates that keep its loops closed. Callers
             # compute determinants with it, whose signs must not change by chance. The basis
             # therefore has nearly the directions of that of the first node of the chord.
-            reference_basis=nodes.basis[chord_numbers],
+            reference=nodes.bases.rows(chord_numbers),
         )
         # A curve has one tangent (index 0). Its sign is arbitrary in the result, and is
         # changed to the direction of the curve.
@@ -182,7 +182,7 @@ class SingularCurve:
         """
         node_values = function(self.nodes)
         # A function such as a determinant uses the basis of possible rates that each point
-        # has (`LocusPoints.basis`). Its sign changes if a vector of the basis is reversed.
+        # has (`LocusPoints.bases`). Its sign changes if a vector of the basis is reversed.
         # So the basis of each node is aligned with that of the node before. An exception is
         # the last node of a closed curve: it is the first node, and has its basis. The last
         # value is therefore computed again with a basis that is aligned with that of the
@@ -229,12 +229,9 @@ class SingularCurve:
             """
             # (n, V, 2) motion and tangent, as rates of all V variables.
             rates = np.stack([points.motions, points.tangents[:, :, 0]], axis=2)
-            # `basis` has two bases side by side. The first two columns, as many as degrees
-            # of freedom, are for changes of the configuration. The last two are an
-            # orthonormal basis (n, V, 2) of the singular motions. The products are the
+            # The products with the two rates of the orthonormal basis (n, V, 2) are the
             # coordinates of the motion, and those of the tangent.
-            motion_basis = points.basis[:, :, self.locus.degrees_of_freedom :]
-            return np.linalg.det(np.swapaxes(motion_basis, 1, 2) @ rates)
+            return np.linalg.det(np.swapaxes(points.bases.motion, 1, 2) @ rates)
 
         return self.zeros(side_of_motion)
 

@@ -19,7 +19,7 @@ from spherekit.mechanism.output_choice import chosen_output
 from spherekit.mechanism.pair_frames import link_axes
 from spherekit.planning.pole_plan import Pole, pole_of
 from spherekit.positions.linearisation import Linearisation
-from spherekit.singularities.tangent_space import TangentSpace
+from spherekit.singularities.tangent_space import ConfigurationChanges, TangentSpace
 from spherekit.wording import nearest
 
 
@@ -45,16 +45,13 @@ class InputsLocked:
         input_rows = np.eye(linearisation.values.shape[1])[list(self.variables)]
         return np.tile(input_rows, (len(linearisation), 1, 1))
 
-    def equation_derivatives(self, space: TangentSpace) -> Floats:
-        """Return the derivatives (n, g + 1, m, V) of E along `space.directions`: zero.
+    def equation_derivatives(self, changes: ConfigurationChanges) -> Floats:
+        """Return the derivatives (n, d, m, V) of E along d directions: zero.
 
-        E has m equations for the rates of V variables, and is constant. A mechanism with g
-        degrees of freedom has g + 1 directions: a basis of the changes of the configuration
-        that keep the loops closed, and the Newton step that closes loops which are slightly
-        open.
+        E selects the rates of the inputs, so it is the same in all configurations.
         """
-        n, variables, directions = space.directions.shape
-        return np.zeros((n, directions, self.equation_count, variables))
+        n, variables, direction_count = changes.directions.shape
+        return np.zeros((n, direction_count, self.equation_count, variables))
 
 
 @dataclass(frozen=True)
@@ -101,40 +98,40 @@ class OutputStationary:
         angular_velocities = self._angular_velocities(linearisation)
         return directions @ np.swapaxes(angular_velocities, 1, 2)
 
-    def equation_derivatives(self, space: TangentSpace) -> Floats:
-        """Return the derivatives (n, g + 1, m, V) of E along g + 1 directions of change.
+    def equation_derivatives(self, changes: ConfigurationChanges) -> Floats:
+        """Return the derivatives (n, d, m, V) of E along d changes of the configuration.
 
-        E x = 0 says that the output does not turn about m directions fixed in its link.
-        Entry (i, v) of E is the scalar product of direction i with the angular velocity of
-        the output per unit rate of variable v. Both factors change with the configuration,
-        so the derivative has two terms.
-
-        A configuration has g degrees of freedom. It changes along the g rates of a basis of
-        the tangent space (the rates that close the loops). The last direction is the Newton
-        step that closes loops which are slightly open.
+        E x = 0 says that the output does not turn about m axes fixed in its link. Entry
+        (i, v) of E is the scalar product of axis i with the angular velocity of the output
+        per unit rate of variable v. Both factors change with the configuration, so the
+        derivative has two terms.
         """
-        linearisation = space.linearisation
-        directions = self._constrained_directions(linearisation)
+        linearisation = changes.linearisation
+        # The components of all vectors are along ground axes.
+        axes = self._constrained_directions(linearisation)
         angular_velocities = self._angular_velocities(linearisation)
-        # 1. The changes of the directions. All vectors are in ground axes, and the
-        # directions turn with the output link relative to the ground. Its angular velocity
-        # is the sum of sense times rate times vector over all variables. The sense is 1 or
-        # -1 on the path from the ground (body 0) to the link, and 0 elsewhere.
-        #
-        # In the einsum n is the configuration, v the variable, g the direction of change
-        # (of g + 1), and k the component.
-        senses_from_ground = linearisation.tree.paths[self.link]
-        link_vectors = senses_from_ground[:, None] * linearisation.vectors
-        link_velocity = np.einsum("nvg,nvk->ngk", space.directions, link_vectors)
-        direction_changes = cross(link_velocity[:, :, None], directions[:, None])
-        # 2. The changes of the angular velocities of the output. These are relative to the
-        # reference link, so the path leads from this link to the output link.
-        senses_from_reference = self._path_senses(linearisation)
-        velocity_changes = senses_from_reference[:, None] * space.vector_derivatives
+        axis_changes = cross(self._link_velocity(changes)[:, :, None], axes[:, None])
+        # The angular velocities of the output are relative to the reference link, so the
+        # path leads from this link to the output link.
+        path_senses = self._path_senses(linearisation)
+        velocity_changes = path_senses[:, None] * changes.vector_derivatives
         # The scalar products are matrix products over the three components: (m, 3) times
         # (3, V), for each configuration and direction of change.
-        from_directions = direction_changes @ np.swapaxes(angular_velocities, 1, 2)[:, None]
-        return from_directions + directions[:, None] @ np.swapaxes(velocity_changes, 2, 3)
+        from_axes = axis_changes @ np.swapaxes(angular_velocities, 1, 2)[:, None]
+        from_velocities = axes[:, None] @ np.swapaxes(velocity_changes, 2, 3)
+        return from_axes + from_velocities
+
+    def _link_velocity(self, changes: ConfigurationChanges) -> Floats:
+        """Return the rotation (n, d, 3) of the output link along d changes.
+
+        It is relative to the ground: the sum of sense times rate times velocity vector over
+        all variables. The sense is 1 or -1 on the path from the ground (body 0) to the
+        link, and 0 elsewhere.
+        """
+        senses_from_ground = changes.linearisation.tree.paths[self.link]
+        link_vectors = senses_from_ground[:, None] * changes.linearisation.vectors
+        # n configuration, v variable, d direction of change, k component.
+        return np.einsum("nvd,nvk->ndk", changes.directions, link_vectors)
 
     def _path_senses(self, linearisation: Linearisation) -> Floats:
         """Return the sense (V,), +1, -1 or 0, in which each variable turns the output."""

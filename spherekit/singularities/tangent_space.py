@@ -103,12 +103,40 @@ def find_output_part(
 
 
 @dataclass(frozen=True)
+class ConfigurationChanges:
+    """Some directions in which n configurations change, to differentiate along them.
+
+    Attributes
+    ----------
+    linearisation
+        The n configurations.
+    directions
+        (n, V, d) changes of the V variables along d directions.
+    """
+
+    linearisation: Linearisation
+    directions: Floats
+
+    @cached_property
+    def vector_derivatives(self) -> Floats:
+        """(n, d, V, 3) derivatives of the velocity vectors along the d directions.
+
+        The velocity vector of a variable is the angular velocity per unit rate of it.
+        """
+        derivatives = [
+            self.linearisation.vector_rates(self.linearisation.body_rates(changes))
+            for changes in np.moveaxis(self.directions, 2, 0)
+        ]
+        return np.stack(derivatives, axis=1)
+
+
+@dataclass(frozen=True)
 class TangentSpace:
     """Rates that close the loops, at n configurations of a mechanism with V variables.
 
     They are the rates x with J x = 0, where J is the Jacobian of the loop closure. The
     loops are those of the whole mechanism or of an `OutputPart` alone. The space has k
-    dimensions; g is the number of degrees of freedom of the whole mechanism.
+    dimensions.
 
     Attributes
     ----------
@@ -127,9 +155,6 @@ class TangentSpace:
         closure equations lose rank.
     has_fixed_sense
         Whether J alone determines the sense of the basis.
-    mechanism_space
-        For a part: the tangent space of the whole mechanism, along which configurations
-        change. None for a whole mechanism.
     """
 
     linearisation: Linearisation
@@ -139,12 +164,16 @@ class TangentSpace:
     jacobian_inverse: Floats
     reciprocal_condition: Floats
     has_fixed_sense: bool
-    mechanism_space: "TangentSpace | None" = None
 
     @property
     def dimension(self) -> int:
         """The number k of independent rates that close the loops."""
         return int(self.basis.shape[2])
+
+    @cached_property
+    def closed_changes(self) -> ConfigurationChanges:
+        """The changes along the k columns of `basis`, which keep the loops closed."""
+        return ConfigurationChanges(self.linearisation, self.basis)
 
     @cached_property
     def closing_step(self) -> Floats:
@@ -155,62 +184,33 @@ class TangentSpace:
         residual = self.linearisation.residual
         return -np.einsum("nve,ne->nv", self.jacobian_inverse, residual)
 
-    @cached_property
-    def directions(self) -> Floats:
-        """(n, V, g + 1) changes of the variables, by which quantities are differentiated.
+    def rate_corrections(self, changes: ConfigurationChanges) -> Floats:
+        """Return how rates must change with the configuration to keep the loops closed.
 
-        They are the g columns of `basis`, along which the loops stay closed, and then
-        `closing_step`, the Newton step that closes loops which are slightly open.
+        Rates x close the loops if J x = 0. If the configuration changes, J changes by J',
+        and x has to change too. The smallest change that keeps J x = 0, to first order, is
+        the correction -J^+ J' x, with the pseudo-inverse J^+ of J.
+
+        Parameters
+        ----------
+        changes
+            d directions in which the same n configurations change.
+
+        Returns
+        -------
+        (n, d, V, V) the matrices -J^+ J', zero for variables outside of the loops.
         """
-        return np.concatenate([self.basis, self.closing_step[:, :, None]], axis=2)
-
-    @cached_property
-    def vector_derivatives(self) -> Floats:
-        """(n, g + 1, V, 3) derivatives of the velocity vectors of all variables.
-
-        The velocity vector of a variable is the angular velocity per unit rate of it. It is
-        differentiated along g + 1 changes of the configuration (axis 1). The first g are
-        independent changes with closed loops. The last one is the Newton step that closes
-        loops which are slightly open. For contacts that close a loop, the derivative along
-        this step is an approximation.
-        """
-        derivatives = [
-            self.linearisation.vector_rates(self.linearisation.body_rates(rates))
-            for rates in np.moveaxis(self.directions, 2, 0)
-        ]
-        return np.stack(derivatives, axis=1)
-
-    @cached_property
-    def rate_corrections(self) -> Floats:
-        """(n, g + 1, V, V) matrices -J^+ J', which correct rates as configurations change.
-
-        Rates x of the V variables keep the loops closed if J x = 0, with the Jacobian J of
-        the loop closure. If the configuration changes, J changes by J', and x has to change
-        too. The smallest change of x that keeps J x = 0 is -J^+ J' x, to first order, with
-        the pseudo-inverse J^+ of J.
-
-        There is one matrix for each of g + 1 directions in which the configuration changes.
-        The first g are a basis of the rates that close the loops of the whole mechanism. It
-        has g degrees of freedom. The last one is the step that closes loops which are
-        slightly open. Newton's method for singular configurations makes this step together
-        with a change along the basis.
-        """
-        # A tangent space (this object) belongs to the whole mechanism or to a part of it,
-        # the links that move an output. For a part, J has the loops of the part only. The
-        # directions in which configurations change are always those of the mechanism.
-        mechanism_space = self.mechanism_space or self
-        # The velocity vector of a variable is the angular velocity per unit rate of it. J
-        # is linear in these vectors, so J' is the same function of their derivatives:
-        # (n, directions, V, 3).
-        derivatives = mechanism_space.vector_derivatives
-        n, directions, variables, _ = derivatives.shape
-        part_derivatives = derivatives[:, :, self.variables]
+        # J is linear in the velocity vectors of its variables, so J' is the same function
+        # of their derivatives.
+        n, direction_count, variable_count, _ = changes.vector_derivatives.shape
+        vector_changes = changes.vector_derivatives[:, :, self.variables]
         jacobian_change = self.tree.jacobian(
-            part_derivatives.reshape(-1, len(self.variables), 3)
+            vector_changes.reshape(-1, len(self.variables), 3)
         )
-        jacobian_change = jacobian_change.reshape(n, directions, *jacobian_change.shape[1:])
-        # The rates of variables that are not in this part need no correction.
-        corrections = np.zeros((n, directions, variables, variables))
+        jacobian_change = jacobian_change.reshape(
+            n, direction_count, *jacobian_change.shape[1:]
+        )
+        corrections = np.zeros((n, direction_count, variable_count, variable_count))
         corrections[:, :, self.variables[:, None], self.variables] = (
             -self.jacobian_inverse[:, None] @ jacobian_change
         )
@@ -254,7 +254,6 @@ def tangent_space(
     dimension: int,
     reference_basis: Floats | None = None,
     part: OutputPart | None = None,
-    mechanism_space: TangentSpace | None = None,
 ) -> TangentSpace:
     """Return the rates that close the loops at configurations.
 
@@ -270,9 +269,9 @@ def tangent_space(
     reference_basis
         (n, V, k) the basis is rotated within the tangent space to be as near as possible
         to this one, so that bases of neighbouring configurations are comparable.
-    part, mechanism_space
-        To compute with the loops of a part only: the part, and the tangent space of the
-        whole mechanism at the same configurations.
+    part
+        If it is given, only the loops of this part of the mechanism are closed, and all
+        other variables rest.
     """
     variable_count = linearisation.values.shape[1]
     if part is None:
@@ -321,5 +320,4 @@ def tangent_space(
         jacobian_inverse=inverse,
         reciprocal_condition=reciprocal_condition,
         has_fixed_sense=rows == rank and reference_basis is None,
-        mechanism_space=mechanism_space,
     )
