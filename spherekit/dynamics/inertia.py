@@ -95,46 +95,51 @@ def inertia(mechanism: Mechanism, motion: CoordinateMotion) -> Inertia:
     Notes
     -----
     M_ij is the sum of w_i . I w_j over the links (Di Gregorio 2024, eqs. (14), (15), for
-    one coordinate). I is the inertia tensor of a link about the centre in ground axes, and
-    w_i its angular velocity per unit rate of coordinate i. I turns with the link. Its
-    derivative by coordinate l is I_l = [w_l] I - I [w_l] with the cross product matrix [w],
-    so
+    one coordinate). I is the inertia tensor of a link about the centre, and w_i its angular
+    velocity per unit rate of coordinate i. The components of both are along link axes, so I
+    is constant. By the product rule, the derivative of M_ij by coordinate l is the sum over
+    the links of
 
-        w_i . I_l w_j = (w_i x w_l) . I w_j + (I w_i) . (w_j x w_l).
+        I w_i . dw_j/dq_l + I w_j . dw_i/dq_l,
 
-    With the derivatives of both angular velocities, the derivative of M_ij by coordinate l
-    is the sum over the links of two halves:
-
-        I w_i . (dw_j/dq_l + w_j x w_l)  and  I w_j . (dw_i/dq_l + w_i x w_l).
-
-    With one coordinate M is the equivalent inertia B. The cross products vanish, and
-    dB = 2 sum of w . I dw. This is eq. (19) of Di Gregorio (2024), which writes the rate
-    and the axis of w as two factors and differentiates them separately.
+    where dw/dq_l are the derivatives of the components of w along link axes. With one
+    coordinate this is dB = 2 sum of I w . dw, which is eq. (19) of Di Gregorio (2024). That
+    equation writes the rate and the axis of w as two factors and differentiates them
+    separately.
     """
-    # The derivatives dw are those of w in ground axes. All scalar products are computed
-    # with components along link axes, in which the inertia tensors are constant.
-    tensors, w = _link_components(mechanism, motion, motion.w)
-    _, dw = _link_components(mechanism, motion, motion.dw)
-    momenta = _angular_momenta(tensors, w)
-    # The first half. The second one has i and j exchanged. Letters: n row, k link, i j l
-    # coordinates, a component. The links are not summed here, so k remains.
-    half = np.einsum("nika,njlka->nkijl", momenta, dw)
-    half += np.einsum("nika,njlka->nkijl", momenta, cross(w[:, :, None], w[:, None]))
-    return Inertia(_velocity_products(momenta, w), half + np.swapaxes(half, 2, 3))
+    w = _components_along_links(mechanism, motion, motion.w)
+    dw = _components_along_links(mechanism, motion, _derivatives_seen_from_links(motion))
+    momenta = _angular_momenta(mechanism, w)
+    # The first of the two terms; the second one has i and j exchanged. Letters: n row,
+    # k link, i j l coordinates, a component. The links are not summed here, so k remains.
+    first_terms = np.einsum("nika,njlka->nkijl", momenta, dw)
+    second_terms = np.swapaxes(first_terms, 2, 3)
+    return Inertia(_velocity_products(momenta, w), first_terms + second_terms)
 
 
 def inertia_matrix(mechanism: Mechanism, motion: CoordinateMotion) -> Floats:
     """Return the inertia matrix M (n, m, m) of a motion to first order."""
-    tensors, w = _link_components(mechanism, motion, motion.w)
-    return np.sum(_velocity_products(_angular_momenta(tensors, w), w), axis=1)
+    w = _components_along_links(mechanism, motion, motion.w)
+    return np.sum(_velocity_products(_angular_momenta(mechanism, w), w), axis=1)
 
 
-def _link_components(
+def _derivatives_seen_from_links(motion: CoordinateMotion) -> Floats:
+    """Return the change of each link's angular velocity, as seen from the turning link.
+
+    The result (n, m, m, links, 3) has the vectors dw_j/dq_l - w_l x w_j at [:, j, l], in
+    ground axes: the derivative of w_j in the ground, less its change by the rotation of the
+    link with w_l. Their components along link axes are the derivatives of the components of
+    w_j.
+    """
+    w_j = motion.w[:, :, None]
+    w_l = motion.w[:, None]
+    return motion.dw - cross(w_l, w_j)
+
+
+def _components_along_links(
     mechanism: Mechanism, motion: CoordinateMotion, vectors: Floats
-) -> tuple[Floats, Floats]:
-    """Return the inertia tensors of links with mass, and vectors of these links.
-
-    Both have components along link axes.
+) -> Floats:
+    """Return the components along link axes of a vector of each link with mass.
 
     Parameters
     ----------
@@ -145,22 +150,18 @@ def _link_components(
 
     Returns
     -------
-    tensors
-        (masses, 3, 3) in link axes.
-    components
-        (n, ..., masses, 3) the vectors of links with mass, in link axes.
+    (n, ..., masses, 3) the vectors of the links with mass, in link axes.
     """
     links = [mechanism.link_number[mass.link] for mass in mechanism.masses]
-    tensors = np.array([mass.tensor for mass in mechanism.masses]).reshape(-1, 3, 3)
     # Letters: n row, k link, j ground component, i link component.
-    components = np.einsum(
+    return np.einsum(
         "nkji,n...kj->n...ki", motion.rotations[:, links], vectors[..., links, :]
     )
-    return tensors, components
 
 
-def _angular_momenta(tensors: Floats, w: Floats) -> Floats:
-    """Return I w (n, ..., masses, 3) in link axes; see `_link_components`."""
+def _angular_momenta(mechanism: Mechanism, w: Floats) -> Floats:
+    """Return I w (n, ..., masses, 3) of the links with mass, from w, both in link axes."""
+    tensors = np.array([mass.tensor for mass in mechanism.masses]).reshape(-1, 3, 3)
     return np.einsum("kij,n...kj->n...ki", tensors, w)
 
 

@@ -30,19 +30,32 @@ class FunctionKind(Enum):
     Otherwise the series of a function that is nearly zero would have to follow its rounding
     errors.
 
-    The model has one or several coordinates, such as the inputs. Derivatives and rates are
-    by these coordinates.
+    The coordinates of the model are the arc length of the configuration curve, or the
+    inputs. "Derivative" means that by a coordinate, and a velocity is that per unit rate of
+    a coordinate.
 
-    - `ANGLE` and `CONTACT_ARC` are pair variables: angles of R pairs, and arc lengths along
-      the profiles of contacts.
-    - `INERTIA` is an entry of the inertia matrix, `INERTIA_DERIVATIVE` its derivative with
-      one coordinate, and `CHRISTOFFEL` a Christoffel symbol of it with several.
-    - `LOAD_VELOCITY` is a velocity on which a load works.
+    Every model has these kinds:
+
+    - `ANGLE` is the angle of an R pair, and `ANGLE_DERIVATIVE` its derivative.
+    - `CONTACT_ARC` is the arc length along a profile to its contact, and
+      `CONTACT_ARC_DERIVATIVE` its derivative.
+    - `INERTIA` is an entry of the inertia matrix.
+    - `LOAD_VELOCITY` is the velocity by which the magnitude of a load is multiplied to
+      obtain its power.
+
+    Only models with one coordinate have these:
+
+    - `INERTIA_DERIVATIVE` is the derivative of the inertia.
     - `POLE_AXIS` is a component of the unit vector along a pole, the axis of relative
-      rotation of two links. `VELOCITY_COEFFICIENT` is their angular velocity about it per
-      unit rate of the coordinate. `ACCELERATION_COEFFICIENT` is its derivative.
-    - `ANGULAR_VELOCITY` is a component of the angular velocity of two links per unit rate
-      of one of several coordinates.
+      rotation of two links.
+    - `VELOCITY_COEFFICIENT` is the angular velocity of the two links about their pole.
+    - `ACCELERATION_COEFFICIENT` is the derivative of this angular velocity.
+
+    Only models with several coordinates have these:
+
+    - `CHRISTOFFEL` is a Christoffel symbol, a combination of derivatives of the inertia
+      matrix.
+    - `ANGULAR_VELOCITY` is a component of the relative angular velocity of two links.
     """
 
     ANGLE = auto()

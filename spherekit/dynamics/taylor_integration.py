@@ -239,6 +239,95 @@ def _evaluate_series(series: Floats, h: Floats) -> tuple[Floats, Floats]:
 
 
 @dataclass(frozen=True)
+class StepProbe:
+    """Compares the Taylor series of k steps with the equation of motion.
+
+    The series of a step is computed at its start. It does not show a load that changes
+    abruptly later in the step, such as tanh(1000 x) where x passes zero. The rates of the
+    momenta by the series then differ from those by the equation of motion.
+
+    Attributes
+    ----------
+    equation
+        The compiled equation of motion. Its loads have such functions, so that it has a
+        `probe_function`.
+    starts, lengths
+        (k,) start times and lengths of the steps, s.
+    series
+        (k, states, order + 1) Taylor coefficients of the state by the time since the start.
+    common_parameters
+        (parameters,) the parameters of the equation that are the same in all steps.
+    switch_signs
+        (k, switches) the parameters after these: the signs of the switch conditions in each
+        step.
+    """
+
+    equation: CompiledEquation
+    starts: Floats
+    lengths: Floats
+    series: Floats
+    common_parameters: Floats
+    switch_signs: Floats
+
+    def compare(self, steps: Indices, places: Floats) -> tuple[Floats, Floats]:
+        """Return the errors of steps at n places, and the steep arguments there.
+
+        Parameters
+        ----------
+        steps
+            (n,) indices of steps.
+        places
+            (n,) fractions of these steps, from 0 at the start to 1 at the end.
+
+        Returns
+        -------
+        errors
+            (n,) errors of the momenta, as multiples of the largest error that is allowed.
+        arguments
+            (n, arguments) values x of all tanh(1000 x) and similar functions in loads.
+        """
+        layout = self.equation.layout
+        times_in_step = places * self.lengths[steps]
+        states, rates = _evaluate_series(self.series[steps], times_in_step)
+        momentum_rates, arguments = self._evaluate_equation(steps, times_in_step, states)
+        # The error of a rate, acting over the whole step, is an error of the momentum.
+        rate_errors = np.abs(rates[:, layout.momentum_slice] - momentum_rates)
+        momentum_errors = np.max(rate_errors, axis=1) * self.lengths[steps]
+        # The tolerance of a step is relative to the largest number in the state. The unit
+        # of momentum is chosen so that this number is about 1.
+        max_error = MAX_PROBE_ERROR * self.equation.tolerance
+        return momentum_errors / max_error, arguments
+
+    def _evaluate_equation(
+        self, steps: Indices, times_in_step: Floats, states: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return the rates (n, m) of the momenta by the equation, and the steep arguments.
+
+        Parameters
+        ----------
+        steps
+            (n,) indices of steps.
+        times_in_step
+            (n,) times since the starts of these steps, s.
+        states
+            (n, states) states at these times.
+        """
+        probe_function = self.equation.probe_function
+        assert probe_function is not None
+        # The inputs of the function, in its order.
+        inputs = [
+            states.T,
+            (self.starts[steps] + times_in_step)[None],
+            np.repeat(self.common_parameters[:, None], len(steps), axis=1),
+            self.switch_signs[steps].T,
+        ]
+        outputs = probe_function(np.concatenate(inputs))
+        # One rate of the momentum for each degree of freedom, then the arguments.
+        momentum_rates, arguments = np.split(outputs, [self.equation.layout.freedoms])
+        return momentum_rates.T, arguments.T
+
+
+@dataclass(frozen=True)
 class RunStart:
     """The start of an integration by Taylor series.
 
@@ -441,7 +530,10 @@ class TaylorIntegration:
         min_step
             Length of a step below which the run ends, s.
         """
-        self._normalise(integrator, target)
+        # The state is changed in place. Some parameters of the equation depend on this
+        # change: the unit of momentum, and the numbers of whole turns.
+        self._normalise(integrator.state)
+        self._renew_parameters(integrator, target)
         steps: list[TaylorStep] = []
         has_probes = self.equation.probe_function is not None
         # Steps before this index agree with the loads. A shortened step is probed at once.
@@ -564,73 +656,26 @@ class TaylorIntegration:
         """
         if not steps:
             return 0, np.inf
-        starts = np.array([step.start for step in steps])
-        lengths = np.array([step.length for step in steps])
-        series = np.array([step.series for step in steps])
-        switch_signs = np.array([step.switch_signs for step in steps])
-        probe_function = self.equation.probe_function
-        assert probe_function is not None
-        layout = self.layout
-        # The signs of the switch conditions are the last parameters, and differ from step
-        # to step. All steps have the parameters before them in common.
-        common_parameters = self._all_parameters(integrator)[: layout.switch_parameters]
-
-        def probe(step: Indices, fractions: Floats) -> tuple[Floats, Floats]:
-            """Compare the series of steps with the equation of motion at n times.
-
-            The series of a step is computed at its start. A load that changes abruptly
-            later, such as tanh(1000 x) where x passes zero, is not seen by it. The series
-            then gives another rate of the momenta than the equation of motion.
-
-            The arrays of `_probe_steps` have a row for each step: `starts` and `lengths`
-            (s), the Taylor coefficients `series`, and `switch_signs`.
-
-            Parameters
-            ----------
-            step
-                (n,) indices of steps.
-            fractions
-                (n,) times since the starts of these steps, divided by their lengths.
-
-            Returns
-            -------
-            errors
-                (n,) as multiples of the allowed error.
-            arguments
-                (n, arguments) values x of all tanh(1000 x) and similar functions in loads.
-                The caller probes near their zeros and extrema next.
-            """
-            h = fractions * lengths[step]
-            states, rates = _evaluate_series(series[step], h)
-            # In the order of the function: state, time and parameters. The last parameters
-            # are the signs of the switch conditions. Where a condition changes its sign, a
-            # load changes, such as dry friction with the sign of the sliding rate.
-            inputs = [
-                states.T,
-                (starts[step] + h)[None],
-                np.repeat(common_parameters[:, None], len(fractions), axis=1),
-                switch_signs[step].T,
-            ]
-            outputs = probe_function(np.concatenate(inputs))
-            # One rate of the momentum for each degree of freedom, then the arguments.
-            momentum_rates, arguments = np.split(outputs, [layout.freedoms])
-            differences = np.abs(rates[:, layout.momentum_slice] - momentum_rates.T)
-            # The difference of the rates times the length of the step is an error of the
-            # momentum. The state has momenta divided by a typical size, so that they are
-            # at most about 1. An error allowed relative to 1 is an absolute one, so the
-            # error is compared with multiples of the relative tolerance of a step.
-            errors = np.max(differences, axis=1) * lengths[step]
-            return errors / (MAX_PROBE_ERROR * self.equation.tolerance), arguments.T
-
+        probe = StepProbe(
+            equation=self.equation,
+            starts=np.array([step.start for step in steps]),
+            lengths=np.array([step.length for step in steps]),
+            series=np.array([step.series for step in steps]),
+            # All steps of a segment have the same parameters except the switch signs.
+            common_parameters=self._all_parameters(integrator)[
+                : self.layout.switch_parameters
+            ],
+            switch_signs=np.array([step.switch_signs for step in steps]),
+        )
         # For each step, the fraction of its length (0 to 1) after which its first error was
         # seen. It is infinite if the step agrees.
-        error_fractions = find_first_errors(probe, len(steps))
+        error_fractions = find_first_errors(probe.compare, len(steps))
         for index, error_fraction in enumerate(error_fractions):
             if error_fraction <= 1.0:
                 # The next step ends before the error, so that it does not contain the
                 # change of the load. A least length lets it pass a change at its start.
                 fraction = max(RETRY_FRACTION * error_fraction, MIN_RETRY_FRACTION)
-                return index, float(fraction * lengths[index])
+                return index, float(fraction * steps[index].length)
         return len(steps), np.inf
 
     def _classify_event(self, integrator: Integrator) -> RunEnd:
@@ -644,23 +689,14 @@ class TaylorIntegration:
             return "too_many" if has_too_many else "sticking"
         return kind if kind in ("coordinates", "joint_limit") else "singularity"
 
-    def _normalise(self, integrator: Integrator, target: float) -> None:
-        """Keep the numbers of the state small between two segments.
+    def _normalise(self, state: Floats) -> None:
+        """Keep the numbers of the integrator's state small, and the loops closed.
 
-        Whole revolutions and work are set aside, and the unit of momentum is adapted. After
-        a fixed number of segments the variables are also put back onto the closed loops
-        (`project`). The parameters of the equation, which state these changes, are set
-        again.
-
-        Parameters
-        ----------
-        integrator
-            The integrator, whose state and parameters are changed in place.
-        target
-            Time (s) up to which the torque tables of loads are linear.
+        Whole revolutions and work are moved from the state to separate sums, and the unit
+        of momentum is adapted. After every `SEGMENTS_PER_CLOSURE` segments the variables
+        are also corrected so that the loops are closed. The state (states,) is changed in
+        place.
         """
-        # `state` and its slices are views, so that the integrator changes with them.
-        state = integrator.state
         values = state[: self.variable_count]
         self._reduce_angles(values)
         if self.segments and len(self.segments) % SEGMENTS_PER_CLOSURE == 0:
@@ -669,13 +705,15 @@ class TaylorIntegration:
         self._set_work_aside(state[self.layout.work_slice])
         self._adapt_momentum_unit(state[self.layout.momentum_slice])
 
-        # At a zero of its switch condition a load changes abruptly, such as dry friction.
-        # A parameter has the sign of the condition, and the integrator has reversed it at
-        # each zero. These signs are read from the integrator first. `_parameters` then
-        # returns new values of all parameters, with the signs in `switch_signs`.
-        old_parameters = self._all_parameters(integrator)
-        self.switch_signs = old_parameters[self.layout.switch_parameters :]
-        new_parameters = self._parameters(target)
+    def _renew_parameters(self, integrator: Integrator, interval_end: float) -> None:
+        """Give the equation its parameters for the interval from now to `interval_end` (s).
+
+        The signs of the switch conditions are parameters, too. The integrator reverses them
+        during its steps, so its present signs are read first and given back unchanged.
+        """
+        present_parameters = self._all_parameters(integrator)
+        self.switch_signs = present_parameters[self.layout.switch_parameters :]
+        new_parameters = self._parameters(interval_end)
         # The integrator has only the parameters up to the last one that the equation uses.
         used_count = len(integrator.parameters)
         integrator.parameters[:] = new_parameters[:used_count]
@@ -714,8 +752,8 @@ class TaylorIntegration:
             self.momentum_unit *= size
             momenta /= size
 
-    def _parameters(self, target: float) -> Floats:
-        """Return the parameters for the interval from now to the `target` (s).
+    def _parameters(self, interval_end: float) -> Floats:
+        """Return the parameters for the interval from now to `interval_end` (s).
 
         The compiled equation reads them by their positions. `EquationLayout` defines this
         order:
@@ -731,7 +769,7 @@ class TaylorIntegration:
         - the sign of each switch condition. A load changes abruptly at a zero of its
           condition. Its formula contains the sign, which the integrator reverses there.
         """
-        duration = target - self.time
+        duration = interval_end - self.time
         table_values = [self.time]
         for table in self.tables:
             # A table is linear up to the next knot. It is read within the interval, since
@@ -744,13 +782,13 @@ class TaylorIntegration:
             [*self.turns, *scales, *self.limit_values, *table_values, *self.switch_signs]
         )
 
-    def _set_switch_signs(self, target: float) -> None:
+    def _set_switch_signs(self, interval_end: float) -> None:
         """Compute the signs of the switch conditions at the start.
 
         A load changes abruptly at a zero of its switch condition, such as dry friction
         where the sliding rate is zero. If a condition is zero at the start, its sign is
-        that of its rate, and positive if the rate is zero too. `target` is the time (s) up
-        to which torque tables are linear. The parameters contain their slopes until then.
+        that of its rate, and positive if the rate is zero too. The parameters of the
+        equation apply up to `interval_end` (s), the next knot of a torque table.
         """
         switch_function = self.equation.switch_function
         if switch_function is None:
@@ -760,7 +798,7 @@ class TaylorIntegration:
         # conditions before it. These signs are among the parameters.
         for k in range(count):
             inputs = np.concatenate(
-                [self.start_state, [self.time], self._parameters(target)]
+                [self.start_state, [self.time], self._parameters(interval_end)]
             )
             # The function returns all conditions, then their rates by time.
             signs = np.sign(switch_function(inputs[:, None])[:, 0])
