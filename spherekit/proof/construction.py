@@ -15,11 +15,12 @@ variable, as in any other angle. Two configurations whose inputs differ by a who
 count as different, unless all wheels have the same angles in both.
 """
 
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from itertools import combinations, islice, permutations
-from math import lcm, prod
+from itertools import combinations, islice
+from math import lcm
 
 import numpy as np
 
@@ -336,12 +337,21 @@ def permanent(matrix: Indices) -> int:
     """Return the permanent of a square matrix.
 
     It is the sum over all permutations of the products of one entry from each row.
+
+    The rows are taken one after another. For each set of columns that the rows so far can
+    use, the sum of their products is kept. The time grows as 2**n instead of n!.
     """
-    rows = matrix.tolist()
-    return sum(
-        prod(row[column] for row, column in zip(rows, columns, strict=True))
-        for columns in permutations(range(len(rows)))
-    )
+    # The sums by sets of used columns. Bit k of a set is 1 if it has column k.
+    sums = {0: 1}
+    for row in matrix.tolist():
+        extended_sums: dict[int, int] = defaultdict(int)
+        for used_columns, sum_of_products in sums.items():
+            for column, entry in enumerate(row):
+                if entry and not used_columns >> column & 1:
+                    extended_sums[used_columns | 1 << column] += sum_of_products * entry
+        sums = extended_sums
+    all_columns = (1 << len(matrix)) - 1
+    return sums.get(all_columns, 0)
 
 
 def find_construction(
@@ -428,6 +438,41 @@ def _find_best_construction(
     preferred_pairs
         Pairs that should be variables if possible.
     """
+    return min(
+        _find_constructions(ends, link_count, input_count, given_pairs),
+        key=lambda construction: (
+            len(preferred_pairs - {*construction.pairs}),
+            construction.mode_bound,
+            np.sum(construction.degrees),
+        ),
+        default=None,
+    )
+
+
+def has_construction(structure: Structure) -> bool:
+    """Return whether `find_construction` finds an order of placing the links.
+
+    The first order is enough, so this is fast for structures with many links, too.
+    """
+    constructions = _find_constructions(
+        structure.ends,
+        len(structure.links),
+        len(structure.inputs),
+        (*structure.inputs, *structure.followers),
+    )
+    first = next(constructions, None)
+    return first is not None and bool(first.unknown_count or first.follower_pairs)
+
+
+def _find_constructions(
+    ends: Ends, link_count: int, input_count: int, given_pairs: tuple[int, ...]
+) -> Iterator[Construction]:
+    """Yield the orders of placing the links whose equations can be solved.
+
+    At most `MAX_COMPARED_ORDERS` orders are tried.
+
+    The parameters are those of `_find_best_construction`.
+    """
     # The links of one body have the same label, which is the number of their first link.
     body_of_link = component_labels(link_count, (ends[pair] for pair in given_pairs))
     # By pair with an unknown angle: the two bodies that it joins.
@@ -438,29 +483,22 @@ def _find_best_construction(
     }
     # A body is rigid, so a pair with an unknown angle between two of its links is locked.
     if any(first == second for first, second in joined_bodies.values()):
-        return None
+        return
     # Roots are tried from the body of the first input on.
     input_body = body_of_link[ends[given_pairs[0]][0]]
     roots = sorted(set(body_of_link), key=lambda body: body != input_body)
-    constructions = (
-        _make_construction(ends, body_of_link, input_count, given_pairs, root, order)
+    orders = (
+        (root, order)
         for root in roots
         for order in placing_orders(joined_bodies, frozenset(body_of_link), root)
     )
-    return min(
-        (
-            construction
-            for construction in islice(constructions, MAX_COMPARED_ORDERS)
-            # A bound of 0 means that some equations cannot be solved for the unknowns.
-            if construction and construction.mode_bound
-        ),
-        key=lambda construction: (
-            len(preferred_pairs - {*construction.pairs}),
-            construction.mode_bound,
-            np.sum(construction.degrees),
-        ),
-        default=None,
-    )
+    for root, order in islice(orders, MAX_COMPARED_ORDERS):
+        construction = _make_construction(
+            ends, body_of_link, input_count, given_pairs, root, order
+        )
+        # A bound of 0 means that some equations cannot be solved for the unknowns.
+        if construction and construction.mode_bound:
+            yield construction
 
 
 def placing_orders(

@@ -5,6 +5,13 @@ from spherekit.errors import PlanError
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.wording import listing
 
+MAX_PROVEN_LOOPS = 6
+"""Largest number of independent loops up to which a proof of the modes is proposed.
+
+An eight-bar has three loops. Larger: proofs are proposed that take hours. Smaller: users do
+not learn that a proof is possible.
+"""
+
 
 def describe_completeness(position_analysis: PositionAnalysis) -> str:
     """Return whether assembly modes may have been missed, in whole sentences.
@@ -54,11 +61,14 @@ def can_prove_modes(position_analysis: PositionAnalysis) -> bool:
         return False
     if position_analysis.claim.guarantee in (Guarantee.CERTIFIED, Guarantee.COMPLETE):
         return False
-    from spherekit.proof.construction import find_construction
+    mechanism = position_analysis.mechanism
+    loop_count = len(mechanism.pairs) - len(mechanism.links) + 1
+    if loop_count > MAX_PROVEN_LOOPS:
+        return False
+    from spherekit.proof.construction import has_construction
     from spherekit.proof.structure import extract_structure
 
     try:
-        find_construction(extract_structure(position_analysis.mechanism))
+        return has_construction(extract_structure(mechanism))
     except PlanError:
         return False
-    return True
