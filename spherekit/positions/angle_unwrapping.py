@@ -117,7 +117,8 @@ class UnwrappedStretch:
         a curve of configurations was followed with continuous angles. The revolutions of an
         angle are the sum of three numbers:
 
-        - the revolutions by which the angle on the curve, at the same input, exceeds it,
+        - whole revolutions between the angle of the configuration and the continuous angle
+          of the curve at the same input,
         - for each whole period from the stretch to the input, the revolutions that the
           angle gains in a period (`winding`),
         - minus `reference_revolutions`, the same number for all configurations. It is
@@ -138,9 +139,9 @@ class UnwrappedStretch:
         # `DEAD_CENTRE_SLACK_RAD` beyond an end therefore count as at the end.
         lowest = low - DEAD_CENTRE_SLACK_RAD
         highest = high + DEAD_CENTRE_SLACK_RAD
-        # 1. The input is reduced by whole periods (laps), so that it is in the period that
-        # begins at `lowest`. If this period began at `low`, an input just below `low` would
-        # get to its upper end, and not to the end of the curve that is near.
+        # 1. The input is reduced by whole periods (laps) to the period that begins at
+        # `lowest`. An input just below `low` then stays near the lower end of the curve, and
+        # does not get to the upper end of the period.
         from_lowest = values[:, self.input_variable] - low + DEAD_CENTRE_SLACK_RAD
         laps = np.floor(from_lowest / self.period)
         reduced_input = lowest + np.mod(from_lowest, self.period)

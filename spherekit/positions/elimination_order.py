@@ -32,8 +32,8 @@ class BinaryLink(NamedTuple):
     """A body of a group with two R pairs that join it to two different bodies.
 
     A group is a set of bodies that are placed together by closing their loops. Removing a
-    binary link opens a loop. It leaves one equation: the axes of its two pairs, which are
-    now in its neighbours, must include the arc of the link.
+    binary link opens a loop and leaves one equation. The axes of its two pairs belong to
+    its neighbours, too. The angle between these axes must be the arc of the link.
 
     Attributes
     ----------
@@ -64,8 +64,8 @@ class EliminationOrder(NamedTuple):
     base_body
         A body of the tree, from which the other bodies of the tree are placed.
     tree_pairs
-        The t pairs of the tree. Their angles are the unknowns. The others are eliminated,
-        and the first remains.
+        The t pairs of the tree. Their angles are the unknowns. All except the first one are
+        eliminated.
     removed_links
         The t binary links outside the tree, in the order of their equations.
     spanned_pairs

@@ -62,8 +62,8 @@ def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingP
     Links that only follow are left out. The part is used only if two conditions hold:
 
     - Each assembly mode (way to assemble the links) of the whole contains one mode of the
-      part: the angles of the part's pairs agree at all compared samples of the input. Few
-      samples tell modes apart, because two modes agree only where they meet.
+      part: the angles of the part's pairs agree at all compared samples of the input. A
+      small number of samples is enough, because two modes agree only where they meet.
     - Whole and part have the same dead centres, at which the input turns back. Otherwise
       links that are left out would stop the input where the part alone moves on.
 
@@ -78,9 +78,9 @@ def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingP
     """
     mechanism = whole.mechanism
     # No part is used in two cases:
-    # 1. The numbers of links and pairs give a wrong mobility. It was then determined from
-    #    the rank of the velocity equations (`by_rank`) of the whole mechanism. A part is
-    #    chosen by counting links and pairs.
+    # 1. The mobility was determined from the rank of the velocity equations (`by_rank`),
+    #    because the numbers of links and pairs give a wrong one. A part is chosen by
+    #    counting links and pairs, which would fail.
     # 2. Wheels roll on each other. Their phases depend on all wheels.
     if not whole.by_rank:
         part_mechanism = part_for(mechanism, links)
@@ -110,8 +110,9 @@ def _have_same_turning_points(whole: PositionAnalysis, part: PositionAnalysis) -
     the links that are left out may have a dead centre outside the range. The result is
     False if some dead centres of the whole are doubtful.
     """
-    # Dead centres are doubtful if one value of the searched functions takes longer than
-    # `RUN_COST_S`, or where the search has not ended after `RUN_TIME_S`.
+    # The search for dead centres has two limits of time. It is not made if its functions
+    # take longer than `RUN_COST_S` to evaluate once, and it ends after `RUN_TIME_S`. Dead
+    # centres that it cannot exclude are doubtful.
     whole_points, part_points = (
         find_input_turning_points(analysis.solver, -np.pi, np.pi, RUN_COST_S, RUN_TIME_S)
         for analysis in (whole, part)

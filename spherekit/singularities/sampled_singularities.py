@@ -56,8 +56,8 @@ class Occurrence(NamedTuple):
         Numbers of the assembly modes (ways to assemble the mechanism) that have the
         configuration at this input.
     is_inside
-        Whether the input is in the range of the rows. If the rows are a simulation, it also
-        passes the configuration.
+        Whether the input is in the range of the rows. With a simulation: whether the
+        simulation passes the configuration.
     """
 
     q: float

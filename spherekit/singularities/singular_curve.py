@@ -183,10 +183,10 @@ class SingularCurve:
         node_values = function(self.nodes)
         # A function such as a determinant uses the basis of possible rates that each point
         # has (`LocusPoints.bases`). Its sign changes if a vector of the basis is reversed.
-        # So the basis of each node is aligned with that of the node before. An exception is
-        # the last node of a closed curve: it is the first node, and has its basis. The last
-        # value is therefore computed again with a basis that is aligned with that of the
-        # last node but one. On an open curve this changes nothing but rounding.
+        # So the basis of each node is aligned with that of the node before. On a closed
+        # curve the last node is the first one again, with the basis of the first node. Its
+        # value is computed again with a basis that is aligned with that of the node before.
+        # On an open curve this changes nothing but rounding.
         last_chord = np.array([len(node_values) - 2])
         node_values[-1] = function(self.points_on_chords(last_chord, np.ones(1)))[0]
         starts = node_values[:-1]
