@@ -140,8 +140,8 @@ class UnwrappedStretch:
         lowest = low - DEAD_CENTRE_SLACK_RAD
         highest = high + DEAD_CENTRE_SLACK_RAD
         # 1. The input is reduced by whole periods (laps) to the period that begins at
-        # `lowest`. An input just below `low` then stays near the lower end of the curve, and
-        # does not get to the upper end of the period.
+        # `lowest`. An input just below `low` then stays near the lower end of the curve,
+        # and does not get to the upper end of the period.
         from_lowest = values[:, self.input_variable] - low + DEAD_CENTRE_SLACK_RAD
         laps = np.floor(from_lowest / self.period)
         reduced_input = lowest + np.mod(from_lowest, self.period)
