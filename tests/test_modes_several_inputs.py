@@ -593,9 +593,10 @@ def test_wrong_paths_never_make_two_equal_nodes_for_any_batch_size(
             assert np.min(distances, initial=SELF_DISTANCE) > SAME_CONFIGURATION
     in_batches, at_once = graphs
     assert np.array_equal(in_batches.sample, at_once.sample)
-    # `_partner` is the node to which the path from each node led in each direction.
-    # `_piece` is the set of joined nodes to which each node belongs.
-    assert np.array_equal(in_batches._partner, at_once._partner)
+    # `_edges` are the nodes at the starts and at the ends of all paths. `_piece` is the set
+    # of joined nodes to which each node belongs.
+    for edges, edges_at_once in zip(in_batches._edges, at_once._edges, strict=True):
+        assert np.array_equal(edges, edges_at_once)
     assert np.array_equal(in_batches._piece, at_once._piece)
 
 

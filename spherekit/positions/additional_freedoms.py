@@ -38,14 +38,13 @@ MAX_CLOSING_STEPS = 12
 
 
 def has_additional_freedoms(closure: Closure, values: Floats) -> bool:
-    """Return whether a configuration belongs to a surface of configurations.
+    """Return whether a mechanism can move in several independent ways at a configuration.
 
-    The closure Jacobian J has the rank r. If J has this rank in the whole neighbourhood,
-    the configurations form a surface (manifold). Its dimension is the number of independent
-    motions that J allows. Otherwise several sets of configurations meet. To decide, the
-    configuration is moved in several directions, and the loops are closed by Newton's
-    method with the r largest singular values of J. They can be closed in this way only on a
-    manifold.
+    The velocity equations alone cannot tell. They allow several motions on a surface of
+    configurations, but also where two curves of configurations cross. The mechanism is
+    therefore moved by small finite steps in several directions that these equations allow,
+    and its loops are closed again. On a surface this succeeds after every step. At a
+    crossing it fails after a step in a direction between the curves.
 
     Parameters
     ----------
@@ -57,33 +56,83 @@ def has_additional_freedoms(closure: Closure, values: Floats) -> bool:
     Returns
     -------
     Whether the mechanism has several degrees of freedom at the configuration, and at all
-    tried configurations around it. It is false at a crossing of curves, where the mechanism
-    has several degrees of freedom only to first order.
+    tried configurations around it.
     """
-    _, singular_values, right_vectors = np.linalg.svd(
-        closure.linearise(values[None]).jacobian[0]
-    )
-    rank = int(np.sum(singular_values > NULL_RATIO * singular_values[0]))
-    motions = right_vectors[rank:]
+    motions = _find_first_order_motions(closure.linearise(values[None]).jacobian[0])
     if len(motions) < 2:
         return False
+    starts = values + TRIED_STEP_RAD * _choose_directions(motions)
+    # On a surface, the closure Jacobian has the same rank everywhere.
+    rank = len(values) - len(motions)
+    points = _close_loops(closure, starts, rank)
+    is_closed = closure.linearise(points).closure_residual < CLOSURE_TOLERANCE
+    # A closed point counts only if the mechanism has moved. Newton's method may have led
+    # back to the first configuration, which is closed in any case.
+    has_moved = np.linalg.norm(points - values, axis=1) > 0.5 * TRIED_STEP_RAD
+    return bool(np.all(is_closed & has_moved))
+
+
+def _find_first_order_motions(jacobian: Floats) -> Floats:
+    """Return the motions that the velocity equations of a mechanism allow.
+
+    Parameters
+    ----------
+    jacobian
+        (equations, variables) closure Jacobian J.
+
+    Returns
+    -------
+    (m, variables) orthonormal rates of the variables: a basis of the null space of J.
+    """
+    _, singular_values, right_vectors = np.linalg.svd(jacobian)
+    rank = int(np.sum(singular_values > NULL_RATIO * singular_values[0]))
+    return right_vectors[rank:]
+
+
+def _choose_directions(motions: Floats) -> Floats:
+    """Return random unit vectors (`TRIED_DIRECTIONS`, variables) that combine motions.
+
+    `motions` (m, variables) are the motions that the velocity equations allow.
+    """
     random = np.random.default_rng(DIRECTION_SEED)
     directions = random.normal(size=(TRIED_DIRECTIONS, len(motions))) @ motions
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
-    points = values + TRIED_STEP_RAD * directions
+    return directions / np.linalg.norm(directions, axis=1)[:, None]
+
+
+def _close_loops(closure: Closure, points: Floats, rank: int) -> Floats:
+    """Close the loops of nearly closed configurations on a surface by Newton's method.
+
+    The closure Jacobian on the surface has a known rank r. Each step is computed with its r
+    largest singular values only (truncated singular value decomposition). The others are
+    zero on the surface and nearly zero beside it, so a division by them would lead far
+    away.
+
+    Parameters
+    ----------
+    closure
+        The loops of the whole mechanism.
+    points
+        (n, variables) nearly closed configurations (rad).
+    rank
+        Rank r of the closure Jacobian on the surface.
+
+    Returns
+    -------
+    (n, variables) configurations (rad) after the last step, closed or not.
+    """
     for _ in range(MAX_CLOSING_STEPS):
         linearisation = closure.linearise(points)
-        left, sizes, right = np.linalg.svd(linearisation.jacobian, full_matrices=False)
-        # The other singular values are zero on the manifold, and nearly so beside it. A
-        # division by them would lead far away.
-        left = np.swapaxes(left, 1, 2)[:, :rank]
-        parts = np.vecdot(left, linearisation.residual[:, None]) / sizes[:, :rank]
-        steps = -np.matvec(np.swapaxes(right, 1, 2)[:, :, :rank], parts)
+        left_vectors, singular_values, right_vectors = np.linalg.svd(
+            linearisation.jacobian, full_matrices=False
+        )
+        # Each vector is in a row of these arrays: (n, r, equations) and (n, r, variables).
+        left_vectors = np.swapaxes(left_vectors, 1, 2)[:, :rank]
+        right_vectors = right_vectors[:, :rank]
+        # J = U S V^T, so the step -V S^-1 U^T residual closes the loops to first order.
+        components = np.vecdot(left_vectors, linearisation.residual[:, None])
+        components /= singular_values[:, :rank]
+        steps = -np.matvec(np.swapaxes(right_vectors, 1, 2), components)
         points = points + steps
         if np.all(max_abs(steps, axis=1) < CLOSURE_TOLERANCE):
             break
-    linearisation = closure.linearise(points)
-    is_closed = linearisation.closure_residual < CLOSURE_TOLERANCE
-    # A step across a manifold would be undone by Newton's method.
-    has_moved = np.linalg.norm(points - values, axis=1) > 0.5 * TRIED_STEP_RAD
-    return bool(np.all(is_closed & has_moved))
+    return points

@@ -118,10 +118,10 @@ class ConfigurationGraph:
         # directions for each axis of the grid: 2 a leads to the next sample along axis a,
         # and 2 a + 1 to the previous one.
         self._neighbours = input_grid.neighbours()
-        # (directions, k): whether a path from the node in the direction was tried, and the
-        # node to which a verified path led, or -1.
+        # (directions, k): whether a path from the node in the direction was tried, and
+        # whether a verified path in the direction ends at the node.
         self._is_tried = np.empty((len(self._neighbours), 0), dtype=bool)
-        self._partner = np.empty((len(self._neighbours), 0), dtype=np.intp)
+        self._is_reached = np.empty((len(self._neighbours), 0), dtype=bool)
         # A piece is a set of joined nodes, at most one for each sample. (k,) identifier of
         # the piece of each node, and the nodes of each piece.
         self._piece = np.empty(0, dtype=np.intp)
@@ -177,17 +177,14 @@ class ConfigurationGraph:
         nodes[new] = np.arange(first_new_node, first_new_node + len(new))
         nodes[missing] = nodes[missing[representative]]
         # All arrays with one entry for each node grow. No path from a new node was tried in
-        # any direction, none leads to another node (`_partner` is -1), and the node is a
-        # piece of its own.
+        # any direction, no path ends at it, and the node is a piece of its own.
         self._determinant_sign = np.append(self._determinant_sign, signs[is_new])
         self._is_regular = np.append(self._is_regular, is_regular[is_new])
         self.sample = np.append(self.sample, sample[new])
         self.values = np.concatenate([self.values, values[new]])
-        directions = len(self._neighbours)
-        is_tried = np.zeros((directions, len(new)), dtype=bool)
-        self._is_tried = np.concatenate([self._is_tried, is_tried], axis=1)
-        partner = np.full((directions, len(new)), -1, dtype=np.intp)
-        self._partner = np.concatenate([self._partner, partner], axis=1)
+        no_paths = np.zeros((len(self._neighbours), len(new)), dtype=bool)
+        self._is_tried = np.concatenate([self._is_tried, no_paths], axis=1)
+        self._is_reached = np.concatenate([self._is_reached, no_paths], axis=1)
         self._piece = np.append(self._piece, nodes[new])
         self._nodes_of_piece |= {node: [np.array([node])] for node in nodes[new].tolist()}
         # Rebuild the table of the nodes of each sample.
@@ -272,14 +269,13 @@ class ConfigurationGraph:
 
     def _list_nodes(self) -> None:
         """Rebuild the table `_nodes_of_sample` from the samples of all nodes."""
-        order = np.argsort(self.sample, kind="stable")
-        counts = np.bincount(self.sample, minlength=len(self.input_grid))
         # The i-th node of a sample is in column i of the row of the sample.
-        column = np.arange(len(order)) - np.repeat(np.cumsum(counts) - counts, counts)
+        column = _number_within_groups(self.sample)
+        column_count = np.max(column, initial=-1) + 1
         self._nodes_of_sample = np.full(
-            (len(counts), np.max(counts, initial=0)), -1, dtype=np.intp
+            (len(self.input_grid), column_count), -1, dtype=np.intp
         )
-        self._nodes_of_sample[self.sample[order], column] = order
+        self._nodes_of_sample[self.sample, column] = np.arange(len(column))
 
     def add_sheet(self, values: Floats) -> None:
         """Add the configurations of a sheet as nodes, join them, and unite their pieces.
@@ -358,10 +354,8 @@ class ConfigurationGraph:
         # one.
         axis_count = len(self._neighbours) // 2
         back_along_last_axis = 2 * (axis_count - 1) + 1
-        # The nodes from which a path in this direction may join two pieces. A path is left
-        # out, for example, if its piece already has a node at the previous sample.
-        nodes = np.flatnonzero(self._may_join_pieces(back_along_last_axis))
-        self._join_along_paths(nodes, back_along_last_axis)
+        starts = self._find_useful_starts(back_along_last_axis)
+        self._join_along_paths(starts, back_along_last_axis)
         # Paths to previous samples, from the last axis but one to the first axis. Pieces
         # are long now, so that this method tries a few paths of each piece first.
         for axis in range(axis_count - 2, -1, -1):
@@ -398,65 +392,86 @@ class ConfigurationGraph:
                 return
             paths_per_piece *= PORTION_GROWTH
 
-    def _may_join_pieces(self, direction: int) -> Bools:
-        """Return for each of the k nodes whether an untried path may join two pieces.
+    def _find_useful_starts(self, direction: int) -> Indices:
+        """Return the nodes from which an untried path in a direction may join two pieces.
 
-        A node is one configuration at one sample of the inputs. A piece is a set of joined
-        nodes with at most one node per sample. A path leads from a node to its target, the
-        neighbouring sample in the direction. It may join two pieces if
-
-        - the node is not singular, and its piece has no node at the target yet, and
-        - a node at the target can be its end: it is not singular, the determinant of its
-          closure Jacobian has the same sign, which a verified path cannot change, and no
-          other path in this direction ends at it. This is not required at a target where
-          configurations may be missing, because the path can lead to a new node there.
+        A path leads from a node (a configuration at a sample) to the neighbouring sample. A
+        piece is a set of joined nodes with at most one node per sample. A path can join two
+        pieces only if its own piece has no node at the neighbouring sample yet, and if a
+        node of another piece can be its end there.
 
         Parameters
         ----------
         direction
             Direction in the grid of inputs. The number 2 a stands for the direction to the
             next sample along axis a, and 2 a + 1 for that to the previous one.
+
+        Returns
+        -------
+        (m,) nodes in rising order.
         """
-        # `_is_regular` marks nodes that are not singular. The number -1 stands for no
-        # sample in `target`, for no node in `ends`, and for no path in `_partner`.
+        # Sample at which a path from each node ends, -1 at the border of the grid.
         target = self._neighbours[direction][self.sample]
-        is_candidate = (target >= 0) & self._is_regular & ~self._is_tried[direction]
-        # Whether a path in this direction has already ended at each node. The path is also
-        # stored as one that leads back, from its end in the opposite direction. No second
-        # path can end at the same node.
-        opposite_direction = direction + 1 if direction % 2 == 0 else direction - 1
-        is_reached = self._partner[opposite_direction] >= 0
-        # The candidates are examined in portions, because the arrays below have an entry
-        # for each candidate and each node at its target.
-        for first in range(0, len(target), PATHS_AT_ONCE):
-            rows = first + np.flatnonzero(is_candidate[first : first + PATHS_AT_ONCE])
-            # All nodes at the target of each row: (rows, nodes of a sample). Where an entry
-            # is -1, the arrays below are read at their last entry, and `is_node` is False.
-            ends = self._nodes_of_sample[target[rows]]
-            is_node = ends >= 0
-            signs = self._determinant_sign
-            can_be_end = is_node & self._is_regular[ends] & ~is_reached[ends]
-            can_be_end &= signs[ends] == signs[rows, None]
-            is_in_piece = is_node & (self._piece[ends] == self._piece[rows, None])
-            has_possible_end = np.any(can_be_end, axis=1)
-            has_possible_end |= ~self.is_complete[target[rows]]
-            is_candidate[rows] = has_possible_end & ~np.any(is_in_piece, axis=1)
-        return is_candidate
+        can_start = (target >= 0) & self._is_regular & ~self._is_tried[direction]
+        (starts,) = np.nonzero(can_start)
+        useful_starts = [np.empty(0, dtype=np.intp)]
+        # The starts are examined in portions, because arrays have an entry for each start
+        # and each node at its target.
+        for first in range(0, len(starts), PATHS_AT_ONCE):
+            portion = starts[first : first + PATHS_AT_ONCE]
+            can_join = self._can_have_end(portion, direction)
+            can_join &= ~self._has_nodes_at(self._piece[portion], target[portion])
+            useful_starts.append(portion[can_join])
+        return np.concatenate(useful_starts)
+
+    def _can_have_end(self, starts: Indices, direction: int) -> Bools:
+        """Return whether paths in a direction can end at a configuration.
+
+        A verified path can end only at a node that is not singular and that has the same
+        sign of the determinant of the closure Jacobian. No other path in this direction may
+        end at this node. At a sample where configurations may be missing among the nodes,
+        the path can also end at a new one.
+
+        Parameters
+        ----------
+        starts
+            (m,) nodes at which the paths start.
+        direction
+            Direction in the grid of inputs, in which all starts have a neighbouring sample.
+
+        Returns
+        -------
+        (m,) whether the path from each start can have an end.
+        """
+        target = self._neighbours[direction][self.sample[starts]]
+        # All nodes at the target of each path, padded by -1: (m, nodes of a sample).
+        ends = self._nodes_of_sample[target]
+        is_node = ends >= 0
+        # The padding -1 reads the data of the last node. `is_node` excludes it.
+        can_be_end = is_node & self._is_regular[ends] & ~self._is_reached[direction][ends]
+        sign_of_start = self._determinant_sign[starts, None]
+        can_be_end &= self._determinant_sign[ends] == sign_of_start
+        return np.any(can_be_end, axis=1) | ~self.is_complete[target]
+
+    def _has_nodes_at(self, piece: Indices | int, sample: Indices) -> Bools:
+        """Return whether pieces have nodes at samples (m,).
+
+        `piece` is the identifier of one piece, or of a piece (m,) for each sample.
+        """
+        nodes = self._nodes_of_sample[sample]
+        is_in_piece = self._piece[nodes] == np.asarray(piece)[..., None]
+        return np.any((nodes >= 0) & is_in_piece, axis=1)
 
     def _select_starts(self, direction: int, paths_per_piece: int) -> Indices:
         """Return the nodes from which paths in a direction are followed next.
 
-        A node is one configuration at one sample of the inputs. A piece is a set of joined
-        nodes that becomes an assembly mode. Only nodes are selected from which a path may
-        join two pieces.
+        Two pieces (sets of joined nodes) are often side by side at many samples. A single
+        path is then enough to join them, although many nodes can start one. Only a few
+        paths are therefore selected from each piece to each block of samples.
 
-        Nodes are joined along the last axis of the grid first, so a piece has many nodes
-        side by side when paths along an earlier axis are followed. A few of these paths are
-        enough to join it to the piece beside it. The targets of the paths are therefore
-        divided into blocks, and from each piece only a few paths are followed to each
-        block. In a grid of two inputs, for example, paths along axis 0 lead from row to
-        row, and a row is a block. In general, the samples of a block differ only in their
-        indices along the axes after that of the direction.
+        A block contains the samples that differ only in the inputs of later axes. In a grid
+        of two inputs, for example, paths along axis 0 lead from one row of samples to the
+        next, and each row is a block.
 
         Parameters
         ----------
@@ -468,24 +483,17 @@ class ConfigurationGraph:
 
         Returns
         -------
-        (m,) nodes in rising order.
+        (m,) nodes in rising order. A path from each of them may join two pieces.
         """
-        (nodes,) = np.nonzero(self._may_join_pieces(direction))
-        # Samples are numbered with the last axis running fastest. The index of the target
-        # divided by the number of samples along all later axes is its block.
+        starts = self._find_useful_starts(direction)
+        target = self._neighbours[direction][self.sample[starts]]
+        # Samples are numbered with the last axis running fastest, so the samples of a block
+        # have successive numbers.
         axis = direction // 2
         samples_per_block = int(np.prod(self.input_grid.shape[axis + 1 :], dtype=np.intp))
-        block = self._neighbours[direction][self.sample[nodes]] // samples_per_block
-        # Nodes are sorted by piece, then by block, then by number. Those of equal piece and
-        # block are a group.
-        piece = self._piece[nodes]
-        order = np.lexsort((nodes, block, piece))
-        keys = np.stack([piece, block], axis=1)[order]
-        is_first_of_group = np.any(np.diff(keys, axis=0, prepend=-1) != 0, axis=1)
-        starts = np.flatnonzero(is_first_of_group)
-        # Position of each sorted node within its group.
-        rank = np.arange(len(order)) - np.repeat(starts, np.diff(starts, append=len(order)))
-        return np.sort(nodes[order[rank < paths_per_piece]])
+        block = target // samples_per_block
+        number_of_path = _number_within_groups(self._piece[starts], block)
+        return starts[number_of_path < paths_per_piece]
 
     def _join_along_paths(self, nodes: Indices, direction: int) -> None:
         """Follow paths from nodes to the next samples in a direction, and join their ends.
@@ -496,7 +504,7 @@ class ConfigurationGraph:
         at the same sample. These attributes are updated:
 
         - `_is_tried`: whether a path from a node in a direction was followed,
-        - `_partner`: the node to which this path led,
+        - `_is_reached`: whether such a path ends at a node,
         - `_edges`: the nodes at the starts and at the ends of the paths,
         - `_piece` and `_nodes_of_piece`: the pieces, sets of joined nodes with at most one
           node per sample.
@@ -529,10 +537,8 @@ class ConfigurationGraph:
         # Both are left out, since the wrong one is not known. A path to a node that a path
         # of an earlier call has reached is left out, too. This is judged after all chunks,
         # so the result does not depend on their size.
-        # Directions are numbered in pairs, 2 a and 2 a + 1, of opposite directions.
-        opposite_direction = direction + 1 if direction % 2 == 0 else direction - 1
         paths_to_end = np.bincount(ends, minlength=len(self.sample))[ends]
-        is_sound = (paths_to_end == 1) & (self._partner[opposite_direction][ends] < 0)
+        is_sound = (paths_to_end == 1) & ~self._is_reached[direction, ends]
         # The determinant of the closure Jacobian with locked inputs keeps its sign along a
         # path, which each step tests. A new node is exactly the end of its path. An old
         # node may differ from the end by up to `SAME_CONFIGURATION_RAD`. Beside a singular
@@ -542,10 +548,12 @@ class ConfigurationGraph:
         )
         starts = starts[is_sound]
         ends = ends[is_sound]
-        # In the opposite direction the path leads back.
-        self._partner[direction, starts] = ends
-        self._partner[opposite_direction, ends] = starts
+        self._is_reached[direction, ends] = True
+        # Each path also leads back, from its end to its start. Directions are numbered in
+        # pairs, 2 a and 2 a + 1, of opposite directions.
+        opposite_direction = direction + 1 if direction % 2 == 0 else direction - 1
         self._is_tried[opposite_direction, ends] = True
+        self._is_reached[opposite_direction, starts] = True
         self._edges.append((starts, ends))
         for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
             self._unite_pieces(start, end)
@@ -606,9 +614,7 @@ class ConfigurationGraph:
         if large_size < small_size:
             large, small = small, large
         relabelled_nodes = np.concatenate(self._nodes_of_piece[small])
-        nodes_of_same_samples = self._nodes_of_sample[self.sample[relabelled_nodes]]
-        is_in_large = self._piece[nodes_of_same_samples] == large
-        if np.any((nodes_of_same_samples >= 0) & is_in_large):
+        if np.any(self._has_nodes_at(large, self.sample[relabelled_nodes])):
             return
         self._piece[relabelled_nodes] = large
         self._nodes_of_piece[large].append(relabelled_nodes)
@@ -673,6 +679,23 @@ class ConfigurationGraph:
         nodes = mode[mode >= 0]
         # argmax is the position of the first True, and 0 if there is none.
         return int(nodes[np.argmax(self._is_regular[nodes])])
+
+
+def _number_within_groups(*keys: Indices) -> Indices:
+    """Return the number (m,) of each element within its group, from 0, in their order.
+
+    Elements belong to one group if they are equal in all `keys` (m,), which are numbers
+    from 0.
+    """
+    order = np.lexsort(keys)
+    sorted_keys = np.stack(keys)[:, order]
+    is_first_of_group = np.any(np.diff(sorted_keys, axis=1, prepend=-1) != 0, axis=0)
+    starts = np.flatnonzero(is_first_of_group)
+    group_sizes = np.diff(starts, append=len(order))
+    # The sort is stable, so the elements of a group keep their order.
+    numbers = np.empty(len(order), dtype=np.intp)
+    numbers[order] = np.arange(len(order)) - np.repeat(starts, group_sizes)
+    return numbers
 
 
 def _put_into_first_mode(
