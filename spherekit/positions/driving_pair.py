@@ -23,52 +23,56 @@ Smaller: all pairs are tried more often.
 
 
 def choose_driving_pair(solver: PositionSolver) -> PositionSolver:
-    """Return a solver of the same mechanism, with a driving pair of low cost.
+    """Return a solver with the driving pair for which meetings of modes are found fastest.
 
-    The solver serves to search all curves of configurations. These curves do not depend on
-    the driving pair, so any pair may be chosen.
+    The search of all configuration curves needs the inputs at which assembly modes meet.
+    They are the zeros of functions of the input (`make_mode_coalescence`). The time of one
+    value of these functions is the cost of a driving pair. For some pairs the functions are
+    not known.
 
-    The search needs the inputs at which assembly modes meet. Each group (bodies that are
-    placed together) has a function of the input that is zero at these inputs: the product
-    of the determinants of its equations over all modes. `make_mode_coalescence` returns
-    these functions, or None for a driving pair for which they are not known. The cost of a
-    pair is the time of one value of the functions. Above `ACCEPTABLE_COST_S` it counts as
-    infinite, as if they were not known.
-
-    The cheapest pair is chosen. If all costs are infinite, it is the first pair for which
-    the functions are known. In three cases the given solver is returned instead:
-
-    - its cost is below `ACCEPTABLE_COST_S`,
-    - the functions are not known for any driving pair,
-    - a group has contacts or redundant constraints.
+    Returns
+    -------
+    A solver of the same mechanism. It is the given solver if this is fast enough, if the
+    functions are not known for any pair, or if a group has contacts or redundant
+    constraints.
     """
-    # `group.revolute` says that a group has R pairs only, so no contacts.
-    if any(not group.revolute or group.redundant for group in solver.assembly.groups):
+    groups = solver.assembly.groups
+    have_contacts = any(not group.revolute for group in groups)
+    are_redundant = any(group.redundant for group in groups)
+    if have_contacts or are_redundant:
         return solver
-    solvers = [solver]
-    costs = [_estimate_cost(solver)]
-    if costs[0] < ACCEPTABLE_COST_S:
+    given_cost = _estimate_cost(solver)
+    if given_cost < ACCEPTABLE_COST_S:
         return solver
-    for pair in solver.mechanism.pairs:
-        mechanism = solver.mechanism.with_inputs(pair.name)
-        # A pair at which the mechanism cannot be driven is passed over.
-        with suppress(PlanError):
-            solvers.append(PositionSolver(mechanism, plan_assembly(mechanism)))
-            costs.append(_estimate_cost(solvers[-1]))
+
+    other_solvers = _drive_each_pair(solver)
+    candidates = [solver, *other_solvers]
+    costs = [given_cost, *map(_estimate_cost, other_solvers)]
     if np.min(costs) < np.inf:
-        return solvers[np.argmin(costs)]
+        return candidates[np.argmin(costs)]
     # All costs are infinite. Functions that take too long are better than none.
-    for candidate in solvers:
-        has_functions = make_mode_coalescence(candidate) is not None
-        if has_functions:
+    for candidate in candidates:
+        if make_mode_coalescence(candidate) is not None:
             return candidate
     return solver
+
+
+def _drive_each_pair(solver: PositionSolver) -> list[PositionSolver]:
+    """Return solvers of a mechanism, one for each pair at which it can be driven."""
+    solvers = []
+    for pair in solver.mechanism.pairs:
+        mechanism = solver.mechanism.with_inputs(pair.name)
+        # The plan fails for a pair at which the mechanism cannot be driven.
+        with suppress(PlanError):
+            solvers.append(PositionSolver(mechanism, plan_assembly(mechanism)))
+    return solvers
 
 
 def _estimate_cost(solver: PositionSolver) -> float:
     """Return the time (s) of one value of the functions whose zeros are meetings of modes.
 
-    It is infinite if the functions are not known, or take more than `ACCEPTABLE_COST_S`.
+    It is infinite if the functions are not known, or if a group of three loops makes them
+    slower than `ACCEPTABLE_COST_S`.
     """
     coalescence = make_mode_coalescence(solver, ACCEPTABLE_COST_S)
     return np.inf if coalescence is None else coalescence.cost
