@@ -134,7 +134,7 @@ class ModeCurve:
         )
         return values, max_abs(self.values[k + 1] - self.values[k], axis=1)
 
-    def predict(self, q: Floats, rows: Indices | None) -> ModePrediction:
+    def predict(self, q: Floats, rows: Indices | None = None) -> ModePrediction:
         """Return the prediction at inputs q (n, 1) in rad.
 
         `rows` is not used. It is the argument of `ModeOverGrid.predict`.

@@ -5,13 +5,16 @@ one input in each interval between the inputs at which modes meet, if eliminatio
 otherwise some are found from random starts. Each new configuration is followed over the
 range, as far as its mode reaches. If the mode ends inside the range, its configuration
 curve is followed in arc length, and leads to further modes.
+
+All configurations that the mechanism can reach without being taken apart form a component.
+It is one curve and consists of one or more modes, because the input can turn back on it.
 """
 
 from dataclasses import replace
 
 import numpy as np
 
-from spherekit.arrays import Floats, Indices
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.completeness import Completeness, Guarantee
 from spherekit.errors import PlanError, SolveError
 from spherekit.geometry.vectors import max_abs
@@ -160,10 +163,10 @@ class ModesOverRange:
         self.probes = 0
         self.crossings: tuple[Crossing, ...] = ()
         # Where a mode ends inside the range, the input turns back, and the configurations
-        # continue as another mode. All modes on one such curve are a family. `_families`
-        # has the number of the family of each mode. `_curves` has the curves that were
-        # followed in arc length, through the turning points of the input.
-        self._families: list[int] = []
+        # continue as another mode of the same component. `_components` has the number of
+        # the component of each mode. `_curves` has the curves that were followed in arc
+        # length, through the turning points of the input.
+        self._components: list[int] = []
         self._curves: list[ArcCurve] = []
         # The number of degrees of freedom at each start, from the rank of the velocity
         # equations. It is computed if a group has redundant constraints, because counting
@@ -202,6 +205,12 @@ class ModesOverRange:
         count = len(self.assembly_modes)
         has_taken_long = self._steps_along_modes > MAX_STEPS_ALONG_MODES
         return count >= MAX_ASSEMBLY_MODES or (count > 0 and has_taken_long)
+
+    @property
+    def _has_free_wheels(self) -> bool:
+        """Whether the input does not determine how far some wheels have rolled."""
+        gear_phases = self.solver.gear_phases
+        return gear_phases is not None and not gear_phases.all_known
 
     def _add_reference(self) -> None:
         """Add the assembly mode of the reference pose, if there is one.
@@ -280,7 +289,7 @@ class ModesOverRange:
         )
         return [next(curves) if mobile else None for mobile in is_mobile]
 
-    def _add_mode(self, curve: ModeCurve | None, family: int | None = None) -> bool:
+    def _add_mode(self, curve: ModeCurve | None, component: int | None = None) -> bool:
         """Add the mode of a curve, if it is in the range, and return whether it is.
 
         Parameters
@@ -288,9 +297,10 @@ class ModesOverRange:
         curve
             The curve, with rising values of the input. None if the configuration does not
             have one degree of freedom, so that it was not followed.
-        family
-            Number of the family of the mode. A configuration curve along which the input
-            turns back consists of several modes, which are a family. None for a new family.
+        component
+            Number of the component to which the mode belongs. A component is a connected
+            curve of configurations, on which the input can turn back. None if the component
+            is new.
         """
         if curve is None:
             return False
@@ -318,39 +328,40 @@ class ModesOverRange:
             )
         )
         self._progress.report_if_due(lambda: f"{len(self.assembly_modes)} followed")
-        new_family = max(self._families, default=-1) + 1
-        self._families.append(new_family if family is None else family)
+        new_component = max(self._components, default=-1) + 1
+        self._components.append(new_component if component is None else component)
         return True
 
     def _search_all_modes(self) -> Completeness:
         """Search further modes in the whole range, and return how complete they are.
 
-        Elimination reduces the closure equations of a group of links to one polynomial,
-        which gives all configurations of the group at an input. It is used if it applies to
-        all groups. Otherwise modes are searched from random starts.
-
-        Wheels can have free positions: the input does not determine how far they have
-        rolled. There are then infinitely many modes, and only one curve of configurations
-        is followed.
+        If the input does not determine how far wheels have rolled, there are infinitely
+        many modes, and only some are searched. Otherwise, elimination is tried first. It
+        finds all configurations of a group of links at an input, as the roots of a
+        polynomial. If it does not apply to all groups, modes are searched from random
+        starts.
         """
         solver = self.solver
-        q = self.input_grid.q
-        # Mechanisms with rolling contacts have gear phases: how far wheels have rolled.
-        if solver.gear_phases is not None:
-            # If the reference pose has given no mode, the first modes are those of all
-            # configurations at the first sample.
-            if not self.assembly_modes:
-                self._compute_modes_at(q[:1])
-            # The input determines only some phases, or none: the wheels are free.
-            if not solver.gear_phases.all_known:
-                return self._find_with_free_wheels()
+        # `gear_phases` is None for a mechanism without wheels.
+        if solver.gear_phases is not None and not self.assembly_modes:
+            # The reference pose has given no mode of a mechanism with wheels. Its first
+            # modes are those of all configurations at the first sample.
+            self._compute_modes_at(self.input_grid.q[:1])
+        if self._has_free_wheels:
+            return self._find_with_free_wheels()
         if can_find_all_modes(solver):
+            completeness = self._find_by_elimination()
             # None if a polynomial could not be solved completely at one of the inputs.
-            claim = self._find_by_elimination()
-            if claim is not None:
-                return claim
-        # The method of each group. A group that elimination has solved at some inputs has a
-        # method already.
+            if completeness is not None:
+                return completeness
+        return self._find_by_random_search()
+
+    def _find_by_random_search(self) -> Completeness:
+        """Find modes from random starts, and return how complete they are.
+
+        The attribute `methods` is set for all groups: dyads are solved in closed form, and
+        other groups by random starts if no other method has solved them before.
+        """
         methods: list[SolutionMethod | None] = []
         for group, method in zip(self.groups, self.methods, strict=True):
             if group.is_dyad:
@@ -363,9 +374,8 @@ class ModesOverRange:
         if not self.assembly_modes:
             # The random search leaves out configurations near a dead centre. The solution
             # of all groups at one input, the middle sample, includes them.
+            q = self.input_grid.q
             self._compute_modes_at(q[len(q) // 2][None])
-        # Messages call a connected curve of configurations, which may consist of several
-        # modes, a component.
         return Completeness(
             Guarantee.SAMPLED,
             statistics.describe("components"),
@@ -375,7 +385,7 @@ class ModesOverRange:
     def _find_with_free_wheels(self) -> Completeness:
         """Find some of the modes, if wheels can be put together in any position.
 
-        The input does not determine how far the wheels have rolled. Each position in which
+        The input does not determine how far some wheels have rolled. Each position in which
         they can be put together has its own curve of configurations, so there are
         infinitely many curves. These are followed:
 
@@ -430,11 +440,11 @@ class ModesOverRange:
         self._compute_modes_at(turning_points.probes(step)[:, None])
         if not all_complete(self.methods):
             return None
-        # The claim states how complete the modes are. The gap is the width of the widest
-        # interval in which turning points may have been missed, 0 if there is none.
-        claim = turning_points.claim(step)
+        completeness = turning_points.claim(step)
+        # The gap is the width of the widest interval in which turning points may have been
+        # missed, 0 if there is none.
         if not turning_points.gap(step):
-            return claim
+            return completeness
         # A mode that begins and ends between two examined inputs has not been found. Two
         # searches may find it. At the end of a mode the curve of its configurations turns
         # back and continues as another mode, so curves are followed beyond the ends of the
@@ -442,8 +452,9 @@ class ModesOverRange:
         self._follow_modes_beyond_their_ends()
         statistics = self._search_from_random_starts()
         # A component is a connected curve of configurations.
-        reason = f"{claim.reason}; between them {statistics.describe('components')}"
-        return replace(claim, reason=reason)
+        found_components = statistics.describe("components")
+        reason = f"{completeness.reason}; between them {found_components}"
+        return replace(completeness, reason=reason)
 
     def _compute_modes_at(self, inputs: Floats) -> None:
         """Compute all configurations at inputs (n, 1) in rad, and add their modes.
@@ -473,65 +484,59 @@ class ModesOverRange:
     def _add_new_modes(
         self,
         values: Floats,
-        family: int | None = None,
-        together: int = STARTS_FOLLOWED_TOGETHER,
+        component: int | None = None,
+        batch_size: int = STARTS_FOLLOWED_TOGETHER,
     ) -> Indices:
-        """Add the modes of configurations that are on no known mode.
+        """Follow configurations that are on no known mode, and add their modes.
 
-        A mode is the curve of configurations that are reached if the input is moved over
-        its range. It is followed from one of its configurations. A family is the set of
-        modes that one configuration curve joins, through turning points of the input.
+        Each configuration is followed over the range of the input. The result is a new
+        mode, which may contain others of the configurations. These need no mode of their
+        own.
 
         Parameters
         ----------
         values
             (n, variables) closed configurations (rad).
-        family
-            Number of the family of all new modes, None if they are not known to be on one
-            curve.
-        together
-            Number of configurations that are followed together. One of them may turn out to
-            be on the mode of another; then the work for it was in vain.
+        component
+            Number of the component (connected curve of configurations) of all new modes.
+            None if it is not known.
+        batch_size
+            Number of configurations that are followed together, which is faster. Larger:
+            more work is in vain, for configurations that are on one mode.
 
         Returns
         -------
-        (n,) number of the family of each configuration, -1 if it is on no mode that was
-        added: its mode is not in the range, it cannot move, or there are enough modes.
+        (n,) number of the component of each configuration. It is -1 for a configuration
+        without a mode: it cannot move, no part of its curve is in the range, or no further
+        modes are added because there are enough.
         """
-        # Configurations with the number -1 are on no mode so far. Some of them are followed
-        # together, which is faster. Their curves are used one by one: after each new mode,
-        # the configurations that are on it get its family, and their curves are not needed.
-        families = self._find_families(values, first_mode=0)
-        followed: dict[int, ModeCurve | None] = {}
-        for row in np.flatnonzero(families < 0).tolist():
-            if families[row] >= 0 or self._has_enough_modes:
-                continue
-            if row not in followed:
-                # The curves of the last group are used up. Follow the next group: the first
-                # `together` configurations from this row on that are on no mode yet.
-                unknown = np.flatnonzero(families < 0)
-                rows = unknown[unknown >= row][:together]
-                results = self._follow_configurations(values[rows])
-                followed = dict(zip(rows.tolist(), results, strict=True))
-            first_new_mode = len(self.assembly_modes)
-            # A mode is not added if it is not in the range, or if it cannot move.
-            if not self._add_mode(followed[row], family):
-                continue
-            # If the new mode ends inside the range, the modes that continue it are added.
-            # They may contain some of the configurations, too.
-            self._follow_modes_beyond_their_ends()
-            families[row] = self._families[first_new_mode]
-            unknown = np.flatnonzero(families < 0)
-            families[unknown] = self._find_families(values[unknown], first_new_mode)
-        return families
+        components = self._find_components(values, first_mode=0)
+        (waiting_rows,) = np.nonzero(components < 0)
+        while len(waiting_rows) and not self._has_enough_modes:
+            batch = waiting_rows[:batch_size]
+            curves = self._follow_configurations(values[batch])
+            for row, curve in zip(batch.tolist(), curves, strict=True):
+                # The mode of an earlier row of the batch may contain this configuration.
+                if components[row] >= 0 or self._has_enough_modes:
+                    continue
+                first_new_mode = len(self.assembly_modes)
+                if not self._add_mode(curve, component):
+                    continue
+                # If the new mode ends inside the range, the modes that continue it are
+                # added. They may contain some of the configurations, too.
+                self._follow_modes_beyond_their_ends()
+                components[row] = self._components[first_new_mode]
+                unknown = np.flatnonzero(components < 0)
+                components[unknown] = self._find_components(values[unknown], first_new_mode)
+            waiting_rows = waiting_rows[batch_size:]
+            waiting_rows = waiting_rows[components[waiting_rows] < 0]
+        return components
 
-    def _find_families(self, values: Floats, first_mode: int) -> Indices:
-        """Return the families of configurations that are on known modes.
+    def _find_components(self, values: Floats, first_mode: int) -> Indices:
+        """Return on which component each configuration is, if it is on a known mode.
 
-        A family is the set of modes that are on one configuration curve. A configuration is
-        on a mode if the mode has the same rotations of all links at the same input. The
-        configuration of a mode takes long to compute. So it is computed only where an
-        interpolation between configurations of the mode is near.
+        A component is a connected curve of configurations, and consists of one or more
+        modes.
 
         Parameters
         ----------
@@ -542,44 +547,67 @@ class ModesOverRange:
 
         Returns
         -------
-        (n,) number of the family, or -1.
+        (n,) number of the component, or -1 if the configuration is on none of these modes.
         """
-        families = np.full(len(values), -1, dtype=np.intp)
+        components = np.full(len(values), -1, dtype=np.intp)
+        rotations = self.solver.closure.linearise(values).rotations
+        for mode, component in zip(
+            self.assembly_modes[first_mode:], self._components[first_mode:], strict=True
+        ):
+            (rows,) = np.nonzero(components < 0)
+            is_on_mode = self._is_on_mode(mode, values[rows], rotations[rows])
+            components[rows[is_on_mode]] = component
+        return components
+
+    def _is_on_mode(self, mode: AssemblyMode, values: Floats, rotations: Floats) -> Bools:
+        """Return whether configurations are on an assembly mode.
+
+        A configuration is on the mode if all links have the same rotations as in the mode
+        at the same input. The configuration of a mode takes long to compute. It is computed
+        only for inputs at which a prediction of the mode is near the given configuration.
+
+        Parameters
+        ----------
+        mode
+            The assembly mode.
+        values
+            (n, variables) closed configurations (rad).
+        rotations
+            (n, links, 3, 3) rotations of the links in these configurations.
+        """
+        is_on_mode = self._is_near_prediction(mode, values)
+        (rows,) = np.nonzero(is_on_mode)
+        if len(rows):
+            q = values[rows][:, list(self.solver.driven)]
+            mode_rotations = self.solver.evaluate(mode, q).rotations
+            distance = max_abs(mode_rotations - rotations[rows], axis=(1, 2, 3))
+            is_on_mode[rows] = distance < SAME_MODE
+        return is_on_mode
+
+    def _is_near_prediction(self, mode: AssemblyMode, values: Floats) -> Bools:
+        """Return whether configurations (n, variables) in rad may be on an assembly mode.
+
+        The mode is predicted at their inputs, by interpolation between its verified
+        configurations. A configuration that is far from the prediction is not on the mode.
+        """
         driven = list(self.solver.driven)
         passive_angles = [v for v in self.solver.angles if v not in driven]
-        rotations = self.solver.closure.linearise(values).rotations
-        q = values[:, driven]
-        for mode, family in zip(
-            self.assembly_modes[first_mode:], self._families[first_mode:], strict=True
-        ):
-            (rows,) = np.nonzero(families < 0)
-            # 1. Leave out configurations that are far from a prediction of the mode at
-            # their input. The guide of the mode has its verified configurations (nodes).
-            # The prediction is interpolated between two nodes. It is not OK where the mode
-            # has no node. Its error is assumed to be less than `spread`, the largest change
-            # of a variable between the two nodes, plus `MODE_DISTANCE_RAD`. Only passive
-            # angles are compared, because the inputs are equal.
-            assert mode.guide is not None
-            # A guide of one input is a curve, which needs no numbers of rows.
-            prediction = mode.guide.predict(q[rows], rows=None)
-            difference = wrap(prediction.values - values[rows])[:, passive_angles]
-            is_near = max_abs(difference, axis=1) < prediction.spread + MODE_DISTANCE_RAD
-            rows = rows[is_near & (prediction.status == Status.OK)]
-            # 2. Compute the exact configuration of the mode for the others. It is the same
-            # if components of rotation matrices differ by less than `SAME_MODE`.
-            if len(rows):
-                mode_rotations = self.solver.evaluate(mode, q[rows]).rotations
-                distance = max_abs(mode_rotations - rotations[rows], axis=(1, 2, 3))
-                families[rows[distance < SAME_MODE]] = family
-        return families
+        assert isinstance(mode.guide, ModeCurve)
+        prediction = mode.guide.predict(values[:, driven])
+        deviation = wrap(prediction.values - values)[:, passive_angles]
+        # `spread` is the change of the variables between two verified configurations. The
+        # error of the interpolation between them is assumed to be smaller.
+        is_near = max_abs(deviation, axis=1) < prediction.spread + MODE_DISTANCE_RAD
+        # The status is not OK at inputs that the mode does not reach.
+        return is_near & (prediction.status == Status.OK)
 
     def _follow_modes_beyond_their_ends(self) -> None:
         """Add the modes that are on the same curves as modes that end inside the range.
 
         Where a mode ends, for example because the input turns back, its configuration curve
-        continues as another mode. The whole curve is followed. All modes on it form a
-        family, and get the number of the family of the first one. Only modes that were
-        added since the last call are considered.
+        continues as another mode. The whole curve, a component, is followed. All modes on
+        it get the number of the component of the first one. Only modes that were added
+        since the last call are considered.
         """
         for assembly_mode in self.assembly_modes[self._extended_modes :]:
             self._extended_modes += 1
@@ -596,12 +624,11 @@ class ModesOverRange:
                 for followed_curve in self._curves
             )
             if not was_followed:
-                # The other modes on the curve belong to the same family.
                 self._add_modes_on_curve(
-                    middle_values, family=self._families[assembly_mode.number]
+                    middle_values, component=self._components[assembly_mode.number]
                 )
 
-    def _add_modes_on_curve(self, values: Floats, family: int | None = None) -> None:
+    def _add_modes_on_curve(self, values: Floats, component: int | None = None) -> None:
         """Add the modes in the range that are on the curve through a configuration.
 
         A configuration curve consists of all configurations that the mechanism can reach
@@ -611,15 +638,14 @@ class ModesOverRange:
         ----------
         values
             (variables,) the configuration (rad). Nothing is added if it is singular.
-        family
-            Number of the family (the set of all modes on one curve) to which the modes are
-            added. None for a new family.
+        component
+            Number that the curve has as a component. None if the component is new.
         """
-        # Wheels are free if the input does not determine how far they have rolled. The
-        # curve then need not close: it can go on for ever. A shorter part is followed.
-        gear_phases = self.solver.gear_phases
-        has_free_wheels = gear_phases is not None and not gear_phases.all_known
-        longest = MAX_ROLLED_CURVE_LENGTH_RAD if has_free_wheels else MAX_CURVE_LENGTH_RAD
+        # The curve of a mechanism with free wheels need not close: it can go on for ever. A
+        # shorter part is followed.
+        longest = MAX_CURVE_LENGTH_RAD
+        if self._has_free_wheels:
+            longest = MAX_ROLLED_CURVE_LENGTH_RAD
         try:
             curve = follow_arc(self.solver.closure, values, longest=longest)
         except SolveError:  # a curve cannot be followed from a singular configuration
@@ -634,18 +660,18 @@ class ModesOverRange:
             curve, driven=self.solver.input_variable, low=low, high=high, period=period
         )
         middles = np.array([piece.middle for piece in pieces])
-        self._add_new_modes(middles.reshape(-1, curve.nodes.values.shape[1]), family)
+        self._add_new_modes(middles.reshape(-1, curve.nodes.values.shape[1]), component)
 
     def _search_from_random_starts(self) -> SearchStatistics:
         """Add the modes to which random starts over the range lead.
 
-        All modes on one configuration curve form a family, and families are numbered from
-        0. The search ends when many starts have led to each family, because few families
+        A component is a connected curve of configurations. Components are numbered from 0.
+        The search ends when many starts have led to each component, because few components
         can then be missing.
 
         Returns
         -------
-        How often the starts led to each family.
+        How often the starts led to each component.
         """
         low, high = self.input_grid.range
         rounds = random_starts(self.solver, np.array([low]), np.array([high]))
@@ -653,19 +679,18 @@ class ModesOverRange:
         # `random_starts` makes the first `RANGE_ROUNDS` rounds of starts together, so the
         # search has at least so many rounds. Later it makes one round at a time.
         statistics = SearchStatistics(variable_count, min_rounds=RANGE_ROUNDS)
-        # Families that are known already must be complete, or a start that leads to another
-        # of their modes would count as a new family.
+        # All modes of the known components are needed, or a start that leads to another of
+        # their modes would count as a new component.
         self._follow_modes_beyond_their_ends()
         while statistics.needs_more_starts and not self._has_enough_modes:
             # The number of starts that were made, and the configurations that closed.
             start_count, values, _ = next(rounds)
-            # The number of the family to which each configuration belongs, -1 for none.
-            family_numbers = self._add_new_modes(
-                values, together=RANDOM_STARTS_FOLLOWED_TOGETHER
+            # The number of the component of each configuration, -1 for none.
+            components = self._add_new_modes(
+                values, batch_size=RANDOM_STARTS_FOLLOWED_TOGETHER
             )
-            # `_families` has the number of the family of each mode found so far.
-            family_count = max(self._families, default=-1) + 1
-            statistics.add(start_count, hits=family_numbers, total=family_count)
+            component_count = max(self._components, default=-1) + 1
+            statistics.add(start_count, hits=components, total=component_count)
             self.probes += start_count
             self._progress.report_if_due(lambda: statistics.progress_text("curves"))
         return statistics

@@ -18,7 +18,7 @@ from spherekit.mechanism.joint_construction import make_joints_in_pose
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import wrap
 from spherekit.numerics.array_rows import ArrayRows
-from spherekit.planning.assembly_plan import Assembly
+from spherekit.planning.assembly_plan import Assembly, Group
 from spherekit.planning.gear_train import GearTrain, find_gear_train
 from spherekit.positions.assembly_mode import AssemblyMode, has_configuration
 from spherekit.positions.fold_bounds import place_at_folds
@@ -249,28 +249,27 @@ class PositionSolver:
     def place_wheel_train(
         self, state: AssemblyState, position: int, q: Floats
     ) -> Linearisation:
-        """Place the bodies of a train of wheels, and merge them into one body of `state`.
+        """Place the bodies of a train of wheels, and make them one rigid body.
 
-        A mechanism is placed group by group. A group is a set of bodies that become one
-        rigid body when the pairs between them are closed.
+        The gear ratios give the angles of the wheels. Newton's method starts from these
+        angles and closes the loops of the train.
 
         Parameters
         ----------
         state
             The bodies that are placed so far, each a set of links that are rigid relative
-            to each other. The bodies of the train become one of them, and `state` gets the
-            values of their pairs.
+            to each other; changed in place. It also gets the variables of the pairs of the
+            train.
         position
-            Position of the group in the order in which groups are placed, one of
-            `wheel_trains`.
+            Position in solving order of the group of links that is the train.
         q
             (n, inputs) inputs (rad).
 
         Returns
         -------
         Linearisation
-            The loop equations of the group at the result. Their residual tells the caller
-            whether the group is closed.
+            The loop equations of the train at the result. Their residual tells the caller
+            whether the train is closed.
         """
         group = self.assembly.groups[position]
         rotations = place_train_bodies(
@@ -281,18 +280,41 @@ class PositionSolver:
             angles=self.gear_train_angles(q),
         )
         rotations = [np.broadcast_to(rotation, (len(q), 3, 3)) for rotation in rotations]
-        # The bodies are placed by the gear ratios. Newton's method starts from their pair
-        # variables and closes the loops of the train. The variables are read on a copy,
-        # because `place_group` merges the bodies into `state`. If there are rolling
-        # contacts, `gear_phases` states how far their wheels have rolled.
-        predicted = state.copy()
-        predicted.merge(group, np.stack(rotations, axis=1))
-        predicted.read_values(group)
+        start = self._compute_train_variables(
+            state, group, rotations=np.stack(rotations, axis=1), q=q
+        )
+        return place_group(state, group, start)
+
+    def _compute_train_variables(
+        self, state: AssemblyState, group: Group, rotations: Floats, q: Floats
+    ) -> Floats:
+        """Return the variables of the pairs of a train of wheels at given orientations.
+
+        Parameters
+        ----------
+        state
+            The bodies that are placed so far. It is not changed.
+        group
+            The train: bodies that R pairs and rolling contacts join.
+        rotations
+            (n, bodies, 3, 3) rotations from the axes of each body of the train to those of
+            its first body.
+        q
+            (n, inputs) inputs (rad).
+
+        Returns
+        -------
+        (n, variables of the group) angles of R pairs and rolled lengths of contacts (rad).
+        """
+        oriented = state.copy()
+        oriented.merge(group, rotations)
+        oriented.read_values(group)
+        # The orientations do not show over how many revolutions wheels have rolled on each
+        # other. These lengths follow from the inputs.
         if self.gear_phases is not None:
             rolled_variables = list(self.gear_phases.variables)
-            predicted.values[:, rolled_variables] = self.gear_phases.rolled_lengths(q)
-        start = predicted.values[:, group_variables(state, group)]
-        return place_group(state, group, start)
+            oriented.values[:, rolled_variables] = self.gear_phases.rolled_lengths(q)
+        return oriented.values[:, group_variables(state, group)]
 
     def start(self, q: Floats) -> AssemblyState:
         """Return the state in which only the inputs are placed, at q (n, inputs) rad."""
