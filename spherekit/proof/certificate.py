@@ -22,6 +22,7 @@ from spherekit.proof.enclosed_poles import enclose_poles
 from spherekit.proof.input_map import CONTAINS_TYPE_II, REGULAR, UNDECIDED, InputMap
 from spherekit.proof.modes_over_boxes import EquationSystem
 from spherekit.proof.root_ball import CertifiedRoot
+from spherekit.proof.structure import Structure
 from spherekit.proof.tubes import CertifiedArc
 from spherekit.version import __version__
 
@@ -97,7 +98,7 @@ def modes_certificate(modes: CertifiedModes) -> dict[str, Any]:
 def _construction_table(
     decimal_mechanism: DecimalMechanism, construction: Construction
 ) -> Mapping[str, Any]:
-    """Return an order of placing links as a table, with names of links and pairs.
+    """Return how a proof builds the mechanism link by link, as a table.
 
     The first link is the root. A further link is placed in one of two ways. If one pair
     joins it to a link that is placed before, it is turned about the axis of this pair. If
@@ -112,40 +113,63 @@ def _construction_table(
 
     Returns
     -------
-    The entries of the table:
+    The entries of the table, with names of links and pairs:
 
     - "root": the first link;
-    - "steps": each further link, with the one or two links that are placed before ("on")
-      and the pairs that join it to these ("by");
+    - "steps": how each further link is placed (`_step_tables`);
     - "unknowns": the pairs with unknown angles;
-    - "couplers": by sliding contact of two circles, the link with two pairs that replaces
-      it;
+    - "couplers": the links that replace sliding contacts (`_coupler_tables`);
     - "follow": the pairs whose angles follow from the inputs through wheels.
     """
     structure = decimal_mechanism.structure
-    links = structure.links
-    couplers = {}
-    for number, contact in enumerate(structure.couplers):
-        link, pairs = structure.coupler_parts(number)
-        couplers[decimal_mechanism.mechanism.pairs[contact].name] = {
-            "link": links[link],
-            "pairs": structure.names_of(pairs),
-        }
     unknown_pairs = construction.pairs[: construction.unknown_count]
     return {
-        "root": links[construction.root],
-        "steps": [
-            {
-                "link": links[step.link],
-                "on": [links[parent] for parent in step.parents],
-                "by": structure.names_of(step.pairs),
-            }
-            for step in construction.steps
-        ],
+        "root": structure.links[construction.root],
+        "steps": _step_tables(structure, construction),
         "unknowns": structure.names_of(unknown_pairs),
-        "couplers": couplers,
+        "couplers": _coupler_tables(decimal_mechanism),
         "follow": structure.names_of(structure.followers),
     }
+
+
+def _step_tables(structure: Structure, construction: Construction) -> list[dict[str, Any]]:
+    """Return for each link but the root how it is placed.
+
+    An entry has the link, the one or two links placed before to which it is joined ("on"),
+    and the pairs that join it to these ("by").
+    """
+    return [
+        {
+            "link": structure.links[step.link],
+            "on": [structure.links[parent] for parent in step.parents],
+            "by": structure.names_of(step.pairs),
+        }
+        for step in construction.steps
+    ]
+
+
+def _coupler_tables(decimal_mechanism: DecimalMechanism) -> dict[str, dict[str, Any]]:
+    """Return the couplers: the links by which a proof replaces sliding contacts of circles.
+
+    Two circles that touch have centres at a constant distance. A link between the centres,
+    the coupler, therefore allows the same motion as the contact. An R pair at each centre
+    joins it to the two links in contact.
+
+    Returns
+    -------
+    By the name of each sliding contact: the name of the coupler ("link") and those of its
+    two R pairs ("pairs").
+    """
+    structure = decimal_mechanism.structure
+    tables = {}
+    for coupler, contact in enumerate(structure.couplers):
+        link, pairs = structure.coupler_parts(coupler)
+        contact_name = decimal_mechanism.mechanism.pairs[contact].name
+        tables[contact_name] = {
+            "link": structure.links[link],
+            "pairs": structure.names_of(pairs),
+        }
+    return tables
 
 
 def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:

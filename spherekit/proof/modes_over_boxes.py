@@ -255,39 +255,36 @@ class EquationSystem:
     ) -> Floats:
         """Return by how much the polynomial coefficients of each equation may be wrong.
 
-        An equation is stored as a Fourier sum over all angles. Known angles were inserted
-        into it, which left a polynomial in the unknowns. Its coefficients have two errors:
-        that of the stored sum, and the rounding when angles were inserted. One bound for
-        each equation covers its coefficients and their derivatives by the known angles.
+        An equation is stored as a sum of waves (Fourier sum) over all angles. Known angles
+        were inserted into it, which left a polynomial in the unknowns. Its coefficients
+        have two errors: that of the stored sum, and the rounding when angles were inserted.
 
         Parameters
         ----------
         coefficients, derivatives
-            For each equation the array of its coefficients, and that of their derivatives.
+            For each equation the array of its coefficients, and that of their derivatives
+            by the known angles.
 
         Returns
         -------
-        (equations,) bounds of the absolute error.
+        (equations,) bounds of the absolute error of all coefficients and derivatives.
         """
-        # 1. The stored sum. A derivative multiplies the error of a wave, such as cos(d x),
-        # by its degree d. With the largest degree the bound holds for all derivatives. For
-        # the coefficients themselves it is larger than necessary.
-        largest_degree = np.max(self.degrees, axis=1, initial=1)
-        fourier_error = self.equations.harmonics.error[self.rows] * largest_degree
-        # 2. The rounding. Each number is a sum of waves, whose rounding is relative to its
-        # terms. If these cancel, they are larger than the sum; the 1 allows for this.
-        largest_sums = []
-        for equation_coefficients, equation_derivatives in zip(
-            coefficients, derivatives, strict=True
-        ):
-            largest_sums.append(
-                max(
-                    _largest_magnitude(equation_coefficients),
-                    _largest_magnitude(equation_derivatives),
-                )
+        rounding_errors = [
+            _bound_sum_rounding(np.append(equation_coefficients, equation_derivatives))
+            for equation_coefficients, equation_derivatives in zip(
+                coefficients, derivatives, strict=True
             )
-        rounding_error = PRODUCT_ROUNDING * np.add(1.0, largest_sums)
-        return fourier_error + rounding_error
+        ]
+        return self._bound_stored_errors() + rounding_errors
+
+    def _bound_stored_errors(self) -> Floats:
+        """Return error bounds (equations,) of the stored sums and of their derivatives.
+
+        A derivative of a wave, such as cos(d x), has the error of the wave times the degree
+        d. The largest degree gives one bound for a sum and its derivatives.
+        """
+        largest_degree = np.max(self.degrees, axis=1, initial=1)
+        return self.equations.harmonics.error[self.rows] * largest_degree
 
     def prove_roots(
         self, modes: Array, centres: Floats, circle_points: Floats, half: Floats
@@ -573,6 +570,14 @@ def _bound_root_angles(roots: ChartRoots, tubes: RootTubes, half: Floats) -> Roo
     return RootAngles(sense * np.angle(roots.z), rates.real, error)
 
 
-def _largest_magnitude(numbers: Complexes) -> float:
-    """Return the largest magnitude in an array, 0 if the array is empty."""
-    return float(np.max(np.abs(numbers), initial=0.0))
+def _bound_sum_rounding(sums: Complexes) -> float:
+    """Return a bound of the rounding error of coefficients that were computed as sums.
+
+    Rounding is relative to the terms of a sum, which are larger than the sum if they
+    cancel. An equation is the cosine of an arc as a function of the angles, less the
+    constant cosine of the same arc in the link. The constant is at most 1, so the other
+    term is at most 1 plus the sum.
+    """
+    largest_sum = float(np.max(np.abs(sums), initial=0.0))
+    largest_term = 1.0 + largest_sum
+    return PRODUCT_ROUNDING * largest_term

@@ -21,21 +21,25 @@ Quadrant = tuple[int, int]
 
 
 @dataclass(frozen=True)
-class SaddleForm:
-    """The local form of a saddle in two coordinates u and v.
+class SaddleDerivatives:
+    """Derivatives of the variables and of the reduced equation g near a saddle.
 
     A saddle is a place where two configuration curves cross or narrowly miss each other.
-    The curves are the zeros of a function g(u, v) in a rectangle about it. u and v are
-    scaled so that the curves of a crossing are the diagonals u = v and u = -v, nearly. A
-    ball is a number with a bound of its error, which encloses all values in the rectangle.
+    Two coordinates u and v describe the points near it. All loop equations but one are
+    solved there, so that all variables of the mechanism are functions of u and v. The last
+    equation is g(u, v) = 0 (Lyapunov-Schmidt reduction, `ReducedEquation`). Its zeros are
+    the curves.
+
+    The derivatives are by u and v. They are balls (numbers with a bound of their error)
+    that enclose all values in a rectangle about the saddle. u and v are scaled so that the
+    curves of a crossing are nearly the diagonals u = v and u = -v.
 
     Attributes
     ----------
     variable_rates
-        (variables, 2) balls: derivatives of the variables by u and v, over the whole
-        rectangle.
+        (variables, 2) first derivatives of the variables.
     hessian
-        (2, 2) balls: second derivatives of g by u and v, over the whole rectangle.
+        (2, 2) second derivatives of g.
     size
         Largest |u| or |v| of the rectangle.
     """
@@ -47,28 +51,31 @@ class SaddleForm:
 
 @dataclass(frozen=True)
 class ArmErrors:
-    """Upper bounds of the deviation of arms from the zeros of a quadratic form Q.
+    """How much the arms of a saddle differ from four straight lines.
 
-    A saddle is a place where two configuration curves cross or narrowly miss each other. In
-    two coordinates u and v, measured from the computed saddle, the curves are the zeros of
-    a function g(u, v). Arms are the four branches that leave the saddle. Near the saddle g
-    is approximately Q / 2 = (u, v) g'' (u, v)^T / 2, with the matrix g'' of second
-    derivatives. The arms are approximately the directions (u, v) with Q = 0.
+    A saddle is a place where two configuration curves cross or narrowly miss each other.
+    Arms are the four branches that leave it. In two coordinates u and v, the curves are the
+    zeros of a function g(u, v) (`SaddleDerivatives`).
+
+    The arms are straight if g is the quadratic form Q / 2 of its second derivatives g'',
+    with Q = (u, v) g'' (u, v)^T. They are then the four lines with Q = 0, and g has the
+    gradient g'' (u, v)^T on them. Real arms bend where curves narrowly miss each other. On
+    them Q is not exactly 0, and the gradient is slightly different. m is the larger of |u|
+    and |v| at a point.
 
     Attributes
     ----------
-    form
-        Bound of |Q(u, v)| at all points of the arms, divided by the square of the larger of
-        |u| and |v|.
-    slope
-        Bound of the difference of the slopes (g_u, g_v) from g'' (u, v)^T at all points of
-        the arms, divided by the larger of |u| and |v|.
+    quadratic_form
+        Bound of |Q| / m^2 at all points of the arms.
+    gradient
+        Bound of the components of the error of the gradient, divided by m.
     centre
-        Bound (rad) of the distance of the exact saddle from the computed one, u = v = 0.
+        Bound (rad) of the distance of the exact saddle from the computed one, which is at
+        u = v = 0.
     """
 
-    form: float
-    slope: float
+    quadratic_form: float
+    gradient: float
     centre: float
 
 
@@ -163,14 +170,14 @@ def _bound_arm_slopes(hessian: Array, form_error: float) -> dict[int, tuple[floa
 
 
 def _evaluate_direction(
-    form: SaddleForm, slope: float, slope_error: float
+    derivatives: SaddleDerivatives, slope: float, gradient_error: float
 ) -> DirectionRates:
-    """Return the slopes of g and the signs of all rates in a direction (1, slope).
+    """Return the gradient of g and the signs of all rates in a direction (1, slope).
 
     The configurations near a saddle are the curve g(u, v) = 0 in two coordinates u and v,
-    with u = v = 0 at the saddle. At the point (u, v) the slopes (g_u, g_v) are the matrix
-    g'' times (u, v), up to an error of `slope_error` times the larger of |u| and |v|. They
-    are proportional to the distance from the saddle, so their signs depend on the direction
+    with u = v = 0 at the saddle. At the point (u, v) the gradient (g_u, g_v) is the matrix
+    g'' times (u, v), up to an error of `gradient_error` times the larger of |u| and |v|. It
+    is proportional to the distance from the saddle, so its signs depend on the direction
     only. The curve has the tangent (-g_v, g_u), and the rates of the variables along it are
     their derivatives by u and v times this tangent.
 
@@ -178,17 +185,17 @@ def _evaluate_direction(
     balls (intervals with a centre and a radius). A sign is 0 if the ball of the rate
     contains 0, so that nothing is proven.
     """
-    # The slopes are divided by u, so they are computed for u = 1 and v = slope, of which
+    # The gradient is divided by u, so it is computed for u = 1 and v = slope, of which
     # the larger one has this size. `widen` adds the error to the radius of a ball.
-    error = slope_error * max(1.0, abs(slope))
+    error = gradient_error * max(1.0, abs(slope))
     direction = exact_balls([1.0, slope])
-    gradient = [widen(entry, error) for entry in form.hessian @ direction]
+    gradient = [widen(entry, error) for entry in derivatives.hessian @ direction]
     g_u, g_v = gradient
-    rates = form.variable_rates @ [-g_v, g_u]
+    rates = derivatives.variable_rates @ [-g_v, g_u]
     return DirectionRates(gradient, (rates > 0).astype(int) - (rates < 0))
 
 
-def bound_arm_rates(form: SaddleForm, errors: ArmErrors) -> ArmRates:
+def bound_arm_rates(derivatives: SaddleDerivatives, errors: ArmErrors) -> ArmRates:
     """Return the signs of all rates on the four arms, and the changes of the variables.
 
     A saddle is a place where two configuration curves cross or nearly do. The arms are the
@@ -199,11 +206,10 @@ def bound_arm_rates(form: SaddleForm, errors: ArmErrors) -> ArmRates:
 
     Parameters
     ----------
-    form
+    derivatives
         Derivatives of the variables and of g over the rectangle.
     errors
-        How far the arms deviate from the zeros of the quadratic form: bounds for the form
-        itself, for the slopes of g, and for the position of the saddle.
+        How much the arms differ from straight lines.
 
     Raises
     ------
@@ -213,11 +219,14 @@ def bound_arm_rates(form: SaddleForm, errors: ArmErrors) -> ArmRates:
     outward_signs = {}
     reach = {}
     # Two arms have a positive slope v / u, and two a negative one; `sign` is this sign.
-    for sign, slope_bounds in _bound_arm_slopes(form.hessian, errors.form).items():
+    for sign, slope_bounds in _bound_arm_slopes(
+        derivatives.hessian, errors.quadratic_form
+    ).items():
         # At both bounds: the gradient (g_u, g_v), and the sign of the rate of each variable
         # along the tangent (-g_v, g_u), 0 if not proven.
         first, last = (
-            _evaluate_direction(form, slope, errors.slope) for slope in slope_bounds
+            _evaluate_direction(derivatives, slope, errors.gradient)
+            for slope in slope_bounds
         )
         # Signs are those along the tangent (-g_v, g_u) at the point (1, v / u). There g_u
         # is positive on an arm, up to errors, because g is convex in u. If g_u > 0 is
@@ -234,7 +243,7 @@ def bound_arm_rates(form: SaddleForm, errors: ArmErrors) -> ArmRates:
             np.array([1.0, slope]) / max(1.0, abs(slope))
             for slope in [*slope_bounds, corner_slope]
         ]
-        changes = form.variable_rates @ exact_balls(farthest_points).T
+        changes = derivatives.variable_rates @ exact_balls(farthest_points).T
         largest_changes = np.array([max(map(upper_magnitude, row)) for row in changes])
         # The two arms with this sign of the slope are in opposite quadrants, and have the
         # same tangent. The arm with v > 0 leaves the saddle towards larger v, so its signs
@@ -244,13 +253,13 @@ def bound_arm_rates(form: SaddleForm, errors: ArmErrors) -> ArmRates:
             quadrant = sign * v_sign, v_sign
             outward_signs[quadrant] = v_sign * is_oriented * common_signs
             # Change from the saddle to the border of the rectangle, whose largest |u| or
-            # |v| is `form.size`, plus the distance of the saddle from u = v = 0.
-            reach[quadrant] = largest_changes * form.size + errors.centre
+            # |v| is `derivatives.size`, plus the distance of the saddle from u = v = 0.
+            reach[quadrant] = largest_changes * derivatives.size + errors.centre
     return ArmRates(outward_signs, reach)
 
 
 def find_monotonic_variables(
-    form: SaddleForm, level: Ball, slope_at_saddle: float
+    derivatives: SaddleDerivatives, level: Ball, gradient_at_saddle: float
 ) -> Bools:
     """Return which variables have no stationary point between two joined arms.
 
@@ -262,13 +271,13 @@ def find_monotonic_variables(
 
     Parameters
     ----------
-    form
-        The form of the saddle.
+    derivatives
+        Derivatives of the variables and of g over the rectangle.
     level
         The value of g at the saddle: a ball (number with a bound of its error) that does
         not contain 0.
-    slope_at_saddle
-        Bound of the slopes of g at the point that counts as the saddle.
+    gradient_at_saddle
+        Bound of the components of the gradient of g at the point that counts as the saddle.
 
     Returns
     -------
@@ -282,13 +291,15 @@ def find_monotonic_variables(
     # On the arcs |Q| is twice the level, up to errors. |Q| is at most m^2 times the sum of
     # all |g''|, with the larger m of |u| and |v|. So m exceeds this distance.
     least_distance = np.sqrt(
-        lower_magnitude(level) / sum(map(upper_magnitude, form.hessian.flat))
+        lower_magnitude(level) / sum(map(upper_magnitude, derivatives.hessian.flat))
     )
-    # If g has a slope s at the point that counts as the saddle, g changes by up to 2 s m
+    # If g has a gradient s at the point that counts as the saddle, g changes by up to 2 s m
     # in addition to Q / 2, and Q by up to 4 s m. `_bound_arm_slopes` needs this over m^2.
-    # The slopes of g change by s. The last digits of the factors cover rounding.
-    slope_bounds = _bound_arm_slopes(form.hessian, 4.004 * slope_at_saddle / least_distance)
-    slope_error = 1.001 * slope_at_saddle / least_distance
+    # The gradient of g changes by s. The last digits of the factors cover rounding.
+    slope_bounds = _bound_arm_slopes(
+        derivatives.hessian, 4.004 * gradient_at_saddle / least_distance
+    )
+    gradient_error = 1.001 * gradient_at_saddle / least_distance
     # `slope_bounds` has two bounds of v / u for each sign of the slope: number 0 of smaller
     # magnitude, number 1 of larger magnitude. If the level is positive, Q is negative, so
     # that |v| is large: directions (u, v) of points of the arcs are steeper than bound 0.
@@ -296,8 +307,8 @@ def find_monotonic_variables(
     # level is negative, directions are less steep than bound 1, and an arc joins two arms
     # with the same sign of u. Rates are linear in the direction, so they keep their sign
     # along an arc if they have it in the directions at both of its ends.
-    # `component` is the slope of g (0 by u, 1 by v) that must not change its sign, `sense`
-    # the orientation of the first end of the arc relative to the last one.
+    # `component` is the component of the gradient (0 by u, 1 by v) that must not change its
+    # sign, `sense` the orientation of the first end of the arc relative to the last one.
     if level > 0:
         sense = -1
         component = 1
@@ -307,7 +318,7 @@ def find_monotonic_variables(
         component = 0
         bound = 1
     first, last = (
-        _evaluate_direction(form, slope_bounds[sign][bound], slope_error)
+        _evaluate_direction(derivatives, slope_bounds[sign][bound], gradient_error)
         for sign in (1, -1)
     )
     is_oriented = sense * first.gradient[component] > 0 and last.gradient[component] > 0

@@ -43,7 +43,7 @@ from spherekit.proof.saddle_arms import (
     ArmErrors,
     ArmRates,
     Quadrant,
-    SaddleForm,
+    SaddleDerivatives,
     bound_arm_rates,
     find_monotonic_variables,
 )
@@ -288,7 +288,7 @@ def _prove_saddle(
             return None
         # 3. The saddle in scaled units of u and v, in which they have the same size.
         units = exact_balls(reduced_equation.units)
-        form = SaddleForm(
+        saddle_derivatives = SaddleDerivatives(
             variable_rates=variable_rates * units,
             hessian=hessian * units * units[:, None],
             size=1.001 * size,
@@ -297,7 +297,10 @@ def _prove_saddle(
         box = OrientedBox(reduced_equation.centre, frame, limits)
         none_monotonic = np.zeros(limits.shape, dtype=bool)
         if is_proven_crossing(box):
-            arm_rates = bound_arm_rates(form, ArmErrors(form=0.0, slope=0.0, centre=1e-12))
+            arm_rates = bound_arm_rates(
+                saddle_derivatives,
+                ArmErrors(quadratic_form=0.0, gradient=0.0, centre=1e-12),
+            )
             return _make_saddle(
                 box,
                 level_sign=0,
@@ -309,7 +312,7 @@ def _prove_saddle(
 
         # 5. Otherwise the level, with its sign if that is proven, bounds the gap between
         # the curves.
-        level, slope_at_saddle = _enclose_level(reduced_equation, limits)
+        level, gradient_at_saddle = _enclose_level(reduced_equation, limits)
         least_curvature = min(
             lower_magnitude(hessian[0, 0]), lower_magnitude(hessian[1, 1])
         )
@@ -318,20 +321,22 @@ def _prove_saddle(
         gap = 2.0 * np.sqrt(2.0 * largest_level / least_curvature)
         # Beyond this distance from the saddle arms are straight up to small errors.
         straight_distance = (
-            STRAIGHT_ARM_RATIO * gap + 1e4 * slope_at_saddle / least_curvature + 1e-300
+            STRAIGHT_ARM_RATIO * gap + 1e4 * gradient_at_saddle / least_curvature + 1e-300
         )
         errors = ArmErrors(
-            form=2.001
-            * (largest_level / straight_distance + 2.0 * slope_at_saddle)
+            quadratic_form=2.001
+            * (largest_level / straight_distance + 2.0 * gradient_at_saddle)
             / straight_distance,
-            slope=1.001 * slope_at_saddle / straight_distance,
+            gradient=1.001 * gradient_at_saddle / straight_distance,
             centre=4.0 * straight_distance,
         )
         rate_sums = np.array([sum(map(upper_magnitude, row)) for row in variable_rates])
-        arm_rates = bound_arm_rates(form, errors)
+        arm_rates = bound_arm_rates(saddle_derivatives, errors)
         is_monotonic = none_monotonic
         if level_sign:
-            is_monotonic = find_monotonic_variables(form, level, slope_at_saddle)
+            is_monotonic = find_monotonic_variables(
+                saddle_derivatives, level, gradient_at_saddle
+            )
         return _make_saddle(
             box,
             level_sign=level_sign or None,
@@ -390,7 +395,7 @@ def _make_saddle(
 
 
 def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[Ball, float]:
-    """Return the level of a saddle, and a bound of the slopes of g at a point near it.
+    """Return the level of a saddle, and a bound of the gradient of g near it.
 
     The configurations near a saddle are the zeros of g(u, v). F are the equations of the
     mechanism. At a crossing their derivatives F' by the variables z lose a rank: there is a
@@ -415,8 +420,8 @@ def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[B
     -------
     level
         A ball that contains the level. It contains 0 if the sign is not known.
-    slope_at_position
-        The larger of the bounds of both slopes of g at the approximate saddle point.
+    gradient_at_position
+        Bound of both components of the gradient of g at the approximate saddle point.
 
     Raises
     ------
@@ -450,12 +455,12 @@ def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[B
             value, gradient = sharp_equation.evaluate_at(
                 position, approximate_level, derivatives.correction
             )
-            slope_at_position = max(map(upper_magnitude, gradient))
+            gradient_at_position = max(map(upper_magnitude, gradient))
             # The radius of the ball grows by the largest difference.
-            level = widen(value, largest_distance * slope_at_position)
+            level = widen(value, largest_distance * gradient_at_position)
             if not level.contains(0):
                 break
-    return level, slope_at_position
+    return level, gradient_at_position
 
 
 def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array) -> bool:
