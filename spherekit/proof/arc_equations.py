@@ -176,18 +176,11 @@ class ArcEquations:
         self.variable_count = len(construction.pairs)
         self.degrees = construction.degrees
         self.pair_frames = decimal_mechanism.pair_frames()
-        # Followers are pairs whose angles follow from the inputs through toothed wheels. If
-        # `follower_pairs` lists them, each of their angles is a variable. Otherwise the
-        # mechanism has one input or no followers. The angle of a follower is then a
-        # constant plus a multiple of the input angle. The constant is its angle at the
-        # input 0.
-        self.follower_offsets: dict[int, Ball] = {}
-        if not construction.follower_pairs:
-            # The angle of the input comes first, then those of the followers. Without
-            # followers there may be several inputs, whose values are not needed.
-            _input, *angles = decimal_mechanism.known_angles([exact_ball(0.0)])
-            followers = decimal_mechanism.structure.followers
-            self.follower_offsets = dict(zip(followers, angles, strict=True))
+        # Pairs driven by wheels: their angles are variables, or follow from the one input.
+        has_follower_variables = bool(construction.follower_pairs)
+        self.follower_offsets = (
+            {} if has_follower_variables else _follower_angles_at_zero(decimal_mechanism)
+        )
         # By link: how it rotates across its only pair, or how it is put on two axes.
         self._rotation_terms = {
             step.link: self._pair_rotation_terms(step)
@@ -348,6 +341,15 @@ class ArcEquations:
             )
         return orientations
 
+    def link_rotations(self, variables: Sequence[Ball]) -> dict[int, Array]:
+        """Return by link its rotation matrix (3, 3) from link axes to those of the root.
+
+        The root is the link that is placed first. Matrices and variables (rad) are balls,
+        which are numbers with bounds of their errors.
+        """
+        orientations = self.link_orientations(variables)
+        return {link: jet[()] for link, jet in orientations.items()}
+
     def _evaluate_jets(
         self, variables: Sequence[Ball] | Array, order: int
     ) -> tuple[list[Jet], dict[int, Jet]]:
@@ -474,6 +476,23 @@ class ArcEquations:
     def harmonics(self) -> Harmonics:
         """The same equations at real angles by their Fourier coefficients, in float64."""
         return Harmonics(self.degrees, lambda angles: self.evaluate(angles, 0)[0])
+
+
+def _follower_angles_at_zero(decimal_mechanism: DecimalMechanism) -> dict[int, Ball]:
+    """Return the angle (rad) of each follower when the only input has the angle 0.
+
+    A follower is a pair that the input drives through toothed wheels. A mechanism without
+    wheels has no followers.
+
+    Returns
+    -------
+    By number of the pair its angle, a ball (a number with a bound of its error).
+    """
+    if not decimal_mechanism.meshes:
+        return {}
+    _input_angle, *follower_angles = decimal_mechanism.known_angles([exact_ball(0.0)])
+    followers = decimal_mechanism.structure.followers
+    return dict(zip(followers, follower_angles, strict=True))
 
 
 def _cross(a: Vector, b: Vector) -> Vector:

@@ -17,7 +17,7 @@ from spherekit.arrays import Bools, Floats
 from spherekit.completeness import Completeness, Guarantee
 from spherekit.conventions import TURN
 from spherekit.proof.arc_equations import ArcEquations
-from spherekit.proof.ball_frames import exact_ball
+from spherekit.proof.ball_frames import Frame, exact_ball
 from spherekit.proof.balls import (
     Ball,
     centre_floats,
@@ -510,11 +510,8 @@ def _root_sort_key(root: CertifiedRoot) -> tuple[float, ...]:
 def enclose_pair_angles(equations: ArcEquations, variables: Sequence[Ball]) -> list[Ball]:
     """Return balls (rad) of the angles of all pairs: numbers with bounds of their errors.
 
-    Links are placed in a certain order, from the root on. A link that one pair joins to a
-    link placed before is rotated by the angle of this pair, which is a variable. A link
-    that two pairs join to links placed before is oriented so that its axes of both pairs
-    coincide with those of the other links. The angles of these two pairs are no variables;
-    they follow from the orientations of the links.
+    The angles of some pairs are the variables of the equations. The angles of all other
+    pairs follow from the rotations of the two links of the pair.
 
     Parameters
     ----------
@@ -527,24 +524,29 @@ def enclose_pair_angles(equations: ArcEquations, variables: Sequence[Ball]) -> l
     -------
     One ball for each pair of the structure, in order.
     """
-    construction = equations.construction
-    orientations = equations.link_orientations(variables)
-    angles = []
+    angle_by_pair = dict(zip(equations.construction.pairs, variables, strict=True))
+    rotations = equations.link_rotations(variables)
     for pair, ends in enumerate(equations.decimal_mechanism.structure.ends):
-        if pair in construction.pairs:
-            # The position of the pair is the number of its variable.
-            angles.append(variables[construction.pairs.index(pair)])
-            continue
-        # The frame of the pair in each of its links. Rows of a frame are its zero direction
-        # x, its side direction y and the pair axis z. An orientation is a mapping: its key
-        # () has the rotation matrix from link axes to axes of the root. Multiplying rows by
-        # the transpose rotates them.
-        first, second = (
-            frame @ orientations[link][()].T
-            for link, frame in zip(ends, equations.pair_frames[pair], strict=True)
-        )
-        # Cosine and sine of the angle: components of the second zero direction along the
-        # first zero direction and the first side direction.
-        cosine, sine = first[:2] @ second[0]
-        angles.append(polar_angle(cosine, sine))
-    return angles
+        if pair not in angle_by_pair:
+            # Rows of a frame are unit vectors in link axes. Multiplying them by the
+            # transpose rotates them to the axes of the root, which all links share.
+            first_frame, second_frame = (
+                frame @ rotations[link].T
+                for link, frame in zip(ends, equations.pair_frames[pair], strict=True)
+            )
+            angle_by_pair[pair] = _angle_between_frames(first_frame, second_frame)
+    return [angle_by_pair[pair] for pair in range(len(equations.pair_frames))]
+
+
+def _angle_between_frames(first_frame: Frame, second_frame: Frame) -> Ball:
+    """Return the angle (rad) of a pair from its frames in both links.
+
+    The rows of a frame are the zero direction, the side and the axis of the pair, here in
+    axes that both links share. The angle is that from the first zero direction to the
+    second. Its cosine and sine are the components of the second zero direction along the
+    first zero direction and the first side.
+    """
+    zero_and_side = first_frame[:2]
+    second_zero_direction = second_frame[0]
+    cosine, sine = zero_and_side @ second_zero_direction
+    return polar_angle(cosine, sine)

@@ -193,41 +193,27 @@ class Construction:
 
         The orientation of a link relative to its reference is a trigonometric polynomial in
         the variables. From its degrees follow those of the closure equations.
-
-        - One pair joins the link to a link placed before, its parent. The parent is the
-          reference. The link rotates by the angle of the pair. If this angle is a variable,
-          the degree in it is 1. If it is k times a variable, as for wheels, the degree is
-          k.
-        - The link is put on the axes of two pairs (a closing link), so it has two parents.
-          From each of them a path leads to its reference, from there to the reference of
-          that link, and so on to the root. Both paths meet in a link, which is the
-          reference. Let U and W be the directions of the two axes relative to it. Each has
-          the sum of the degrees of all links on its path. The orientation of the closing
-          link is U a^T + W b^T + (U x W) n^T, with constant vectors a, b and n. It contains
-          products of U and W, so the degrees of both are added.
         """
-        # One degree for each variable.
-        variables = np.arange(len(self.pairs))
-        no_degrees = 0 * variables
+        no_degrees = np.zeros(len(self.pairs), dtype=np.intp)
         placements = {self.root: LinkPlacement(self.root, no_degrees)}
         for step in self.steps:
             if step.has_two_parents:
-                paths = _find_parent_paths(placements, *step.parents)
-                path_degrees = [
-                    placements[link].degrees for link in (*paths.first, *paths.second)
-                ]
-                placements[step.link] = LinkPlacement(
-                    reference=paths.shared_link,
-                    # The zeros give the right shape if both paths have no links.
-                    degrees=np.sum([no_degrees, *path_degrees], axis=0),
-                )
+                placements[step.link] = _place_on_two_axes(placements, step)
             else:
-                # The comparison gives 1 for the variable of the step, 0 for all others.
-                degrees_of_angle = abs(step.angle_factor) * (variables == step.variable)
-                placements[step.link] = LinkPlacement(
-                    reference=step.parents[0], degrees=degrees_of_angle
-                )
+                placements[step.link] = self._place_on_one_pair(step)
         return placements
+
+    def _place_on_one_pair(self, step: PlacementStep) -> LinkPlacement:
+        """Return the placement of a link that rotates about the axis of one pair.
+
+        The reference is the other link of the pair. The angle of the pair is k times one
+        variable, with k = 1 except for wheels, so the degree in this variable is k.
+        """
+        is_variable_of_pair = np.arange(len(self.pairs)) == step.variable
+        return LinkPlacement(
+            reference=step.parents[0],
+            degrees=abs(step.angle_factor) * is_variable_of_pair,
+        )
 
     def parent_paths(self, step: PlacementStep) -> ParentPaths:
         """Return the paths from both parents of a closing link to where they meet."""
@@ -299,6 +285,33 @@ def _find_smallest_system(
             if len(unknowns) == size:
                 return list(equations), unknowns
     raise AssertionError("there are not as many unknowns as equations")
+
+
+def _place_on_two_axes(
+    placements: Mapping[int, LinkPlacement], step: PlacementStep
+) -> LinkPlacement:
+    """Return the placement of a closing link, which is put on two axes U and W.
+
+    Each axis is fixed in one of two parents, which are links placed before. The orientation
+    of the closing link is U a^T + W b^T + (U x W) n^T, with constant vectors a, b and n.
+    The degrees of a product are the sums of those of its factors. The product U x W
+    therefore has the degrees of U plus those of W, and no other term has more.
+
+    Parameters
+    ----------
+    placements
+        The links that are placed before.
+    step
+        The step that places the closing link.
+    """
+    # U and W are expressed in the axes of the first link that both parents' paths share.
+    paths = _find_parent_paths(placements, *step.parents)
+    reference = paths.shared_link
+    # An axis is multiplied by the rotation of each link on its path.
+    no_degrees = np.zeros_like(placements[reference].degrees)
+    degrees_of_U = sum((placements[link].degrees for link in paths.first), no_degrees)
+    degrees_of_W = sum((placements[link].degrees for link in paths.second), no_degrees)
+    return LinkPlacement(reference=reference, degrees=degrees_of_U + degrees_of_W)
 
 
 def _find_parent_paths(
