@@ -1,7 +1,7 @@
 """Search for configuration curves and crossings near boxes that are not proven empty."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 from typing import Any
@@ -15,6 +15,7 @@ from spherekit.proof.arc_equations import ArcEquations
 from spherekit.proof.chains import Chain, RangeSide, find_chain
 from spherekit.proof.collinear_loops import MAX_SADDLES, Arm, Crossings
 from spherekit.proof.paving import SEARCHED_BOXES, BoxSet
+from spherekit.proof.saddle_arms import Quadrant
 from spherekit.proof.saddles import Saddle
 from spherekit.proof.tubes import (
     COORDINATE_ROUNDING_RAD,
@@ -45,26 +46,38 @@ configuration at the end of the range counts.
 
 @dataclass(frozen=True)
 class ArmUse:
-    """One arm of a saddle and the chains that end on it.
+    """One arm of a saddle, and the number of chains that end on it.
 
-    Where two configuration curves cross, or narrowly miss each other, they are the zeros of
-    a function g(u, v) near a saddle point of g. This place is called a saddle. The four
-    branches of curves that leave it, its arms, are each in one quadrant of u and v. A chain
-    is a curve as a row of certified arcs.
+    A saddle is a place where two configuration curves cross, or narrowly miss each other.
+    Four branches of curves leave it, its arms. A chain is a curve as a row of certified
+    arcs.
 
     Attributes
     ----------
-    arm
-        The number of the saddle, and the quadrant of the arm: the signs of u and v on it.
+    saddle
+        The saddle that the arm leaves.
+    quadrant
+        Which of the four arms it is. The saddle has two coordinates u and v, and each arm
+        is in one quadrant of the plane (u, v). The quadrant is the pair of signs of u and v
+        on the arm, such as (1, -1).
     chain_ends
         Number of ends of chains on the arm; there should be one.
     input_sign
         Sign of the rate of the input along the arm, away from the saddle; 0 if not proven.
     """
 
-    arm: Arm
+    saddle: Saddle
+    quadrant: Quadrant
     chain_ends: int
     input_sign: int
+
+    def leads_out(self, side: int) -> bool:
+        """Return whether the arm leads farther out of the range of the input on a side.
+
+        The side is 1 above the range, where the input must grow along the arm, and -1 below
+        it, where the input must decrease. On the side 0, within the range, no arm does.
+        """
+        return self.input_sign * side > 0
 
 
 class CurveSearch:
@@ -192,30 +205,39 @@ class CurveSearch:
     def resolve_undecided(self, undecided: BoxSet) -> BoxSet:
         """Search saddles in undecided boxes, and return the boxes outside all saddles.
 
-        An undecided box is neither proven to contain no configurations, nor inside the box
-        of a known arc. A saddle is a place where curves cross or narrowly miss each other.
-        Curves that are known so far (chains) and pass a new saddle are cut there.
+        A saddle is a place where curves cross or narrowly miss each other. Near it a curve
+        cannot be followed, so the boxes there stay undecided: they are neither proven to
+        contain no configurations, nor inside the box of a known curve. Known curves that
+        pass a new saddle are cut there.
         """
         centres = undecided.centres
         radii = undecided.radii
-        # Each round adds one saddle, or ends the search.
         for _ in range(MAX_SADDLES):
-            # A few evenly chosen boxes are enough: a saddle covers many of them.
-            some_centres = centres[:: max(1, len(centres) // SEARCHED_BOXES)]
-            # `find` adds the saddle near a box, if there is one. The first one is enough,
-            # since it may cover the boxes that would be tried next.
-            has_new_saddle = any(self.crossings.find(centre) for centre in some_centres)
-            if not has_new_saddle:
+            new_saddle = self._add_saddle_near(centres)
+            if new_saddle is None:
                 break
-            new_saddle = self.crossings.saddles[-1]
             self._cut_chains([new_saddle])
             is_open = ~boxes_covered(self.crossings.saddles, centres, radii)
             centres = centres[is_open]
             radii = radii[is_open]
-        # An arm, a branch of a curve that leaves a saddle, may leave the range of the input
-        # inside the box of the saddle. No curve was followed along it so far.
         self._add_chains_of_short_arms()
         return BoxSet(centres, radii)
+
+    def _add_saddle_near(self, positions: Floats) -> Saddle | None:
+        """Add the first saddle that is found near one of n positions, and return it.
+
+        A saddle is a place where curves cross or nearly do. Only a few of the positions
+        (n, v), in rad, are tried: those near the same saddle would find it again.
+
+        Returns
+        -------
+        None if no new saddle is found.
+        """
+        step = max(1, len(positions) // SEARCHED_BOXES)
+        for position in positions[::step]:
+            if self.crossings.find(position):
+                return self.crossings.saddles[-1]
+        return None
 
     def _add_curve(self, position: Floats) -> None:
         """Add the curve through a configuration (v,), unless it is known already.
@@ -325,27 +347,33 @@ class CurveSearch:
                     return True
         return False
 
-    def _list_arm_uses(self) -> Iterator[ArmUse]:
-        """Yield all arms of all saddles with the number of chains that end on them.
+    def _list_arm_uses(self) -> list[ArmUse]:
+        """Return all arms of all saddles with the number of chains that end on them.
 
         A saddle is a place where curves of configurations cross or nearly do. An arm is one
         of the four branches of curves that leave it. A chain is a curve as a row of arcs;
         exactly one chain should end on each arm.
         """
+        # By arm, which is given by the number of its saddle and its quadrant.
         end_counts = Counter(
             arm
             for chain in self.chains
             for arm in self.crossings.chain_ends(chain.pieces, chain.closed)
         )
+        uses = []
         for number, saddle in enumerate(self.crossings.saddles):
-            # The quadrants (1, 1), (1, -1), (-1, 1), (-1, -1) in this order. A fixed order
-            # makes results repeatable, because the caller may add a chain for each arm.
+            # The order is fixed, so that chains that are added for arms are repeatable.
             for quadrant in sorted(saddle.outward_signs, reverse=True):
-                arm = number, quadrant
-                # The signs of the rates of all variables along the arm, away from the
-                # saddle. The input's variable is the last one.
-                rate_signs = saddle.outward_signs[quadrant]
-                yield ArmUse(arm, end_counts[arm], input_sign=rate_signs[-1])
+                signs_of_rates = saddle.outward_signs[quadrant]
+                use = ArmUse(
+                    saddle=saddle,
+                    quadrant=quadrant,
+                    chain_ends=end_counts[number, quadrant],
+                    # The input is the last variable.
+                    input_sign=signs_of_rates[-1],
+                )
+                uses.append(use)
+        return uses
 
     def _has_unmatched_arm(self) -> bool:
         """Return whether arms and ends of chains may fail to match one to one.
@@ -359,55 +387,53 @@ class CurveSearch:
         if any(self._touches_saddle_inside(chain) for chain in self.chains):
             return True
         for use in self._list_arm_uses():
-            saddle_number, _quadrant = use.arm
-            saddle = self.crossings.saddles[saddle_number]
-            # The last variable of a configuration is the input. The side is 1 if the saddle
-            # is above the range of the input, -1 if it is below, else 0. A saddle less than
-            # `OUTSIDE_RANGE_RAD` inside an end counts as outside.
-            saddle_input = saddle.centre[-1]
+            # The input is the last variable. The saddle is above the range of the input
+            # (side 1), below (-1) or within (0). Less than `OUTSIDE_RANGE_RAD` inside an
+            # end counts as outside.
+            saddle_input = use.saddle.centre[-1]
             side = self.side(saddle_input, -OUTSIDE_RANGE_RAD)
-            # `input_sign` is 1 if the input grows along the arm, away from the saddle, -1
-            # if it decreases. The arm leads out of the range if both signs are equal.
-            leads_out = use.input_sign * side > 0
-            if use.chain_ends > 1 or (use.chain_ends == 0 and not leads_out):
+            lacks_chain = use.chain_ends == 0 and not use.leads_out(side)
+            if lacks_chain or use.chain_ends > 1:
                 return True
         return False
 
     def _add_chains_of_short_arms(self) -> None:
         """Add a chain of one arc for each arm that leaves the range near its saddle.
 
-        A saddle is a place where curves cross or nearly do. An arm is one of the four
-        branches of curves that leave it, each in one quadrant of two coordinates. A chain
-        is a curve as a row of arcs. If the part of an arm in the range of the input is
-        inside the box of the saddle, no chain was followed there. Modes are counted along
-        chains, from the saddle to the other end. The arm therefore gets a chain of one arc,
-        just outside of the range.
+        At a saddle two curves cross or nearly do, and four branches leave it, its arms.
+        Modes are counted by chains, one for each arm. A short arm reaches the end of the
+        range of the input before the border of the saddle's box. No chain has been followed
+        along it, because curves are searched only in the range and outside of these boxes.
+        Its chain is one arc at the border of the box, which is outside of the range.
         """
-        # Each `use` is an arm with the number of chains that end on it.
         for use in self._list_arm_uses():
-            if use.chain_ends:
+            piece = None if use.chain_ends else self._find_piece_on_arm(use)
+            if piece is None:
                 continue
-            # Find a certified arc on the arm, near the border of the box of the saddle.
-            saddle_number, quadrant = use.arm
-            saddle = self.crossings.saddles[saddle_number]
-            position = correct_configuration(
-                self.equations, saddle.point_near_arm(quadrant)
-            )
-            if position is None:
-                continue
-            piece = find_piece(
-                self.equations, position, direction=None, longest=LONGEST_ARC_RAD
-            )
-            if piece is None or self.crossings.arm(piece) != use.arm:
-                continue
-            # The arc has to be outside the range: above it (side 1) if the input grows
-            # along the arm (sign 1), below it (side -1) if the input decreases (sign -1).
-            # The input's variable is the last one.
-            input_variable = piece.centre[-1]
-            no_margin = 0.0
-            side = self.side(input_variable, no_margin)
-            if use.input_sign * side > 0:
+            # The side of the range on which the arc is. The input is the last variable.
+            side = self.side(piece.centre[-1], 0.0)
+            if use.leads_out(side):
                 self._set_chains([*self.chains, Chain((piece,), closed=False)])
+
+    def _find_piece_on_arm(self, use: ArmUse) -> CertifiedArc | None:
+        """Return a certified arc on an arm, near the border of the box of its saddle.
+
+        The result is None if no arc is proven there, or if it is not proven to be on this
+        arm.
+        """
+        saddle = use.saddle
+        position = correct_configuration(
+            self.equations, saddle.point_near_arm(use.quadrant)
+        )
+        if position is None:
+            return None
+        piece = find_piece(
+            self.equations, position, direction=None, longest=LONGEST_ARC_RAD
+        )
+        if piece is None:
+            return None
+        quadrant = saddle.find_quadrant(piece.centre, piece.centre_error)
+        return piece if quadrant == use.quadrant else None
 
     def _touches_saddle_inside(self, chain: Chain) -> bool:
         """Return whether a chain may touch a saddle other than on the arms at its ends.

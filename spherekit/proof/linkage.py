@@ -13,6 +13,7 @@ import numpy as np
 from spherekit.arrays import Array, Bools, Floats, SmallIntegers
 from spherekit.mechanism.elements import PoseGeometry
 from spherekit.mechanism.graph import find_spanning_tree
+from spherekit.mechanism.joint import Joint
 from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.proof.ball_curves import Curve, evaluate_rotation, make_ball_curve
@@ -223,18 +224,45 @@ def _make_pair_kinematics(mechanism: Mechanism, frames: Frames) -> list[PairKine
             make_ball_curve(second_profile, backwards=pair.contact == "external"),
         )
         first, second = joint.contact_profiles
-        starts = exact_balls([first.start, second.start])
-        # The starts are the arc lengths at which the variables are 0, in three cases:
-        # - A file with sizes of links states them, and they are exact numbers.
-        # - If the file gives a reference pose, a rolling contact starts where the profiles
-        #   touch in this pose. That point is known in float64 only, and is computed anew.
-        # - In a sliding contact, each of the two arc lengths is a variable. Other starts
-        #   only shift the variables; the possible configurations are the same.
-        if joint.rolling_variables and isinstance(mechanism.geometry, PoseGeometry):
-            starts = _find_contact(curves, starts)
-        variables = (first.variable, second.variable)
-        kinematics.append(_contact_kinematics(curves, variables, starts))
+        has_pose = isinstance(mechanism.geometry, PoseGeometry)
+        kinematics.append(
+            _contact_kinematics(
+                curves,
+                variables=(first.variable, second.variable),
+                starts=_contact_starts(joint, curves, has_pose),
+            )
+        )
     return kinematics
+
+
+def _contact_starts(joint: Joint, curves: Sequence[Curve], has_pose: bool) -> Array:
+    """Return the arc lengths (2,) at which the variables of a contact are 0.
+
+    A file with sizes of links states these arc lengths. If a file gives a reference pose
+    instead, wheels start to roll where they touch in the pose. The float64 geometry has
+    only approximations of these points, which are computed again with more digits. In a
+    sliding contact the approximations are good enough: each arc length is a variable, so
+    another start only shifts the variable.
+
+    Parameters
+    ----------
+    joint
+        The contact in float64 geometry.
+    curves
+        The profile of each link.
+    has_pose
+        Whether the file gives a reference pose.
+
+    Returns
+    -------
+    Two arc lengths (rad) as balls (numbers with a bound of their error).
+    """
+    first, second = joint.contact_profiles
+    float_starts = exact_balls([first.start, second.start])
+    is_rolling = bool(joint.rolling_variables)
+    if is_rolling and has_pose:
+        return _find_contact(curves, float_starts)
+    return float_starts
 
 
 @dataclass(frozen=True)
