@@ -187,8 +187,9 @@ class _CoordinateState:
     moving
         Configurations, and rates per unit rate of the coordinate.
     root_inertia
-        (n,) square root of the equivalent inertia B of this coordinate. The rate of the
-        coordinate is p / sqrt(B), with the momentum p that is integrated.
+        (n,) square root of the equivalent inertia B of this coordinate. Both equations of
+        motion divide by it: dc/dt = p / sqrt(B) and dp/dt = Q / sqrt(B), with the
+        coordinate c, the generalised force Q and p = sqrt(B) dc/dt.
     closing_step
         (n, variables) Newton step (rad) that closes the loops with the coordinate held.
     """
@@ -665,47 +666,50 @@ class ExactSimulation:
         return closure
 
     def _evaluate_coordinate(self, values: Array, coordinate: int) -> _CoordinateState:
-        """Return rates, inertia and closing steps at nearly closed configurations.
+        """Return how a mechanism moves with its coordinate, at n configurations.
 
-        All numbers are balls: centres with a bound of their error. One variable is the
-        coordinate of the motion, the others are free. With the closure Jacobian J of the
-        free variables, the rates per unit rate of the coordinate are -J^-1 (column of the
-        coordinate). The Newton step that closes the loops while the coordinate is held is
-        -J^-1 (residuals). It is not applied here: each sweep of the iteration for the
-        motion applies one such step. J has more rows than columns if equations are
-        redundant, so J^-1 is a left inverse.
+        The coordinate is the variable by which the motion is described. All numbers are
+        balls, which are numbers with a bound of their error.
 
         Parameters
         ----------
         values
-            (n, variables) pair variables (rad).
+            (n, variables) pair variables (rad), with which the loops are nearly closed.
         coordinate
             Number of the variable that is the coordinate.
 
         Returns
         -------
-        The configurations with their rates, the square root of the equivalent inertia B,
-        by which the equation of motion divides, and the Newton steps.
+        The rates of all variables and links per unit rate of the coordinate, the root of
+        the equivalent inertia, and the Newton steps that close the loops.
         """
         linkage = self._linkage
-        free = [variable for variable in range(values.shape[1]) if variable != coordinate]
         orientations, residuals = linkage.place_links(values)
         vectors = linkage.variable_vectors(values, orientations)
-        jacobian = linkage.jacobian(vectors)
-        inverse, _ = left_inverses(jacobian[:, :, free])
-        # Arrays of zeros as balls, which are filled in.
-        rates = exact_balls(np.zeros(values.shape))
-        closing_step = exact_balls(np.zeros(values.shape))
-        rates[:, coordinate] = exact_ball(1.0)
-        rates[:, free] = -np.matvec(inverse, jacobian[:, :, coordinate])
-        closing_step[:, free] = -np.matvec(inverse, residuals)
+        rates, closing_step = _solve_free_variables(
+            linkage.jacobian(vectors), residuals, coordinate
+        )
         w = linkage.link_velocities(vectors, rates)
-        # Only the inertia itself is used, and not its derivative, which is the only result
-        # that depends on the derivatives dw of the angular velocities.
-        unused_dw = exact_balls(np.zeros(w.shape))
-        B, _ = equivalent_inertia(self.mechanism, orientations, w, dw=unused_dw)
+        B = self._inertia_of_coordinate(orientations, w)
         moving = MovingMechanism(values=values, rates=rates, w=w, rotations=orientations)
         return _CoordinateState(moving, np.sqrt(B), closing_step)
+
+    def _inertia_of_coordinate(self, orientations: Array, w: Array) -> Array:
+        """Return the equivalent inertia B (n,) of the coordinate c of the motion.
+
+        The kinetic energy is B (dc/dt)^2 / 2.
+
+        Parameters
+        ----------
+        orientations
+            (n, links, 3, 3) rotations from link axes to ground axes.
+        w
+            (n, links, 3) angular velocities per unit rate of the coordinate.
+        """
+        # The derivatives of w are needed for the derivative of B only, which is not used.
+        unused_dw = exact_balls(np.zeros(w.shape))
+        B, _derivative = equivalent_inertia(self.mechanism, orientations, w, dw=unused_dw)
+        return B
 
     def _run(self, driven: int, q: float, dq: float) -> None:
         """Compute all steps from the start to the end.
@@ -948,40 +952,93 @@ class ExactSimulation:
     def _find_sign_changes(self, step: _TimeStep) -> Iterator[_SignChange]:
         """Yield the first sign change of each condition that has one in a step.
 
-        A step is an interval of time on which the motion is a series. A switch is an
-        `abs`, `sign`, `min` or `max` in a load, whose value depends on the sign of a term.
-        The step is computed with the sign that this term has at the start. A condition is
-        a Legendre series that is positive while this sign remains, or while a joint is
-        within a limit. A sign change is first noticed between two samples in float64, and
-        then located by bisection in all digits. The numbers are balls, which are numbers
-        with a bound of their error; ``mid()`` returns the number without the bound.
+        A condition is a quantity that is positive while the step is valid: a joint limit is
+        not reached, or the sign on which a load depends has not changed. It is a Legendre
+        series over the time from -1 at the start of the step to 1 at its end. The interval
+        of time with the sign change is found in float64, and the time in all digits.
         """
-        # Intervals of positions, from -1 at the start of the step to 1 at its end. The
-        # start itself is not examined: a condition that has just changed its sign is zero
-        # there, up to rounding.
-        starts = self._samples[:-1]
-        ends = self._samples[1:]
+        # The start of the step is not examined: a condition that has just changed its sign
+        # is zero there, up to rounding.
+        interval_starts = self._samples[:-1]
+        interval_ends = self._samples[1:]
         for end_condition in step.end_conditions:
-            switch = end_condition.switch
-            condition = end_condition.coefficients
-            is_negative = _evaluate_series(centre_floats(condition), ends) < 0.0
+            coefficients = end_condition.coefficients
+            values_at_ends = _evaluate_series(centre_floats(coefficients), interval_ends)
+            is_negative = values_at_ends < 0.0
             if not np.any(is_negative):
                 continue
-            # Bisect the first interval at whose end the condition is negative.
             interval = np.argmax(is_negative)
-            low, high = exact_balls(np.array([starts[interval], ends[interval]]))
-            # Each halving gains one bit, and a decimal digit takes 3.4 of them. Eight more
-            # are for safety.
-            for _ in range(int(3.4 * self.arithmetic.digits) + 8):
-                middle = (low + high).mid() / 2
-                if _evaluate_series(condition, np.array([middle]))[0].mid() < 0:
-                    high = middle
-                else:
-                    low = middle
-            # A sign change in the first interval is marked. If the same switch has changed
-            # at the end of the step before, it would now change back at once. The motion
-            # can be continued with neither sign, and the caller ends it.
-            yield _SignChange(x=high, switch=switch, is_at_start=interval == 0)
+            yield _SignChange(
+                x=self._bisect(
+                    coefficients,
+                    low=exact_ball(interval_starts[interval]),
+                    high=exact_ball(interval_ends[interval]),
+                ),
+                switch=end_condition.switch,
+                is_at_start=interval == 0,
+            )
+
+    def _bisect(self, coefficients: Array, low: Ball, high: Ball) -> Ball:
+        """Return where a Legendre series becomes negative between two positions.
+
+        The method is bisection. The series is negative at the result, which is the upper
+        end of the last interval.
+
+        Parameters
+        ----------
+        coefficients
+            (terms,) coefficients of the series. All numbers are balls (numbers with a bound
+            of their error), of which only the numbers are used.
+        low, high
+            Positions from -1 to 1. The series is negative at the higher one.
+        """
+        # Each halving gains one bit, and a decimal digit takes 3.4 of them. Eight more are
+        # for safety.
+        for _ in range(int(3.4 * self.arithmetic.digits) + 8):
+            middle = (low + high).mid() / 2
+            if _evaluate_series(coefficients, np.array([middle]))[0].mid() < 0:
+                high = middle
+            else:
+                low = middle
+        return high
+
+
+def _solve_free_variables(
+    jacobian: Array, residuals: Array, coordinate: int
+) -> tuple[Array, Array]:
+    """Return how all variables follow the coordinate, and the Newton steps to closed loops.
+
+    One variable is the coordinate c, the others are free. The columns of the Jacobian of
+    the closure equations are divided into J of the free variables and J_c of c. Closed
+    loops stay closed with the rates that solve J (rates) + J_c = 0. The Newton step with c
+    held solves J (step) + residuals = 0. If equations are redundant, J has more rows than
+    columns, and a left inverse of J is used.
+
+    Parameters
+    ----------
+    jacobian
+        (n, equations, variables) Jacobian.
+    residuals
+        (n, equations) residuals of the closure equations (rad).
+    coordinate
+        Number of the coordinate among the variables.
+
+    Returns
+    -------
+    rates
+        (n, variables) rates per unit rate of the coordinate, whose own rate is 1.
+    closing_step
+        (n, variables) Newton steps (rad), 0 for the coordinate.
+    """
+    n, _, variable_count = jacobian.shape
+    free = [variable for variable in range(variable_count) if variable != coordinate]
+    inverse, _condition = left_inverses(jacobian[:, :, free])
+    rates = exact_balls(np.zeros((n, variable_count)))
+    rates[:, coordinate] = exact_ball(1.0)
+    rates[:, free] = -np.matvec(inverse, jacobian[:, :, coordinate])
+    closing_step = exact_balls(np.zeros((n, variable_count)))
+    closing_step[:, free] = -np.matvec(inverse, residuals)
+    return rates, closing_step
 
 
 def _largest(balls: Any) -> float:

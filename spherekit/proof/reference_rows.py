@@ -362,31 +362,81 @@ def exact_direction(reference: ExactRows, pole: Pole, toward: Floats) -> Array:
         If the rows were computed with order 1, without derivatives.
     """
     with reference.arithmetic.within(), np.errstate(all="ignore"):
-        velocity = _relative_vector(reference.w, pole)
-        derivative = _relative_vector(reference.slopes, pole)
+        # Rows without derivatives are refused for all poles alike.
+        derivatives = reference.slopes
         joining_pair = reference.mechanism.pole_pairs.get(pole)
         if joining_pair is not None:
-            vector = reference.axes[:, joining_pair]
+            vectors = reference.axes[:, joining_pair]
         else:
-            moves, rests = _find_relative_motion(reference, pole)
-            change = _relative_size(derivative, reference.slopes, pole)
-            rounding = reference.arithmetic.eps * reference.condition
-            # The error of velocities enters the equations of the derivatives. Their
-            # solution multiplies it by the condition number of the same matrix.
-            starts_moving = (
-                change > DIRECTION_ROUNDING_RATIO * rounding * reference.condition
-            )
-            vector = _nan_unless(
-                moves | (rests & starts_moving),
-                np.where(moves[:, None], velocity, derivative),
-            )
-        is_opposite = np.sum(centre_floats(vector) * toward, axis=1) < 0.0
-        sign = np.where(is_opposite, -1.0, 1.0)
-        # The vector is divided by the length of its centre. The ball of a squared length
-        # may contain 0 or negative numbers, and then has no square root.
-        length = vector_lengths(exact_centres(vector))
-        has_side = np.all(np.isfinite(toward), axis=1)
-        return _nan_unless(has_side, vector * (sign / length)[:, None])
+            vectors = _vector_of_relative_motion(reference, derivatives, pole)
+        return _orient_unit_vectors(vectors, toward)
+
+
+def _orient_unit_vectors(vectors: Array, toward: Floats) -> Array:
+    """Return unit vectors (n, 3) along given vectors, on the side of the vectors `toward`.
+
+    The vectors (n, 3) are balls, which are numbers with a bound of their error. The result
+    is NaN where `toward` (n, 3) is NaN.
+    """
+    is_opposite = np.sum(centre_floats(vectors) * toward, axis=1) < 0.0
+    sign = np.where(is_opposite, -1.0, 1.0)
+    # The vector is divided by the length of its centre. The ball of a squared length may
+    # contain 0 or negative numbers, and then has no square root.
+    length = vector_lengths(exact_centres(vectors))
+    has_side = np.all(np.isfinite(toward), axis=1)
+    return _nan_unless(has_side, vectors * (sign / length)[:, None])
+
+
+def _vector_of_relative_motion(
+    reference: ExactRows, derivatives: Array, pole: Pole
+) -> Array:
+    """Return a vector along the axis about which two links rotate relative to each other.
+
+    It is the relative angular velocity. At relative rest it is the derivative of this
+    velocity by the input: the axis about which the links start to rotate.
+
+    Parameters
+    ----------
+    reference
+        The reference rows.
+    derivatives
+        (n, links, 3) derivatives of the angular velocities by the input.
+    pole
+        Numbers of the two links.
+
+    Returns
+    -------
+    (n, 3) vectors of any length in ground axes, as balls. NaN where rounding could rotate
+    the direction by 1e-6 rad.
+    """
+    velocity = _relative_vector(reference.w, pole)
+    derivative = _relative_vector(derivatives, pole)
+    moves, rests = _find_relative_motion(reference, pole)
+    change = _relative_size(derivative, derivatives, pole)
+    starts_moving = change > DIRECTION_ROUNDING_RATIO * _derivative_rounding(reference)
+    return _nan_unless(
+        moves | (rests & starts_moving),
+        np.where(moves[:, None], velocity, derivative),
+    )
+
+
+def _velocity_rounding(reference: ExactRows) -> Floats:
+    """Return the rounding errors (n,) of angular velocities, in the unit of their size.
+
+    Angular velocities solve linear equations, whose condition number multiplies the
+    rounding. The unit is that of `_relative_size`.
+    """
+    return reference.arithmetic.eps * reference.condition
+
+
+def _derivative_rounding(reference: ExactRows) -> Floats:
+    """Return the rounding errors (n,) of derivatives of angular velocities by the input.
+
+    The derivatives solve equations with the same matrix as the angular velocities. The
+    right sides contain these velocities, so the condition number multiplies their rounding
+    once more. The unit is that of `_relative_size`.
+    """
+    return _velocity_rounding(reference) * reference.condition
 
 
 def _find_relative_motion(reference: ExactRows, pole: Pole) -> tuple[Bools, Bools]:
@@ -410,8 +460,7 @@ def _find_relative_motion(reference: ExactRows, pole: Pole) -> tuple[Bools, Bool
     """
     velocity = _relative_vector(reference.w, pole)
     speed = _relative_size(velocity, reference.w, pole)
-    # Rounding error of relative velocities, in the unit of `_relative_size`.
-    rounding = reference.arithmetic.eps * reference.condition
+    rounding = _velocity_rounding(reference)
     moves = speed > DIRECTION_ROUNDING_RATIO * rounding
     rests = ~(speed > ROUNDING_STEP_RATIO * rounding)
     return moves, rests
