@@ -15,7 +15,7 @@ from spherekit.exchange.coupling_header import header
 from spherekit.exchange.coupling_table import CouplingTable, write_csv, write_npz
 from spherekit.exchange.coupling_table_maker import coupling_table
 from spherekit.exchange.exported_pose import find_pose
-from spherekit.exchange.formula_expressions import SmoothModes
+from spherekit.exchange.formula_expressions import Formulas, ModeTable, SmoothModes
 from spherekit.exchange.formula_maker import formulas, refuse_link_sizes
 from spherekit.exchange.latex import latex
 from spherekit.exchange.mjcf import MujocoModel
@@ -289,48 +289,67 @@ def _export_source(
         vary, and crossings.
     """
     if options.get("crossings") == "pass":
-        # With "pass" a mode follows its smooth curve through crossings, configurations at
-        # which curves of modes cross. With other link sizes they cross at other inputs or
-        # nowhere. So sizes of links cannot be arguments of the source code.
+        # The source stores the inputs at which curves of modes cross. They depend on the
+        # sizes of the links, which therefore cannot be arguments.
         refuse_link_sizes(mechanism, options.get("vary", ()))
     formula_set = formulas(
         mechanism, input_pair=input_pair, assembly_mode=assembly_mode, **options
     )
     check_arguments([formula_set])  # each size that varies has to change a result
     write_text(target, source(formula_set, kind))
+    notes = _describe_mode_table(formula_set.mode_table)
+    return Exported(target, _describe_formulas(formula_set), notes)
+
+
+def _describe_formulas(formula_set: Formulas) -> str:
+    """Return in words what formulas compute, from which arguments, and by which method."""
     method = "by steps of Newton's method" if formula_set.step else "in closed form"
     arguments = listing(
         f"{x.name} ({x.unit})" for x in (*formula_set.motion, *formula_set.sizes)
     )
-    holds = (
+    return (
         f"{counted(len(formula_set.results), 'result')} as functions of {arguments}, "
         f"{method}: "
         f"{formula_set.operations} operations"
     )
-    mode_table = formula_set.mode_table
+
+
+def _describe_mode_table(mode_table: ModeTable) -> Names:
+    """Return sentences on the assembly modes that a source leaves out, and on crossings.
+
+    An assembly mode is one of the ways to assemble the mechanism. A source solves the same
+    closure equations in all its modes. If equations of the mechanism repeat each other,
+    some are left out, and those that remain may not determine every mode. A mode without
+    formulas for this reason (`undetermined`) has them in a source of its own, for which
+    other equations are chosen. A sentence says so.
+    """
     notes = [
         f"left out: assembly {numbered('mode', names)}: {reason}"
         for reason, names in mode_table.left_out_by_reason().items()
     ]
     if mode_table.undetermined:
-        number = mode_table.undetermined[0]
+        first_number = mode_table.undetermined[0]
         notes.append(
             "a source for a single mode solves equations that determine it, for example "
-            f"with --assembly-mode {number}, in Python assembly_mode={number}"
+            f"with --assembly-mode {first_number}, in Python assembly_mode={first_number}"
         )
-    # The crossings that modes pass; None unless `crossings` is "pass".
+    # None if modes end at crossings with other modes.
     if mode_table.smooth is not None:
         notes.append(_describe_crossings(mode_table.smooth))
-    return Exported(target, holds, tuple(notes))
+    return tuple(notes)
 
 
-def _describe_crossings(smooth: SmoothModes) -> str:
-    """Return a sentence on the crossings that modes of a source pass."""
-    unknown = "" if smooth.are_all_known else f". {OTHER_CROSSINGS}"
-    if not smooth.crossings:
-        verb = "cross" if smooth.are_all_known else "are known to cross"
+def _describe_crossings(smooth_modes: SmoothModes) -> str:
+    """Return a sentence on the inputs at which modes pass crossings.
+
+    At a crossing, the configuration curves of two assembly modes meet. Each mode continues
+    smoothly on its own curve.
+    """
+    unknown = "" if smooth_modes.are_all_known else f". {OTHER_CROSSINGS}"
+    if not smooth_modes.crossings:
+        verb = "cross" if smooth_modes.are_all_known else "are known to cross"
         return f"no curves {verb} in the range of the input{unknown}"
-    inputs = listing(dict.fromkeys(map(degrees_text, smooth.crossings)))
+    inputs = listing(dict.fromkeys(map(degrees_text, smooth_modes.crossings)))
     return f"modes follow their smooth curves through crossings at {inputs} deg{unknown}"
 
 

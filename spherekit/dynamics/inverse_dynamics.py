@@ -72,11 +72,12 @@ def judged(
 
     Three rules say what is known in a row:
 
-    - Inertia does not depend on loads or friction. It is known in each row with rates,
-      except for numbers that overflow.
-    - Loads are known in each row with rates, unless friction is unknown. If one load is not
-      finite, the other loads of the row are known.
-    - Torques are known if the status of the row is OK.
+    - Inertia is known in each row with rates. It does not depend on loads or friction.
+    - Loads are known in each row with rates, unless friction is unknown.
+    - Torques are known if all loads of the row are known.
+
+    A number that overflows is unknown as well. If one load overflows, the other loads of
+    the row remain known, but the torques do not.
 
     Parameters
     ----------
@@ -96,28 +97,39 @@ def judged(
 
     Returns
     -------
-    (n,) the status, with NOT_CONVERGED for unknown friction and OVERFLOW if a torque or a
-    power is not finite.
+    (n,) the status of the torques: NOT_CONVERGED for unknown friction, and OVERFLOW if a
+    torque, a load or the power of a load is not finite.
     """
     has_rates = status == Status.OK
-    status = status.copy()
-    status[has_rates & has_unknown_friction] = Status.NOT_CONVERGED
-    with np.errstate(over="ignore", invalid="ignore"):
-        powers = np.einsum("ni,nil->nl", rates, forces)
-    # (n, loads): whether power and forces of a load are numbers.
-    is_finite = np.isfinite(powers) & all_finite(forces, 1)
-    is_overflow = ~(all_finite(torques, 1) & np.all(is_finite, axis=1))
-    status[(status == Status.OK) & is_overflow] = Status.OVERFLOW
-    # Apply the three rules.
+    has_loads = has_rates & np.logical_not(has_unknown_friction)
+    is_known_load = has_loads[:, None] & _find_finite_loads(forces, rates)
+    has_torques = has_loads & np.all(is_known_load, axis=1) & all_finite(torques, 1)
+
     for parts in (masses.M_parts, masses.dM_parts):
         parts[~has_rates] = np.nan
         parts[~np.isfinite(parts)] = np.nan
-    # The status is OVERFLOW if a load is not finite, and others may be known.
-    has_forces = np.isin(status, (Status.OK, Status.OVERFLOW))
-    is_known = is_finite & has_forces[:, None]
-    np.moveaxis(forces, 1, 2)[~is_known] = np.nan
-    torques[status != Status.OK] = np.nan
-    return status
+    np.moveaxis(forces, 1, 2)[~is_known_load] = np.nan
+    torques[~has_torques] = np.nan
+
+    torque_status = status.copy()
+    torque_status[has_rates & ~has_loads] = Status.NOT_CONVERGED
+    torque_status[has_loads & ~has_torques] = Status.OVERFLOW
+    return torque_status
+
+
+def _find_finite_loads(forces: Floats, rates: Floats) -> Bools:
+    """Return (n, loads) whether the generalised forces and the power of a load are finite.
+
+    Parameters
+    ----------
+    forces
+        (n, m, loads) generalised forces at m inputs.
+    rates
+        (n, m) rates of the inputs.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        powers = np.einsum("ni,nil->nl", rates, forces)
+    return np.isfinite(powers) & all_finite(forces, 1)
 
 
 @dataclass(frozen=True)

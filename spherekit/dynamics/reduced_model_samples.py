@@ -700,10 +700,10 @@ class BoxSampler(Sampler):
     def __init__(
         self, position_analysis: PositionAnalysis, poles: tuple[Pole, ...]
     ) -> None:
-        """Compute the nodes: configurations of an assembly mode on a grid of inputs.
+        """Compute the nodes: configurations of the assembly mode on a grid of inputs.
 
-        Functions of the model are sampled later, at any inputs. Newton's method then finds
-        the configuration at these inputs from the nearest node.
+        `evaluate` starts Newton's method from the nearest node to find the configuration at
+        other inputs.
 
         Parameters
         ----------
@@ -713,30 +713,11 @@ class BoxSampler(Sampler):
             Pairs of links whose axis of relative rotation is stored.
         """
         super().__init__(position_analysis, poles)
-        inputs = self.mechanism.inputs
-        # Indices of the variables of the inputs among all pair variables.
-        self.driven = [self.mechanism.angles[pair] for pair in position_analysis.inputs]
-        self.low, self.high = np.array([item.range for item in inputs]).T
-        # Names of the coordinates by which the functions of the model are stored: the
-        # inputs.
+        # The coordinates of the model are the inputs.
         self.by = position_analysis.inputs
-        motion = unwrap_motion(
-            position_analysis.motion(), position_analysis.angle_unwrapping
-        )
-        values = motion.values[motion.status == Status.OK]
-        nodes = motion_by_variables(self.closure, values, self.driven)
-        # `second` (n, inputs, inputs, variables) are the second derivatives of the
-        # variables by the inputs. Near a singularity, variables move fast at unit rates of
-        # the inputs; `determinacy` is the reciprocal of their largest rate. The limit keeps
-        # nodes away from singularities, where the functions of the model are steep.
-        is_regular = all_finite(nodes.second, (1, 2, 3))
-        is_regular &= determinacy(nodes.rates) >= MIN_DETERMINACY
-        if not np.any(is_regular):
-            raise SolveError(
-                f"{self.mechanism.name}: the assembly mode has no regular configuration on "
-                "a grid over the ranges of the inputs; give another assembly mode or range"
-            )
-        self.nodes = nodes.rows(is_regular)
+        self.driven = [self.mechanism.angles[pair] for pair in self.by]
+        self.low, self.high = np.array([item.range for item in self.mechanism.inputs]).T
+        self.nodes = _compute_grid_nodes(position_analysis, self.driven)
 
     def label_functions(self, heading: StoredHeading) -> list[FunctionLabel]:
         """Return the labels of all functions: those of the motion, then those of poles.
@@ -805,6 +786,50 @@ class BoxSampler(Sampler):
             relative_w = motion.w[:, :, second] - motion.w[:, :, first]
             functions.append(np.swapaxes(relative_w, 1, 2).reshape(len(relative_w), -1))
         return np.concatenate(functions, axis=1)
+
+
+def _compute_grid_nodes(
+    position_analysis: PositionAnalysis, input_variables: Sequence[int]
+) -> CoordinateMotion:
+    """Return the regular configurations of an assembly mode on a grid of inputs.
+
+    Configurations at and near singularities are left out, because the functions of a
+    reduced model are steep there.
+
+    Parameters
+    ----------
+    position_analysis
+        The mechanism with the grid of its inputs, and its chosen assembly mode.
+    input_variables
+        Indices of the inputs among the pair variables.
+
+    Returns
+    -------
+    The configurations, with first and second derivatives by the inputs.
+
+    Raises
+    ------
+    SolveError
+        If there is no such configuration.
+    """
+    motion = unwrap_motion(position_analysis.motion(), position_analysis.angle_unwrapping)
+    configurations = motion_by_variables(
+        position_analysis.solver.closure,
+        motion.values[motion.status == Status.OK],
+        input_variables,
+    )
+    # (n, inputs, inputs, variables) second derivatives, not finite at a singularity.
+    is_regular = all_finite(configurations.second, (1, 2, 3))
+    # Near a singularity, variables move fast at unit rates of the inputs. `determinacy` is
+    # the reciprocal of their largest rate.
+    is_regular &= determinacy(configurations.rates) >= MIN_DETERMINACY
+    if not np.any(is_regular):
+        raise SolveError(
+            f"{position_analysis.mechanism.name}: the assembly mode has no regular "
+            "configuration on a grid over the ranges of the inputs; give another assembly "
+            "mode or range"
+        )
+    return configurations.rows(is_regular)
 
 
 def _follow_curve(position_analysis: PositionAnalysis) -> tuple[ArcCurve, Floats]:

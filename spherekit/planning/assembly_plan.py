@@ -173,29 +173,30 @@ class Group(NamedTuple):
 
 
 class Assembly(NamedTuple):
-    """The locked input pairs, then the groups in solving order.
+    """The order in which the links are placed, if the angles of the inputs are given.
 
-    A group is a set of bodies that become one rigid body when all their pairs are closed.
-    The positions of all links follow from the inputs by placing group after group.
+    An input pair with a given angle joins its two links rigidly. Links that are joined in
+    this way form a body. A group is a set of bodies that become one rigid body when all
+    their pairs are closed. Group after group is placed, until all links are one body.
 
     Attributes
     ----------
     inputs
-        Numbers of the driven pairs, which are locked.
-    bodies
-        For each link the number of its body at the beginning, which is the smallest number
-        of a link that locked inputs join to it.
+        Numbers of the input pairs.
+    body_of_link
+        For each link the number of the body that it belongs to before any group is placed.
+        The number of a body is the smallest of the numbers of its links.
     groups
         The groups. Each one uses the bodies that earlier groups have formed.
     """
 
     inputs: tuple[int, ...]
-    bodies: tuple[int, ...]
+    body_of_link: tuple[int, ...]
     groups: tuple[Group, ...]
 
     @property
     def input(self) -> int:
-        """The number of the only driven pair; `PlanError` if there are several."""
+        """The number of the only input pair; `PlanError` if there are several."""
         if len(self.inputs) != 1:
             raise PlanError(
                 "this is possible only for mechanisms with one input, but there are "
@@ -222,7 +223,8 @@ class Assembly(NamedTuple):
 
         Returns
         -------
-        The group. None if locked inputs join the two links already.
+        The group. None if input pairs join the two links: they then belong to one body,
+        and do not move relative to each other while the inputs are given.
         """
         for group in self.groups:
             joined_bodies = [

@@ -90,11 +90,11 @@ class AssemblyState:
         values = nans((n, len(mechanism.variable_owners)))
         for input_pair, input_values in zip(assembly.inputs, q.T, strict=True):
             values[:, variables[input_pair][0]] = input_values
-        # An input joins its two links to one body. `assembly.bodies` has one link of each
-        # body, whose axes are those of the body. From it, a tree of inputs leads to all
-        # other links of the body.
+        # An input joins its two links to one body. The number of a body is that of one of
+        # its links, whose axes are those of the body. From this link, a tree of inputs
+        # leads to all other links of the body.
         branches = find_spanning_tree(
-            mechanism.ends, start=assembly.bodies, pairs=assembly.inputs
+            mechanism.ends, start=assembly.body_of_link, pairs=assembly.inputs
         )
         for input_pair, parent, child in branches:
             states = evaluate_pair_states(

@@ -258,12 +258,11 @@ class QuadAssembly:
         for pair, input_values in zip(self.assembly.inputs, q.T, strict=True):
             (variable,) = mechanism.variables_of(pair)
             values[:, variable] = input_values.astype(quad_type)
-        # `assembly.bodies` has the number of the first link of each body. From these links
-        # input pairs lead to the other links of the bodies. A branch is such a pair, with
-        # the link from which it leads (parent), and the link to which it leads (child).
-        first_link_of_body = self.assembly.bodies
+        # The number of a body is that of its first link. From this link, input pairs lead
+        # to the other links of the body. A branch is such a pair, with the link from which
+        # it leads (parent), and the link to which it leads (child).
         branches = find_spanning_tree(
-            mechanism.ends, start=first_link_of_body, pairs=self.assembly.inputs
+            mechanism.ends, start=self.assembly.body_of_link, pairs=self.assembly.inputs
         )
         for pair, parent, child in branches:
             # R_second = R_first F_first Z(angle) F_second^T for the rotations R of the two

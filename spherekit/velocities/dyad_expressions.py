@@ -118,7 +118,7 @@ def place_by_inputs(
     driven_angles |= structure.follower_angles(q)
     variables = [driven_angles.get(v) for v in range(len(mechanism.variable_names))]
     # The driven pairs place the links of each body relative to its first link.
-    steps = find_spanning_tree(mechanism.ends, assembly.bodies, assembly.inputs)
+    steps = find_spanning_tree(mechanism.ends, assembly.body_of_link, assembly.inputs)
     orientations = place_by_variables(mechanism, structure.pairs, variables, steps)
     # Each dyad then becomes part of the first body of its group. `_close_dyad` changes
     # `orientations` in place.
