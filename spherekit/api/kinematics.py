@@ -684,14 +684,14 @@ def _single_row_evaluator(
         )
         (input_columns_of_row,) = kernel.input_columns
         # A pole axis has two opposite unit vectors. The one at less than 90 deg to the sum
-        # of the axis vectors of all pairs is chosen. Some columns change sign with it. They
-        # are `signed_columns` (components, poles, 1), whose first three components are the
-        # direction of the pole. It is a view, so `*=` below changes `columns`.
-        signed_columns = input_columns_of_row.signed_part(columns)
+        # of the axis vectors of all pairs is chosen. Some columns change sign with it:
+        # (components, poles, 1), whose first three components are the direction of the
+        # pole. It is a view, so `*=` below changes `columns`.
+        reversible_columns = input_columns_of_row.reversible_columns(columns)
         # `signs_by_axis_sums` returns a function of directions, rows and modes, which gives
         # their signs. The batch has one row of one mode, so both have the index 0.
         find_signs = signs_by_axis_sums(np.array([evaluated_row.axis_sum]))
-        signed_columns *= find_signs(signed_columns[:3], 0, 0)
+        reversible_columns *= find_signs(reversible_columns[:3], 0, 0)
         # The field has the poles, their rates and the bounds of their errors. The kernel
         # has certified them, which means that the bounds are small enough.
         field = make_certified_field(input_columns_of_row, columns, row, request)

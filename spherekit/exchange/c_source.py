@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from spherekit.arrays import Floats
 from spherekit.escaping import c_comment
 from spherekit.exchange import identifiers
@@ -492,15 +494,15 @@ def _write_smooth_modes(source: Source, scalar: str) -> Iterator[str]:
     scalar
         Name of the number type of the mode values, such as ``double``.
     """
-    if source.smooth_modes is None:
+    smooth_modes = source.smooth_modes
+    if smooth_modes is None:
         return
 
     def array_text(values: Floats) -> str:
         """Return an array without its outer braces, which the template has."""
         return nested_with_nan(values, "{}", "NAN", "INFINITY")[1:-1]
 
-    # Names and numbers that are inserted in the template, such as the name of the function,
-    # the inputs at which intervals start ("starts") and the mode values ("places").
+    # Names and numbers that are inserted in the templates.
     fields = source.smooth_mode_fields
     # Lines of C that move an input q outside of the range into it by whole periods. If the
     # range is shorter than a period, q may end beside it, as near as possible.
@@ -508,19 +510,18 @@ def _write_smooth_modes(source: Source, scalar: str) -> Iterator[str]:
     input_lines = ""
     return_line = ""
     if source.formulas.step:
-        input_text = array_text(fields["inputs"])
-        input_lines = KNOWN_INPUTS_TEMPLATE.format(**{**fields, "inputs": input_text})
+        input_lines = KNOWN_INPUTS_TEMPLATE.format(
+            **fields, inputs=array_text(smooth_modes.inputs)
+        )
         return_line = "    return q == q ? inputs[interval][k] : NAN;\n"
     # In C, k is the mode and n the index of a mode value. An input q that is NaN, which
     # differs from itself, has NaN as its result.
     value = "q == q ? places[interval][k][n] : NAN"
-    texts = {
-        "starts": array_text(fields["starts"]),
-        "places": array_text(fields["places"]),
-        "inputs": input_lines,
-    }
     yield C_SMOOTH_MODE_TEMPLATE.format(
-        **{**fields, **texts},
+        **fields,
+        starts=array_text(np.array(smooth_modes.starts)),
+        places=array_text(smooth_modes.mode_values),
+        inputs=input_lines,
         head=_smooth_mode_head(source, scalar),
         moved=moved,
         written=value if scalar == "double" else f"{scalar}({value})",

@@ -202,7 +202,10 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
         )
         returned += ", known_input"
     yield CASADI_SMOOTH_MODE_TEMPLATE.format(
-        **{**texts.fields, "inputs": input_lines},
+        **source.smooth_mode_fields,
+        starts=texts.interval_starts,
+        places=texts.mode_values,
+        inputs=input_lines,
         moved=texts.shift_lines,  # lines that move an input into the range by whole periods
         returned=returned,
         more=docstring_end,

@@ -190,9 +190,11 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
         # `interval` is a variable of the written function: the interval of q.
         input_lines = f"    inputs = {texts.known_inputs}\n"
         returned += ", isnan(q) ? NaN : inputs[interval][k]"
-    # `fields` has the other numbers and names that are inserted in the template.
     yield JULIA_SMOOTH_MODE_TEMPLATE.format(
-        **{**texts.fields, "inputs": input_lines},
+        **source.smooth_mode_fields,
+        starts=texts.interval_starts,
+        places=texts.mode_values,
+        inputs=input_lines,
         moved=texts.shift_lines,
         returned=returned,
     )

@@ -168,7 +168,10 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
         docstring_end = KNOWN_INPUTS_TEXT
         returned += ", np.where(np.isnan(q), np.nan, inputs[interval, mode])"
     yield PYTHON_SMOOTH_MODE_TEMPLATE.format(
-        **{**texts.fields, "inputs": input_lines},
+        **source.smooth_mode_fields,
+        starts=texts.interval_starts,
+        places=texts.mode_values,
+        inputs=input_lines,
         shift_lines=texts.shift_lines,
         returned=returned,
         end=docstring_end,

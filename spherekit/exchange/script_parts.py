@@ -2,8 +2,10 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
+import numpy as np
+
+from spherekit.arrays import Floats
 from spherekit.exchange.source_head import head_comment
 from spherekit.exchange.source_printer import Source
 from spherekit.exchange.source_text import nested, nested_with_nan, wrap_lines
@@ -54,34 +56,36 @@ def write_series(
 
 @dataclass(frozen=True)
 class SmoothModeTexts:
-    """Source code for the function that selects an assembly mode at a given input.
+    """Source code of a table from which a function reads the mode values at an input.
 
-    An assembly mode is one of the ways to assemble the mechanism. In formulas it is
-    selected by numbers, the mode values. In closed form they are the signs of its dyads
-    (two links and three R pairs). Otherwise they are the pair variables (rad) of a known
-    configuration, from which Newton's method starts. If a mode follows a smooth curve of
-    configurations, the mode values are constant in intervals of the input.
+    Mode values are arguments of the formulas. They select the assembly mode (way to
+    assemble the mechanism):
+
+    - Formulas in closed form need the sign of each dyad (two links and three R pairs),
+      because each dyad can be assembled in two ways.
+    - Other formulas are steps of Newton's method. They need a start, which is a known
+      configuration of the mode: the variables (rad) of all pairs.
+
+    A mode can follow a smooth curve of configurations through crossings with other modes,
+    where its signs change. The table therefore divides the range of the input into
+    intervals, in each of which a mode has one set of mode values.
 
     Attributes
     ----------
-    fields
-        Values of the fields of the template of this function. Three of them are arrays, as
-        text in the programming language:
-
-        - ``starts`` (intervals,): the input (rad) at which each interval begins,
-        - ``places`` (intervals, modes, values): the mode values, under the name that they
-          have in the source code,
-        - ``inputs``: see `known_inputs`.
+    interval_starts
+        Array (intervals,) of the inputs (rad) at which the intervals begin.
+    mode_values
+        Array (intervals, modes, values) of the mode values.
     known_inputs
-        The text of the array ``inputs``, also for templates other than that of this
-        function. The array has the axes (intervals, modes): the input (rad) of the known
-        configuration. Without a closed form, Newton's method follows the mode from there.
+        Array (intervals, modes) of the inputs (rad) of the known configurations. Newton's
+        method follows the mode from there.
     shift_lines
         Lines that move an input by whole periods into the range of the mechanism. Empty if
         configurations do not repeat after a period.
     """
 
-    fields: dict[str, Any]
+    interval_starts: str
+    mode_values: str
     known_inputs: str
     shift_lines: str
 
@@ -89,14 +93,7 @@ class SmoothModeTexts:
 def smooth_mode_texts(
     source: Source, nan_literal: str, infinity_literal: str, moved_template: str
 ) -> SmoothModeTexts:
-    """Return source code for the function that selects an assembly mode at a given input.
-
-    An assembly mode is one of the ways to assemble the mechanism. In formulas it is
-    selected by numbers, the mode values. In closed form they are the signs of its dyads
-    (two links and three R pairs). Otherwise they are the pair variables (rad) of a known
-    configuration, from which Newton's method starts. If a mode follows a smooth curve of
-    configurations, the mode values are constant in intervals of the input. The function
-    returns those of the interval of its input.
+    """Return the table of mode values by intervals of the input, as source code.
 
     Parameters
     ----------
@@ -108,16 +105,19 @@ def smooth_mode_texts(
         Template of the lines that move an input outside of the range by whole periods. They
         are only written if configurations repeat after a period of the input.
     """
-    fields = source.smooth_mode_fields
-    shift_lines = moved_template.format(**fields) if source.is_periodic else ""
-    # Three arrays are written as nested lists in brackets: the input at which each interval
-    # begins, the mode values, and the input of the known configuration with these values.
-    text_by_name = {
-        name: nested_with_nan(fields[name], "[]", nan_literal, infinity_literal)
-        for name in ("starts", "places", "inputs")
-    }
+    smooth_modes = source.smooth_modes
+    assert smooth_modes is not None
+
+    def array_text(values: Floats) -> str:
+        """Return an array as nested lists in brackets."""
+        return nested_with_nan(values, "[]", nan_literal, infinity_literal)
+
+    shift_lines = ""
+    if source.is_periodic:
+        shift_lines = moved_template.format(**source.smooth_mode_fields)
     return SmoothModeTexts(
-        fields={**fields, **text_by_name},
-        known_inputs=text_by_name["inputs"],
+        interval_starts=array_text(np.array(smooth_modes.starts)),
+        mode_values=array_text(smooth_modes.mode_values),
+        known_inputs=array_text(smooth_modes.inputs),
         shift_lines=shift_lines,
     )

@@ -197,23 +197,15 @@ class Source:
 
     @property
     def smooth_mode_fields(self) -> dict[str, Any]:
-        """The values that are inserted in the template of `smooth_function`.
+        """Names and numbers that are inserted in the template of `smooth_function`.
 
-        This function of the generated source selects an assembly mode at an input. The mode
-        follows a smooth curve of configurations, which can cross curves of other modes. The
-        crossings divide the range of the input into intervals.
-
-        The function returns the mode values, numbers that are constant in an interval. In
-        closed form they are the signs of the dyads (two links and three R pairs). Otherwise
-        they are the pair variables of a configuration that is known in this interval, from
-        which Newton's method starts. Keys of the result are:
+        This function of the generated source returns the mode values (`smooth_modes`) in
+        the interval of its input. They are in a table with the axes interval, mode and
+        value. Keys of the result are:
 
         - ``name``, ``mode``: names of the function and of the argument that selects a mode,
         - ``low``, ``high``, ``period``: range and period of the input (rad), as text,
-        - ``starts`` (intervals,): the input (rad) at which each interval begins,
-        - ``places`` (intervals, modes, count): the mode values,
-        - ``inputs`` (intervals, modes): the input (rad) of the known configuration,
-        - ``intervals``, ``modes``, ``count``: the lengths of these axes.
+        - ``intervals``, ``modes``, ``count``: the lengths of the axes of the table.
         """
         smooth_modes = self.smooth_modes
         assert smooth_modes is not None
@@ -225,9 +217,6 @@ class Source:
             "low": bracketed_number(smooth_modes.low),
             "high": bracketed_number(smooth_modes.high),
             "period": number(smooth_modes.period),
-            "starts": np.array(smooth_modes.starts),
-            "places": smooth_modes.mode_values,
-            "inputs": smooth_modes.inputs,
             "intervals": interval_count,
             "modes": mode_count,
             "count": value_count,

@@ -295,9 +295,8 @@ class DyadsWithClosingLink:
         # normal p x q is at right angles to the axes of both pairs.
         normal = cross_columns(p, q)
         first_link, second_link = self.neighbours
-        first_pair, second_pair = self.pairs
-        first_rate = mode.angular_velocity_along(normal, first_link, first_pair)
-        second_rate = mode.angular_velocity_along(normal, second_link, second_pair)
+        first_rate = mode.angular_velocity_along(normal, first_link, self.pairs)
+        second_rate = mode.angular_velocity_along(normal, second_link, self.pairs)
         return first_rate - second_rate
 
     def slope(self, mode: WorkingMode, directions: Floats) -> Floats:

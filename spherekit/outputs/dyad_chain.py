@@ -66,6 +66,11 @@ class DyadPlacement:
     arcs: tuple[float, float]
 
     @property
+    def pairs(self) -> tuple[int, int, int]:
+        """Numbers of the near, middle and far pair."""
+        return self.near_pair, self.middle_pair, self.far_pair
+
+    @property
     def shortest(self) -> float:
         """The smallest angle (rad) between the outer axes at which the dyad closes.
 
@@ -200,7 +205,7 @@ class DyadChain:
         for number, dyad in enumerate(self.dyads):
             for link in (dyad.near_link, dyad.far_link):
                 self.dyad_of_link[link] = number
-            for pair in (dyad.near_pair, dyad.middle_pair, dyad.far_pair):
+            for pair in dyad.pairs:
                 self.dyad_of_pair[pair] = number
 
     def _cache_methods(self) -> None:

@@ -74,9 +74,8 @@ class DyadKinematics(ClosedKinematics):
         self.dyads = kinematics.dyads.dyads
         legs = []
         for dyad in self.dyads:
-            pairs = (dyad.near_pair, dyad.middle_pair, dyad.far_pair)
             # A virtual pair is named after the pair of the output link with the same axis.
-            names = [self.name_of(self._find_real_pair(pair)) for pair in pairs]
+            names = [self.name_of(self._find_real_pair(pair)) for pair in dyad.pairs]
             legs.append(f"the leg of pairs {', '.join(names)}")
         self.legs = tuple(legs)
 

@@ -30,22 +30,27 @@ from spherekit.positions.assembly_mode import label_of
 def output_kinematics(
     mechanism: Mechanism, output: str | None = None, graph: bool = False
 ) -> OutputKinematics:
-    """Return an output with the best way to solve its poses.
+    """Return an output with the method that solves its poses.
 
-    A closed form is preferred. Three kinds of mechanisms have one: dyads (groups of two
-    links and three R pairs), dyads that are driven by wheels, and a mid-plane symmetric
-    architecture, whose base and output link are mirror images of each other. Otherwise the
-    output is held in each pose, and the position solver places the links group by group, as
-    they follow from the graph of all links. If there are neither two nor three inputs, only
-    the poses at inputs can be computed.
+    The methods are tried in this order:
+
+    1. Dyads (groups of two links and three R pairs) have a closed form, which gives all
+       configurations at a pose.
+    2. Dyads that are driven by wheels have a closed form, too. Another one applies if base
+       and output link are mirror images of each other. It gives only configurations with
+       this symmetry. The option `graph` skips these two.
+    3. Otherwise the output is held in each pose, and the position solver places the links
+       group by group, as they follow from the graph of all links.
+
+    If there are neither two nor three inputs, only the poses at inputs can be computed.
 
     Parameters
     ----------
     mechanism, output
         The mechanism, and the name of its output if there are several.
     graph
-        Whether the position solver is used although wheels or a mid-plane symmetric
-        architecture give a closed form. Mechanisms of dyads alone ignore this option.
+        Whether the position solver is used for every mechanism that does not consist of
+        dyads alone.
 
     Raises
     ------
@@ -61,14 +66,14 @@ def output_kinematics(
     if len(mechanism.inputs) not in COORDINATES:
         return OutputKinematics(mechanism, chosen_output(mechanism, output), points=False)
     inverse = InverseKinematics(mechanism, output)
-    # `has_closed_form` is about dyads only. `_find_closed_form` looks for the others, too.
-    consists_of_dyads = inverse.has_closed_form
-    if consists_of_dyads or not graph:
-        try:
-            return _find_closed_form(inverse)
-        except SolveError:
-            pass  # there is no closed form
-    return GraphKinematics(inverse)
+    if inverse.has_closed_form:  # the mechanism consists of dyads
+        return DyadKinematics(inverse)
+    if graph:
+        return GraphKinematics(inverse)
+    try:
+        return _find_special_form(inverse)
+    except SolveError:  # there is no closed form
+        return GraphKinematics(inverse)
 
 
 def closed_kinematics(mechanism: Mechanism, output: str | None = None) -> ClosedKinematics:
@@ -84,32 +89,31 @@ def closed_kinematics(mechanism: Mechanism, output: str | None = None) -> Closed
     SolveError
         If the mechanism has no closed form.
     """
-    return _find_closed_form(InverseKinematics(mechanism, output))
+    inverse = InverseKinematics(mechanism, output)
+    if inverse.has_closed_form:  # the mechanism consists of dyads
+        return DyadKinematics(inverse)
+    return _find_special_form(inverse)
 
 
-def _find_closed_form(inverse: InverseKinematics) -> ClosedKinematics:
-    """Return the closed form of the inverse kinematics of an output.
+def _find_special_form(inverse: InverseKinematics) -> ClosedKinematics:
+    """Return the closed form of an output whose mechanism does not consist of dyads.
 
-    Three kinds of mechanisms have one. They are tried in this order:
+    Two kinds of mechanisms have one. They are tried in this order:
 
-    1. Dyads alone. With the output link fixed in its pose, all other links can be placed
-       as dyads, two links at a time between two known axes.
-    2. Dyads that are driven by wheels. Without the wheels they are of the first kind.
-    3. Base and output link are mirror images of each other about a plane (mid-plane
+    1. Dyads (groups of two links and three R pairs) that are driven by wheels.
+    2. Base and output link are mirror images of each other about a plane (mid-plane
        symmetric architecture).
 
     Raises
     ------
     SolveError
-        If there is none. The message says why the third kind does not apply.
+        If there is none. The message says why the second kind does not apply.
     """
-    if inverse.has_closed_form:
-        return DyadKinematics(inverse)
     # `inverse` adds virtual links (the wrist), which hold the output link in its pose. The
     # mechanism of the user is without these.
     mechanism = inverse.own
     output = inverse.wrist.output
-    # None if the mechanism is not of the second kind.
+    # None if the mechanism is not of the first kind.
     geared = geared_kinematics(mechanism, output)
     if geared is not None:
         return geared

@@ -7,7 +7,7 @@ poses, components first, in the axes of the base. Quantities that depend on the 
 some dyads only are computed once for all modes in which these signs are equal.
 """
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import wraps
 from typing import Any, TypeVar
@@ -518,10 +518,16 @@ class WorkingMode:
         The result is a fraction ``numerator . w / denominator`` with the angular velocity w
         of the output.
 
+        The pair belongs to a dyad, which joins two links placed before, its supports. The
+        relative angular velocity of the supports is a sum of three vectors along the axes
+        of the dyad, whose lengths are the rates of its pairs. By Cramer's rule, one rate is
+        the scalar product of this velocity and the vector product of the other two axes,
+        divided by the triple product of all three.
+
         Notes
         -----
-        A dyad joins two supports, which have the angular velocities w_near and w_far. Its
-        near, middle and far pair have the axes a, b, c and the rates A, B, C, so that
+        The near, middle and far pair of the dyad have the axes a, b, c and the rates A, B,
+        C. The supports have the angular velocities w_near and w_far, so that
 
             w_near + a A = w_far + c C - b B.
 
@@ -533,42 +539,32 @@ class WorkingMode:
             C = (b x a) . (w_far - w_near) / -t.
 
         A and C are the rates of the links of the dyad relative to their supports, B is that
-        of the far link relative to the near link. The vector product is at right angles to
-        its two axes.
+        of the far link relative to the near link.
         """
         dyad_number = self.chain.dyad_of_pair[pair]
         dyad = self.chain.dyads[dyad_number]
         a, c = self._outer_axes(dyad_number)
+        # The sign of the triple product t is that of the working mode.
         b, triple_product = self.signed_middle_axis(dyad_number)
-        # `normal` is the vector product in the formula for this pair. The rate is that of
-        # `link` relative to the other link of the pair. The sign of the triple product is
-        # that of the working mode.
-        if pair == dyad.near_pair:
-            normal = cross_columns(b, c)
-            link = dyad.near_link
-        elif pair == dyad.middle_pair:
-            normal = cross_columns(c, a)
-            link = dyad.far_link
-        else:
-            normal = cross_columns(b, a)
-            link = dyad.far_link
-        # `angular_velocity_along` adds the rates of the pairs that move a support. A rate
-        # about an axis at right angles to `normal` would add nothing. `normal` is at right
-        # angles to the axes of all pairs of the dyad except `pair`. So each call names the
-        # outer pair at its support, unless this is `pair`. If the support is moved by a
-        # pair about the same axis, the rate of that pair need not be computed.
-        normal_far_pair = None if pair == dyad.far_pair else dyad.far_pair
-        normal_near_pair = None if pair == dyad.near_pair else dyad.near_pair
-        far_rate = self.angular_velocity_along(normal, dyad.far_support, normal_far_pair)
-        near_rate = self.angular_velocity_along(normal, dyad.near_support, normal_near_pair)
+        other_axes = {
+            dyad.near_pair: (b, c),
+            dyad.middle_pair: (c, a),
+            dyad.far_pair: (b, a),
+        }[pair]
+        normal = cross_columns(*other_axes)
+        other_pairs = [number for number in dyad.pairs if number != pair]
+        far_rate = self.angular_velocity_along(normal, dyad.far_support, other_pairs)
+        near_rate = self.angular_velocity_along(normal, dyad.near_support, other_pairs)
         rate = far_rate - near_rate
+        # The formulas give the rate of this link relative to the other link of the pair.
+        link = dyad.near_link if pair == dyad.near_pair else dyad.far_link
         # The variable of a pair is counted from its first to its second link.
         is_second_link = self.chain.ends[pair][1] == link
         sign = -triple_product if is_second_link else triple_product
         return RateFraction(rate.numerator, rate.denominator * sign)
 
     def angular_velocity_along(
-        self, vector: Floats, link: int, normal_pair: int | None
+        self, vector: Floats, link: int, normal_pairs: Sequence[int] = ()
     ) -> RateFraction:
         """Return the scalar product of a vector and the angular velocity of a link.
 
@@ -586,10 +582,9 @@ class WorkingMode:
             (3, n) vector.
         link
             Number of the link; its angular velocity is relative to the base.
-        normal_pair
-            A pair of the link whose axis is at right angles to the vector, or None if no
-            such pair is known. If the outer pair of the link has the same axis, its rate
-            adds nothing to the scalar product, and is not computed.
+        normal_pairs
+            Pairs whose axes are at right angles to the vector. Rotation about these axes
+            adds nothing to the scalar product, so its rate is not computed.
         """
         chain = self.chain
         if link == chain.base:
@@ -598,10 +593,12 @@ class WorkingMode:
         if link == chain.posed_link:
             return RateFraction(vector, np.ones(1))
         pair, support = chain.support_of(link)
-        if normal_pair is not None and chain.is_coaxial(pair, normal_pair, link):
-            # The outer pair is a pair of the support too. Its axis is at right angles to
-            # the vector, so it is the `normal_pair` of the support.
-            return self.angular_velocity_along(vector, support, pair)
+        if any(
+            link in chain.ends[normal_pair] and chain.is_coaxial(pair, normal_pair, link)
+            for normal_pair in normal_pairs
+        ):
+            # The outer pair turns the link about an axis at right angles to the vector.
+            return self.angular_velocity_along(vector, support, [pair])
         pair_rate = self.pair_rate(pair)
         component = dot_columns(vector, self.axis(pair, link))
         # The result is the part of the support plus that of the pair. Fractions have a
@@ -612,7 +609,7 @@ class WorkingMode:
         subtracted_rate = RateFraction(
             pair_rate.numerator * subtracted_component, pair_rate.denominator
         )
-        return self.angular_velocity_along(vector, support, None) - subtracted_rate
+        return self.angular_velocity_along(vector, support) - subtracted_rate
 
     @_shared_between_modes
     def input_rate(self, pair: int) -> RateFraction:

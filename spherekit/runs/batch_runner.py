@@ -858,7 +858,7 @@ class BatchRunner:
                 # reverse. `unsigned_poles` computes the directions there.
                 sign_function = continue_signs(
                     motion,
-                    input_columns.signed_poles,
+                    input_columns.reversible_poles,
                     pending.stops[input_index],
                     partial(columns.unsigned_poles, input_index),
                     sign_continuation,

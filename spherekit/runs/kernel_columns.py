@@ -179,7 +179,7 @@ class KernelColumns:
                 # A pole is a line with two senses. At first the sense is chosen so that no
                 # velocity coefficient is negative, as the kernel does. `set_signs` changes
                 # it so that directions are continuous along the samples.
-                for pole in input_columns.signed_poles:
+                for pole in input_columns.reversible_poles:
                     signs = np.where(field.velocity_coefficient[pole] < 0.0, -1.0, 1.0)
                     apply_signs(field, pole, signs)
                 self.uncertified_fields.append(field)
@@ -204,10 +204,9 @@ class KernelColumns:
         -------
         Unit vectors u, relative angular velocities, and their derivatives.
         """
-        # In the kernel, `signed` means "to be multiplied by a sign later": `signed_poles`
-        # are the poles without a fixed sense.
+        # In the kernel, poles without a fixed sense are called reversible.
         input_columns = self.kernel.input_columns[input_index]
-        quantities = input_columns.signed_quantities(
+        quantities = input_columns.reversible_quantities(
             self.kernel.all_columns(self._values[:, rows])
         )
         # (3, poles, k) u and u', and (poles, k) c and c'.
@@ -227,7 +226,7 @@ class KernelColumns:
             field = self.uncertified_fields[input_index]
             field_rows = np.searchsorted(self.uncertified, rows[replaced])
             # `field.w` has the angular velocity of each link, `field.dw` its derivative.
-            for k, (i, j) in enumerate(input_columns.signed_poles):
+            for k, (i, j) in enumerate(input_columns.reversible_poles):
                 unit[:, k, replaced] = field.direction[i, j][field_rows].T
                 velocity[:, k, replaced] = (field.w[j] - field.w[i])[field_rows].T
                 velocity_rate[:, k, replaced] = (field.dw[j] - field.dw[i])[field_rows].T
@@ -261,7 +260,7 @@ class KernelColumns:
         for input_index, field in enumerate(self.uncertified_fields):
             # Poles that are the axis of a pair have the direction of the file. The others
             # get a sign.
-            poles = self.kernel.input_columns[input_index].signed_poles
+            poles = self.kernel.input_columns[input_index].reversible_poles
             directions = np.empty((len(poles), 3, len(rows)))
             for pole_index, pole in enumerate(poles):
                 directions[pole_index] = field.direction[pole].T
@@ -318,11 +317,11 @@ class KernelColumns:
                 # A view (components, poles, k) of the columns that change sign together.
                 # The first three components are the direction. The others are its
                 # derivative and the coefficients of velocity and acceleration.
-                signed_columns = input_columns.signed_part(all_columns)
-                signs = find_signs(signed_columns[:3], rows, mode)
+                reversible_columns = input_columns.reversible_columns(all_columns)
+                signs = find_signs(reversible_columns[:3], rows, mode)
                 # Most directions keep their sense in all rows of a slice.
                 for k in np.flatnonzero(np.any(signs < 0, axis=1)):
-                    signed_columns[:, k] *= signs[k]
+                    reversible_columns[:, k] *= signs[k]
             columns = [all_columns[index] for index in column_indices]
             # In these rows other numbers replace those of the kernel: NaN in failed rows,
             # and the numbers of ordinary functions where errors may be too large.

@@ -120,9 +120,10 @@ class InputColumns:
     ----------
     column_indices
         Indices of the columns by name of the field (`FIELD_PARTS`), then by pole or link.
-    signed_poles
-        Poles that are not the axis of a pair. Their direction follows from v, and its sign
-        is chosen later (`direction_signs.py`).
+    reversible_poles
+        Poles whose direction may be reversed: those that are not the axis of a pair. Their
+        direction is that of v or the opposite one, which is chosen later
+        (`direction_signs.py`).
     velocity_components
         Distinct expressions of the components of w of all links.
     uncertainty
@@ -345,34 +346,53 @@ class InputColumns:
         return link_errors, variable_errors
 
     def _add_columns(self, columns: ColumnList) -> None:
-        """Add all columns: first those of the signed poles, which are not shared.
+        """Add the columns of all poles and links to the output columns of the kernel.
 
-        A pole is the axis about which two links turn relative to each other. A signed pole
-        is not the axis of a pair, so the sign of its direction is chosen later. The signed
-        columns are in the order of `SIGNED_COMPONENTS`: the first component of all poles,
-        then the second, and so on. A change of sign must not reach other columns, so no
-        signed column is shared with an equal expression.
+        The attributes `column_indices`, `reversible_poles` and `velocity_components` are
+        set.
+        """
+        shared_parts, reversible_parts = self._collect_parts()
+        self.column_indices: dict[str, dict[Any, list[int]]] = {
+            name: {} for name in FIELD_PARTS
+        }
+        self._add_reversible_columns(columns, reversible_parts)
+        # The other columns follow, each distinct expression once.
+        for (name, key), items in shared_parts.items():
+            self.column_indices[name][key] = columns.add_shared(items)
 
-        The attributes `column_indices`, `signed_poles` and `velocity_components` are set.
+        # The distinct components of the angular velocities of all links.
+        components = ColumnList()
+        # (links, 3) indices into `velocity_components`.
+        self._component_indices = np.array([components.add_shared(w) for w in self._w])
+        self.velocity_components = components.expressions
 
-        Parameters
-        ----------
-        columns
-            The output columns of the kernel, which are extended in place.
+    def _collect_parts(
+        self,
+    ) -> tuple[dict[tuple[str, Any], Iterable[Expr]], dict[Pole, list[Expr]]]:
+        """Return the expressions of all requested poles and links.
+
+        A pole is the axis about which two links turn relative to each other.
+
+        Returns
+        -------
+        shared_parts
+            Expressions of a quantity, by its name and the pole or link.
+        reversible_parts
+            By pole, the expressions that change their sign if the direction of the pole is
+            reversed, in the order of `SIGNED_COMPONENTS`. Poles that are the axis of a pair
+            are not included, because their direction is fixed.
         """
         plan = self._request.plan
         pairs = axis_pairs(plan)
-        # Expressions by the name of the quantity and the pole or link, and for each signed
-        # pole the expressions whose sign is chosen later.
         shared_parts: dict[tuple[str, Any], Iterable[Expr]] = {}
-        signed_parts: dict[Pole, list[Expr]] = {}
+        reversible_parts: dict[Pole, list[Expr]] = {}
         for pole in self._request.poles:
             body_pole = plan.pole(*pole)
             if body_pole in pairs:
                 parts = self._pair_axis_parts(pole, pairs[body_pole])
             elif body_pole is not None:
                 parts = self._relative_pole_parts(*pole)
-                signed_parts[pole] = [
+                reversible_parts[pole] = [
                     item for name in SIGNED_COMPONENTS for item in parts.pop(name)
                 ]
             else:
@@ -381,37 +401,39 @@ class InputColumns:
             shared_parts |= {(name, pole): items for name, items in parts.items()}
         for link in sorted(self._request.links):
             shared_parts |= {("w", link): self._w[link], ("dw", link): self._dw[link]}
+        return shared_parts, reversible_parts
 
-        # The signed columns: the first item of all poles, then the second of all poles, and
-        # so on.
+    def _add_reversible_columns(
+        self, columns: ColumnList, parts: dict[Pole, list[Expr]]
+    ) -> None:
+        """Add the columns that change their sign with the direction of a pole.
+
+        They are successive: the first component of all poles, then the second of all poles,
+        and so on. A change of sign must not reach other columns, so none of these columns
+        is shared with an equal expression.
+
+        Parameters
+        ----------
+        columns
+            The output columns of the kernel, which are extended in place.
+        parts
+            By pole, the expressions of the components in the order of `SIGNED_COMPONENTS`.
+        """
         first = len(columns.expressions)
-        pole_count = len(signed_parts)
-        for item in chain.from_iterable(zip(*signed_parts.values(), strict=True)):
+        pole_count = len(parts)
+        for item in chain.from_iterable(zip(*parts.values(), strict=True)):
             columns.add_unshared(item)
-        self.signed_poles = tuple(signed_parts)
-        self._signed_columns = slice(first, len(columns.expressions))
-        # (2, poles) numbers of the first and of the second link of each signed pole.
-        self._pole_ends = np.array(self.signed_poles, dtype=np.intp).reshape(-1, 2).T
-
-        # The distinct components of the angular velocities of all links.
-        components = ColumnList()
-        # (links, 3) indices into `velocity_components`.
-        self._component_indices = np.array([components.add_shared(w) for w in self._w])
-        self.velocity_components = components.expressions
-
-        self.column_indices: dict[str, dict[Any, list[int]]] = {
-            name: {} for name in FIELD_PARTS
-        }
+        self.reversible_poles = tuple(parts)
+        self._reversible_slice = slice(first, len(columns.expressions))
+        # (2, poles) numbers of the first and of the second link of each of these poles.
+        self._pole_ends = np.array(self.reversible_poles, dtype=np.intp).reshape(-1, 2).T
         # The components of one pole are `pole_count` columns apart.
-        for k, pole in enumerate(signed_parts):
+        for k, pole in enumerate(parts):
             index = first + k
             for name, size in SIGNED_COMPONENTS.items():
                 stop = index + size * pole_count
                 self.column_indices[name][pole] = list(range(index, stop, pole_count))
                 index = stop
-        # The other columns follow, each distinct expression once.
-        for (name, key), items in shared_parts.items():
-            self.column_indices[name][key] = columns.add_shared(items)
 
     def relative_velocities(
         self, components: Floats, first_components: Floats | None = None
@@ -435,7 +457,7 @@ class InputColumns:
 
         Returns
         -------
-        (poles, 3, ...) v of the `signed_poles`, in their order.
+        (poles, 3, ...) v of the `reversible_poles`, in their order.
         """
         # (poles,) numbers of the links. `_component_indices` (links, 3) has the place of
         # the x, y and z component of w of each link in `components`.
@@ -447,12 +469,12 @@ class InputColumns:
             - first_components[self._component_indices[first]]
         )
 
-    def signed_part(self, columns: Floats) -> Floats:
-        """Return a view of the columns that change their sign with the direction of a pole.
+    def reversible_columns(self, columns: Floats) -> Floats:
+        """Return the columns that change their sign if a pole direction is reversed.
 
-        The sign of the direction can be chosen freely for some poles (`signed_poles`). It
-        is chosen after the evaluation of the columns. The caller then multiplies the view
-        by the signs, which changes `columns` itself.
+        The axis of a pole has two opposite directions. For the `reversible_poles`, one of
+        them is chosen after the columns have been evaluated. The caller then multiplies the
+        result by the signs. It is a view, so this changes `columns` itself.
 
         Parameters
         ----------
@@ -464,31 +486,35 @@ class InputColumns:
         (components, poles, n) the columns of all quantities in `SIGNED_COMPONENTS`, in
         their order. The first three components are the direction.
         """
-        signed = columns[self._signed_columns]  # a slice, so no copy is made
+        successive_columns = columns[self._reversible_slice]  # a slice, so no copy is made
         component_count = sum(SIGNED_COMPONENTS.values())
-        return signed.reshape(component_count, len(self.signed_poles), columns.shape[1])
+        return successive_columns.reshape(
+            component_count, len(self.reversible_poles), columns.shape[1]
+        )
 
-    def signed_quantities(self, columns: Floats) -> dict[str, Floats]:
-        """Return views (components, poles, n) of the signed columns by their quantity.
+    def reversible_quantities(self, columns: Floats) -> dict[str, Floats]:
+        """Return directions and coefficients of the poles whose direction may be reversed.
 
-        The direction of a pole axis can be reversed. For some poles this is decided only
-        after the evaluation of `columns`. Their directions, and all quantities that change
-        their sign with them, are the signed columns. Changing a view changes `columns`.
+        The axis of a pole has two opposite directions. Its direction, its velocity
+        coefficient and the derivatives of both change their sign if the other one is
+        chosen. Poles that are the axis of a pair are not included: their direction is
+        fixed.
 
         Parameters
         ----------
         columns
             (columns, n) all output columns of the kernel, at n configurations.
+
+        Returns
+        -------
+        By the name of the quantity in `SIGNED_COMPONENTS`, an array (components, poles, n)
+        for the `reversible_poles`. The arrays are views of `columns`.
         """
-        # All signed columns with the axes component, pole and configuration. The components
-        # of all quantities follow each other.
-        part = self.signed_part(columns)
-        quantities = {}
-        start = 0
-        for name, component_count in SIGNED_COMPONENTS.items():
-            quantities[name] = part[start : start + component_count]
-            start += component_count
-        return quantities
+        component_counts = list(SIGNED_COMPONENTS.values())
+        arrays = np.split(
+            self.reversible_columns(columns), np.cumsum(component_counts)[:-1]
+        )
+        return dict(zip(SIGNED_COMPONENTS, arrays, strict=True))
 
     @property
     def has_uncertain_poles(self) -> bool:
@@ -497,7 +523,7 @@ class InputColumns:
         This is the case if links that no pair joins rest relative to each other, or if
         axes are equal but for rounding.
         """
-        for i, j in self.signed_poles:
+        for i, j in self.reversible_poles:
             v = self._w[j] - self._w[i]
             if not any(isinstance(x, ExpressionNode) for x in v):
                 return True

@@ -159,7 +159,7 @@ class RowVelocities:
         self._bounds = kernel.row_bounds(values)
         self._bound_slices = kernel.row_bounds.slices
         self._column_indices = kernel.input_columns[0].column_indices
-        self._signed_poles = kernel.input_columns[0].signed_poles
+        self._reversible_poles = kernel.input_columns[0].reversible_poles
         for pole in self._column_indices[POLE_ERRORS[0]]:
             self.pole_errors[pole] = {
                 name: self.quantity(name, pole)[0] for name in POLE_ERRORS
@@ -289,9 +289,8 @@ class RowVelocities:
         is_certified &= self._bound("curvature_uncertainty") <= 1.0
         # dw are the derivatives of the angular velocities of all links by the input.
         is_certified &= self._bound("dw_error") <= MAX_CERTIFIED_DW_ERROR
-        # Poles that are axes of pairs are known exactly. The other ones, `_signed_poles`,
-        # follow from v.
-        for pole in self._signed_poles:
+        # Poles that are axes of pairs are known exactly. The other ones follow from v.
+        for pole in self._reversible_poles:
             errors = self.pole_errors[pole]
             direction_error = errors["direction_error"]
             # The coefficients are v . u and dv . u. Their error bounds also bound the
@@ -420,7 +419,7 @@ class RowVelocities:
                 spreads={
                     name: self._spread(quad_rows, name, pole) for name in SIGNED_COMPONENTS
                 },
-                is_pair_axis=pole not in self._signed_poles,
+                is_pair_axis=pole not in self._reversible_poles,
                 second_order=second_order,
             )
             for name, error in errors.items():

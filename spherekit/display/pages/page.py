@@ -416,31 +416,32 @@ class PageMaker:
         The name of the pair, the `anchor` (rad), and the `period` (rad) of the input after
         which all configurations return, None if they never do.
         """
-        # The solver has both numbers. It needs the groups of links in solving order.
-        solver = PositionSolver(self._mechanism, assembly_by_count_or_rank(self._mechanism))
-        (anchor,) = solver.anchor_inputs
-        (period,) = solver.periods
+        (anchor,) = self._position_solver.anchor_inputs
+        (period,) = self._position_solver.periods
         return {
             "pair": pair,
             "anchor": float(anchor),
             "period": float(period) if np.isfinite(period) else None,
         }
 
-    def _crossing_facts(self) -> Facts:
-        """Return the input (rad), the `anchor`, at which smooth curves are numbered.
+    def _reference_input(self) -> float | None:
+        """Return the input (rad) of the reference pose, None if there is none in the range.
 
-        A smooth curve of configurations passes through crossings, so it may belong to
-        several assembly modes. Its number is that of the mode to which it belongs at the
-        anchor, the input of the reference pose. The anchor is None if there is no reference
-        pose, or if its input is not in the range.
+        A reference pose is a configuration for which the mechanism file gives the axes of
+        all pairs.
         """
-        solver = PositionSolver(self._mechanism, assembly_by_count_or_rank(self._mechanism))
-        (anchor,) = solver.anchor_inputs
+        solver = self._position_solver
+        (input_value,) = solver.anchor_inputs
         (driven,) = self._mechanism.inputs
         low, high = driven.range
-        if solver.reference is None or not low <= anchor <= high:
-            return {"anchor": None}
-        return {"anchor": float(anchor)}
+        if solver.reference is None or not low <= input_value <= high:
+            return None
+        return float(input_value)
+
+    @cached_property
+    def _position_solver(self) -> PositionSolver:
+        """The position solver of the mechanism, with the sizes of the file."""
+        return PositionSolver(self._mechanism, assembly_by_count_or_rank(self._mechanism))
 
     # Text of the page
 
@@ -465,6 +466,10 @@ class PageMaker:
         mechanism = self._mechanism
         page_quantities = self._page_quantities
         passes_crossings = self._crossings == "pass" and has_closed_form
+        # A smooth curve passes crossings, so it can belong to one assembly mode at some
+        # inputs and to another mode at others. The scripts give it the number of the mode
+        # to which it belongs at the `anchor`, if curves do not cross there.
+        crossings = {"anchor": self._reference_input()} if passes_crossings else None
         moving_prefixes = (*LOAD_DEPENDENT_PREFIXES, "kinetic_energy")
         size_paths = [variable.path for variable in self._size_variables]
         return {
@@ -508,7 +513,7 @@ class PageMaker:
                 for joint_limit in mechanism.joint_limits
             ],
             "wound": [self._turn_facts(pair) for pair in self._wound_pairs],
-            "crossings": self._crossing_facts() if passes_crossings else None,
+            "crossings": crossings,
             "moving": any(name.startswith(moving_prefixes) for name in shown_names),
             "plans": [
                 plan_facts(pole_plan, suffix)
