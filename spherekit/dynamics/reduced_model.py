@@ -143,13 +143,12 @@ class StoredModel:
             # At a single point, numbers take less time than arrays. First the values of
             # inertia, its derivatives and load velocities at this point are computed, then
             # the torques from these values.
-            evaluate_configuration_values, _ = self.dynamics
-            configuration_values = evaluate_configuration_values(x)
+            configuration_values = self.evaluate_configuration(x)
             return self.torque_from_values(configuration_values, x, dx, ddx, t)
-        arrays = self._broadcast(x, dx, ddx, t=t)
+        points = self._flatten_points(x, dx, ddx, t=t)
         # (m, n) torques at all n points.
-        torque_rows = self._torque_function(self._arguments(arrays))
-        return self._restore_shape(torque_rows.T, arrays.shape)
+        torque_rows = self._torque_function(self._arguments(points))
+        return self._restore_shape(torque_rows.T, points.shape)
 
     def forces(self, x: ArrayLike, dx: ArrayLike, t: ArrayLike = 0.0) -> dict[str, Floats]:
         """Return the generalised forces Q (N m) of each load, by the name of the load.
@@ -169,29 +168,28 @@ class StoredModel:
         # The expressions of the forces have the accelerations as arguments, too, because
         # they share their arguments with the torques. Forces do not depend on them, so any
         # array of the same shape will do: here the rates once more.
-        arrays = self._broadcast(x, dx, dx, t=t)
+        points = self._flatten_points(x, dx, dx, t=t)
         # The heading describes the model: names of loads, of coordinates (`by`), ...
         loads = self.heading.loads
-        force_rows = self._force_function(self._arguments(arrays))
+        force_rows = self._force_function(self._arguments(points))
         # The axes are: load, coordinate, point.
-        forces = force_rows.reshape(len(loads), len(self.heading.by), len(arrays.t))
+        forces = force_rows.reshape(len(loads), len(self.heading.by), len(points.t))
         return {
-            load.name: self._restore_shape(load_forces.T, arrays.shape)
+            load.name: self._restore_shape(load_forces.T, points.shape)
             for load, load_forces in zip(loads, forces, strict=True)
         }
 
-    def _arguments(self, arrays: "BroadcastArrays") -> Floats:
+    def _arguments(self, points: "PointRows") -> Floats:
         """Return the arguments (k, n) of the expressions of forces and torques at n points.
 
         The rows are the stored functions of group 0, the rates and the accelerations of the
-        coordinates, the time, and the present torques of the loads given by tables.
-        `arrays` has coordinates, rates and accelerations.
+        coordinates, the time, and the present torques of the loads given by tables. The
+        `points` have both derivatives.
         """
-        coordinates, *rates = arrays.columns
-        rate_rows = [row for rate in rates for row in rate.T]
-        table_torques = [table.at(arrays.t) for table in self.heading.tables]
-        functions = self._evaluate_group(0, coordinates)
-        return np.array([*functions.T, *rate_rows, arrays.t, *table_torques])
+        functions = self._evaluate_group(0, points.coordinates)
+        rate_rows = [row for rates in points.derivatives for row in rates.T]
+        table_torques = [table.at(points.t) for table in self.heading.tables]
+        return np.array([*functions.T, *rate_rows, points.t, *table_torques])
 
     @cached_property
     def _torque_function(self) -> ArrayFunction:
@@ -239,16 +237,13 @@ class StoredModel:
             (...) coordinates along a curve of configurations, or (..., m) the m inputs over
             a box of their ranges.
         """
-        # Flatten the points to n rows. `columns` is a list with an array for each argument,
-        # here the coordinates (n, m) alone. Along a curve, m is 1.
-        arrays = self._broadcast(x)
-        (coordinates,) = arrays.columns
+        points = self._flatten_points(x)
         # The heading lists the stored functions and their groups.
         group, _ = self.heading.locate_function(names[0])
-        values = self._evaluate_group(group, coordinates)
+        values = self._evaluate_group(group, points.coordinates)
         selected = values[:, self._indices_in_group(names)]
-        # `arrays.shape` is (..., m), the shape of the coordinates before flattening.
-        return selected.reshape(*arrays.shape[:-1], len(names))
+        # `points.shape` is (..., m), the shape of the coordinates before flattening.
+        return selected.reshape(*points.shape[:-1], len(names))
 
     def inertia(self, x: Any) -> Any:
         """Return the inertia matrix (..., m, m) in kg m2; along a curve the number B."""
@@ -287,10 +282,9 @@ class StoredModel:
 
     def status(self, q: ArrayLike) -> SmallIntegers:
         """Return the status (n,) of points: OK, or OUT_OF_REACH outside the domain."""
-        arrays = self._broadcast(np.atleast_1d(q))
-        (coordinates,) = arrays.columns
+        points = self._flatten_points(np.atleast_1d(q))
         # Outside the domain of a box all functions are NaN.
-        values = self._evaluate_group(0, coordinates)
+        values = self._evaluate_group(0, points.coordinates)
         is_inside = np.isfinite(values[:, 0])
         return np.where(is_inside, Status.OK, Status.OUT_OF_REACH).astype(np.int8)
 
@@ -495,36 +489,46 @@ class StoredModel:
         write_archive(path, MODEL_FORMAT, heading, arrays)
 
     @cached_property
-    def dynamics(self) -> tuple[SingleFunction, FloatFunction]:
-        """Two functions that evaluate the torques at a point, without arrays.
+    def evaluate_configuration(self) -> SingleFunction:
+        """Function of one point: the values of the stored functions in the torques.
 
-        The first one returns the values of the stored functions on which the torques
-        depend, as a list. It begins with the inertia (matrix). In a model along a curve of
-        configurations, the derivative dB/dx of the inertia B is next. Simulations read
-        these first values from the list.
+        These functions depend on the configuration alone, such as the inertia. With one
+        coordinate x, the first two values are the inertia B and its derivative dB/dx, which
+        simulations read from the list. `torque_from_values` computes the torques from these
+        values and from the motion.
+        """
+        # The first argument of a symbol is its name.
+        names = (symbol.arguments[0] for symbol in self._configuration_symbols)
+        return self._single_function(*names)
 
-        The second function returns the torques. Its argument is this list, followed by
-        rates, accelerations, time and torques of tables (the values of
-        `StoredHeading.motion_symbols`).
+    @cached_property
+    def _evaluate_torques(self) -> FloatFunction:
+        """Function that returns the torques at one point, as a list of floats.
+
+        Its argument is one list: the values of `evaluate_configuration`, then those of the
+        rates, the accelerations, the time and the torques of tables.
         """
         heading = self.heading
-        # The torques are expressions. Their variables are stored functions, rates and so
-        # on. The list begins with the inertia, then the coefficients of products of rates
-        # in the torque of coordinate 0 (Christoffel symbols). Along a curve there is one
-        # such coefficient, 1/2 dB/dx, which is stored as dB/dx.
-        first_variables = symbols([*heading.inertia, *heading.christoffel[0]])
-        # The variables that are stored functions, each once. `iterate_nodes` visits the
-        # nodes of the expressions in order, so the first variables remain first.
-        stored_variables = [
+        return float_function(
+            heading.torques, [*self._configuration_symbols, *heading.motion_symbols]
+        )
+
+    @cached_property
+    def _configuration_symbols(self) -> list[ExpressionNode]:
+        """Symbols of the stored functions in the torques, each once.
+
+        With one coordinate x, the inertia B is the first one, and dB/dx the second.
+        """
+        heading = self.heading
+        first_names = ["B", heading.derivative("B")] if heading.is_curve else []
+        # Symbols appear in the order in which the expressions contain them for the first
+        # time. B and dB/dx alone are expressions, too, so they become the first symbols.
+        nodes = iterate_nodes([*symbols(first_names), *heading.torques])
+        return [
             node
-            for node in iterate_nodes([*first_variables, *heading.torques])
+            for node in nodes
             if node.operation == "variable" and node not in heading.motion_symbols
         ]
-        names = (node.arguments[0] for node in stored_variables)
-        evaluate_torques = float_function(
-            heading.torques, [*stored_variables, *heading.motion_symbols]
-        )
-        return self._single_function(*names), evaluate_torques
 
     def torque_from_values(
         self, configuration_values: list[float], x: Any, dx: Any, ddx: Any, t: Any
@@ -537,29 +541,33 @@ class StoredModel:
         Parameters
         ----------
         configuration_values
-            Values at this point of the stored functions on which the torques depend, such
-            as the inertia. The first function of the property `dynamics` returns them.
+            The values of `evaluate_configuration` at this point, such as the inertia.
         x, dx, ddx
-            Coordinates (rad) and their first and second rates by time: numbers if the model
-            is along a curve of configurations, sequences (m,) over a box of input ranges.
+            Coordinates (rad) and their first and second rates by time. In a model with one
+            coordinate they are numbers. In a model with m coordinates they are sequences
+            (m,).
         t
             Time (s) for loads that depend on it.
+
+        Returns
+        -------
+        One torque if the model has one coordinate, otherwise an array (m,).
         """
-        heading = self.heading
-        # `dynamics` has two functions. The second one returns the torques.
-        _, torque_function = self.dynamics
-        rates = (dx, ddx) if heading.is_curve else (*dx, *ddx)
+        has_one_coordinate = self.heading.is_curve
+        rates = (dx, ddx) if has_one_coordinate else (*dx, *ddx)
         # Some loads are torques that tables give over time.
-        table_torques = [float(table.at(t)) for table in heading.tables]
+        table_torques = [float(table.at(t)) for table in self.heading.tables]
         try:
-            torques = torque_function([*configuration_values, *rates, t, *table_torques])
+            torques = self._evaluate_torques(
+                [*configuration_values, *rates, t, *table_torques]
+            )
         except (ValueError, ArithmeticError):
             # Operations on floats raise an error where those on arrays give infinity or
             # NaN. The torques are therefore computed once more for arrays with one row.
             rows = [np.array([argument], dtype=float) for argument in (x, dx, ddx, t)]
             torque_rows = self.torque(*rows)
             return torque_rows[0]
-        return torques[0] if heading.is_curve else np.array(torques)
+        return torques[0] if has_one_coordinate else np.array(torques)
 
     @cached_property
     def _single_functions(self) -> dict[Names, SingleFunction]:
@@ -587,48 +595,72 @@ class StoredModel:
         # Over a box a single point is a sequence of numbers.
         return isinstance(x if self.heading.is_curve else x[0], SINGLE_TYPES)
 
-    def _broadcast(self, *arrays: ArrayLike, t: ArrayLike = 0.0) -> "BroadcastArrays":
-        """Return coordinates, rates and times broadcast to the same n points, in rows.
+    def _flatten_points(
+        self, coordinates: ArrayLike, *derivatives: ArrayLike, t: ArrayLike = 0.0
+    ) -> "PointRows":
+        """Return points as rows, with one row for each point.
+
+        The points may be given as arrays of several axes. Coordinates, derivatives and
+        times are broadcast together by the rules of NumPy, for example if all points have
+        the same time.
 
         Parameters
         ----------
-        arrays
-            The coordinates (rad), then possibly their rates and accelerations: arrays (...)
-            along a curve or (..., m) over a box.
+        coordinates
+            The coordinates (rad): (...) if the model has one coordinate, and (..., m) if it
+            has m coordinates.
+        derivatives
+            Rates and accelerations of the coordinates, or none, with the same axes.
         t
             Times, s.
 
         Raises
         ------
         SolveError
-            If points over a box have a wrong number of inputs, or if a single point is
-            outside the domain. If there are many points, those outside are no error: the
-            functions are NaN there.
+            If the inputs have a wrong shape, or if a single point of several inputs is
+            outside the domain.
+        """
+        arrays = [np.asarray(x, dtype=float) for x in (coordinates, *derivatives)]
+        if self.heading.is_curve:
+            # With one coordinate the last axis has length m = 1.
+            arrays = [array[..., None] for array in arrays]
+        else:
+            self._check_inputs(arrays[0])
+        # Each point has m coordinates but one time.
+        times = np.asarray(t, dtype=float)[..., None]
+        shape = np.broadcast_shapes(times.shape, *(array.shape for array in arrays))
+        coordinate_rows, *derivative_rows = (
+            np.broadcast_to(array, shape).reshape(-1, shape[-1]) for array in arrays
+        )
+        return PointRows(
+            coordinates=coordinate_rows,
+            derivatives=derivative_rows,
+            t=np.broadcast_to(times, (*shape[:-1], 1)).reshape(-1),
+            shape=shape,
+        )
+
+    def _check_inputs(self, inputs: Floats) -> None:
+        """Raise an error unless inputs have the shape (n, m), or (m,) within the domain.
+
+        A single point (m,) outside the domain is an error. Many points (n, m) are not
+        compared with the domain, because functions are NaN at those outside.
+
+        Raises
+        ------
+        SolveError
+            If the inputs have another shape, or the single point is outside the domain.
         """
         heading = self.heading
+        # `by` has the names of the m coordinates.
         m = len(heading.by)
-        float_arrays = [np.asarray(array, dtype=float) for array in arrays]
-        coordinates = float_arrays[0]
-        if heading.is_curve:
-            # An axis of length m = 1, as for coordinates over a box.
-            float_arrays = [array[..., None] for array in float_arrays]
-        elif coordinates.ndim not in (1, 2) or coordinates.shape[-1] != m:
+        if inputs.ndim not in (1, 2) or inputs.shape[-1] != m:
             raise SolveError(
                 f"{heading.mechanism}: the inputs {listing(heading.inputs)} must be given "
-                f"as an array of shape (n, {m}), found the shape {coordinates.shape}"
+                f"as an array of shape (n, {m}), found the shape {inputs.shape}"
             )
-        elif coordinates.ndim == 1:
-            # This raises the error of a single point outside the domain.
-            self._find_cell(coordinates.tolist())
-        # Times have no axis of coordinates. They get one, along which they are broadcast,
-        # so each of its m columns has the time of every point.
-        times = np.asarray(t, dtype=float)[..., None]
-        *broadcast_arrays, all_times = np.broadcast_arrays(*float_arrays, times)
-        return BroadcastArrays(
-            columns=[array.reshape(-1, m) for array in broadcast_arrays],
-            t=all_times.reshape(-1, m)[:, 0],
-            shape=broadcast_arrays[0].shape,
-        )
+        if inputs.ndim == 1:
+            # This raises the error of a point outside the domain.
+            self._find_cell(inputs.tolist())
 
     def _restore_shape(self, values: Floats, shape: tuple[int, ...]) -> Floats:
         """Return torques or forces in the shape in which the caller gave the points.
@@ -802,20 +834,23 @@ class StoredModel:
 
 
 @dataclass(frozen=True)
-class BroadcastArrays:
-    """Coordinates, rates and times that were broadcast to the same n points.
+class PointRows:
+    """The n points at which a model with m coordinates is evaluated, in rows.
 
     Attributes
     ----------
-    columns
-        Arrays (n, m): m coordinates (rad), and possibly their rates and accelerations.
+    coordinates
+        (n, m) coordinates, rad.
+    derivatives
+        Their rates and accelerations (n, m), or none if they are not needed.
     t
         (n,) times, s.
     shape
-        The shape (..., m) of the arrays before they were flattened to n rows.
+        The shape (..., m) of the coordinates before the points were flattened to rows.
     """
 
-    columns: list[Floats]
+    coordinates: Floats
+    derivatives: list[Floats]
     t: Floats
     shape: tuple[int, ...]
 

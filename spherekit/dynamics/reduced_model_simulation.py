@@ -134,10 +134,10 @@ def simulate_reduced(
     if len(t) < 2 or not (all_finite(t) and np.all(np.diff(t) > 0.0)):
         raise SolveError(f"{name}: give two or more finite, increasing times")
     # Returns the inertia B, dB/dx and the other functions on which the torque depends.
-    evaluate_dynamics, _ = model.dynamics
+    evaluate_configuration = model.evaluate_configuration
     (low,) = heading.low
     (high,) = heading.high
-    start_inertia, *_ = evaluate_dynamics(x)
+    start_inertia, *_ = evaluate_configuration(x)
     if not start_inertia > 0.0:
         raise SolveError(
             f"{name}: the model has no inertia, so a load would cause an "
@@ -157,13 +157,13 @@ def simulate_reduced(
         if not heading.periodic:
             coordinate = min(max(coordinate, low), high)
         # The inertia B, dB/dx, and the functions on which loads depend.
-        functions = evaluate_dynamics(coordinate)
-        inertia, inertia_derivative = functions[:2]
+        configuration_values = evaluate_configuration(coordinate)
+        inertia, inertia_derivative = configuration_values[:2]
         inverse_root = 1.0 / sqrt(inertia)
         speed = momentum * inverse_root
         # The torque at zero acceleration is 1/2 dB/dx (dx/dt)^2 - Q.
         torque = model.torque_from_values(
-            functions, x=coordinate, dx=speed, ddx=0.0, t=time
+            configuration_values, x=coordinate, dx=speed, ddx=0.0, t=time
         )
         force = 0.5 * inertia_derivative * speed * speed - torque
         return speed, force * inverse_root, force * speed
